@@ -1,0 +1,101 @@
+"""Rigid transforms as 4x4 float64 matrices.
+
+`T_base_camera` maps camera points to base: `p_base = T_base_camera @ p_camera`, and chains read from
+left to right: `T_base_camera = T_base_flange @ T_flange_camera`.
+"""
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.spatial.transform import Rotation
+
+ROTATION_TOLERANCE = 1e-4
+"""Largest deviation of R^T R from the identity: 0.1 mm at a metre, above the rounding of any file format."""
+
+
+class NotRigidError(ValueError):
+    """A matrix that should be a rigid transform is not one."""
+
+    slug = "not-rigid"
+
+
+def rigid(T: ArrayLike, name: str) -> NDArray[np.float64]:
+    """`T` as a 4x4 float64 matrix, checked to be a rotation and a translation.
+
+    `name` says in the error which transform it was.
+
+    Raises:
+        NotRigidError: wrong shape, not finite, last row not (0, 0, 0, 1), mirrored, scaled or sheared.
+    """
+    try:
+        matrix = np.array(T, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise NotRigidError(f"{name} is not a matrix of numbers: {error}") from error
+    if matrix.shape != (4, 4):
+        raise NotRigidError(f"{name} has shape {matrix.shape}; a 4x4 matrix is needed")
+    if not np.isfinite(matrix).all():
+        raise NotRigidError(f"{name} holds NaN or infinity")
+    if not np.array_equal(matrix[3], (0.0, 0.0, 0.0, 1.0)):
+        raise NotRigidError(f"{name} has the last row {matrix[3].tolist()}; it must be [0, 0, 0, 1]")
+    R = matrix[:3, :3]
+    # Written so that overflow of absurd entries also lands here.
+    with np.errstate(over="ignore", invalid="ignore"):
+        deviation = np.abs(R.T @ R - np.eye(3)).max()
+        scale = np.linalg.norm(R) / np.sqrt(3.0)
+    if not deviation <= ROTATION_TOLERANCE:
+        raise NotRigidError(
+            f"{name} is not rigid: its axes deviate from unit length and right angles by {deviation:.3g} "
+            f"(mean scale {scale:.4g}); check the units and that the matrix is not transposed"
+        )
+    if np.linalg.det(R) < 0:
+        raise NotRigidError(f"{name} is mirrored (determinant -1): an axis is flipped")
+    return matrix
+
+
+def inverse(T: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The inverse of a rigid transform: `inverse(T_a_b)` is `T_b_a`."""
+    result = np.eye(4)
+    result[:3, :3] = T[:3, :3].T
+    result[:3, 3] = -T[:3, :3].T @ T[:3, 3]
+    return result
+
+
+def transform_points(T: NDArray[np.float64], points: NDArray[np.floating]) -> NDArray[np.float64]:
+    """Points (N, 3) mapped by `T`: with `T_base_camera`, camera points become base points."""
+    return points @ T[:3, :3].T + T[:3, 3]
+
+
+def from_quaternion(translation: ArrayLike, quaternion_xyzw: ArrayLike, name: str) -> NDArray[np.float64]:
+    """The transform with the given translation (3,) in metres and rotation quaternion (x, y, z, w).
+
+    Raises:
+        NotRigidError: not finite, or a quaternion that is not of unit length (within 1e-3).
+    """
+    t = np.asarray(translation, dtype=np.float64)
+    q = np.asarray(quaternion_xyzw, dtype=np.float64)
+    if not (np.isfinite(t).all() and np.isfinite(q).all()):
+        raise NotRigidError(f"{name} holds NaN or infinity")
+    norm = float(np.linalg.norm(q))
+    if abs(norm - 1.0) > 1e-3:
+        raise NotRigidError(f"{name} has a rotation quaternion of length {norm:.4g}; it must be 1")
+    T = np.eye(4)
+    T[:3, :3] = Rotation.from_quat(q).as_matrix()
+    T[:3, 3] = t
+    return T
+
+
+def to_quaternion(T: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The rotation of `T` as a quaternion (x, y, z, w)."""
+    return Rotation.from_matrix(T[:3, :3]).as_quat()
+
+
+def rotation_angle(T: NDArray[np.float64]) -> float:
+    """The angle of the rotation of `T`, radians, 0 to pi."""
+    return float(Rotation.from_matrix(T[:3, :3]).magnitude())
+
+
+def from_rotation_vector(translation: ArrayLike, rotation_vector: ArrayLike) -> NDArray[np.float64]:
+    """The transform with the given translation (3,) in metres and axis-angle vector (3,) in radians."""
+    T = np.eye(4)
+    T[:3, :3] = Rotation.from_rotvec(np.asarray(rotation_vector, dtype=np.float64)).as_matrix()
+    T[:3, 3] = np.asarray(translation, dtype=np.float64)
+    return T
