@@ -43,7 +43,11 @@ class View:
     def __post_init__(self) -> None:
         where = f"view {self.index}"
         if not isinstance(self.depth, np.ndarray) or self.depth.dtype != np.uint16 or self.depth.ndim != 2:
-            what = f"{self.depth.dtype} {self.depth.shape}" if isinstance(self.depth, np.ndarray) else type(self.depth).__name__
+            what = (
+                f"{self.depth.dtype} {self.depth.shape}"
+                if isinstance(self.depth, np.ndarray)
+                else type(self.depth).__name__
+            )
             raise InvalidViewError(f"{where}: depth is {what}; a (H, W) array of uint16 is needed")
         if self.depth.size == 0:
             raise InvalidViewError(f"{where}: the depth image is empty")
@@ -55,7 +59,9 @@ class View:
         height, width = self.depth.shape
         fx, fy, cx, cy = K[0, 0], K[1, 1], K[0, 2], K[1, 2]
         if not (fx > 0 and fy > 0 and K[2, 2] == 1):
-            raise InvalidViewError(f"{where}: K has focal lengths {fx:g}, {fy:g} and K[2][2] = {K[2, 2]:g}; not a camera's")
+            raise InvalidViewError(
+                f"{where}: K has focal lengths {fx:g}, {fy:g} and K[2][2] = {K[2, 2]:g}; not a camera's"
+            )
         if not (0 < cx < width and 0 < cy < height):
             raise InvalidViewError(
                 f"{where}: K has its centre at ({cx:g}, {cy:g}), outside the {width}x{height} depth image: "

@@ -64,7 +64,9 @@ class ChainParameters:
         }
         broken = [condition for condition, holds in conditions.items() if not holds]
         if broken:
-            raise InvalidParametersError(f"the parameters break {', '.join(broken)} (Table I); they are {values}")
+            raise InvalidParametersError(
+                f"the parameters break {', '.join(broken)} (Table I); they are {values}"
+            )
 
     @classmethod
     def for_radius(cls, r: float) -> "ChainParameters":
@@ -72,5 +74,14 @@ class ChainParameters:
         if not (isinstance(r, float | int) and math.isfinite(r)):
             raise InvalidParametersError(f"the string radius is {r!r}; a length in metres is needed")
         return cls(
-            r=r, z_t=r * 5.0 / 4.2, r_c=r, r_s=r, rho_t=0.9, R_t=0.7, r_n=r, r_f=2 * r, r_cn=3 * r, r_cf=3.5 * r
+            r=r,
+            z_t=r * 5.0 / 4.2,
+            r_c=r,
+            r_s=r,
+            rho_t=0.9,
+            R_t=0.7,
+            r_n=r,
+            r_f=2 * r,
+            r_cn=3 * r,
+            r_cf=3.5 * r,
         )

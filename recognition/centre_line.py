@@ -1,0 +1,32 @@
+"""Centre line estimation (section II.F)."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from recognition.neighbourhoods import neighbourhood_means
+from recognition.outlier_filter import LINE_RATIO, inliers
+from recognition.parameters import ChainParameters
+
+
+@dataclass(frozen=True, eq=False)
+class CentreLine:
+    """The centre line point cloud."""
+
+    single: NDArray[np.float64]
+    """(N, 3) c_i of eq. (1): noisy, but not drawn inwards at the string's ends."""
+    points: NDArray[np.float64]
+    """(M, 3) means of eq. (2), outliers removed."""
+
+
+def estimate_centre_line(
+    points: NDArray[np.float64], normals: NDArray[np.float64], parameters: ChainParameters
+) -> CentreLine:
+    """Points of the centre line under the surface `points` (N, 3) with outward `normals` (N, 3).
+
+    c_i = p_i - r n_i (eq. 1), then the mean over the points within 2 r of p_i (eq. 2).
+    """
+    single = points - parameters.r * normals
+    means = neighbourhood_means(points, points, single, 2 * parameters.r)
+    return CentreLine(single=single, points=means[inliers(means, LINE_RATIO)])

@@ -1,0 +1,56 @@
+"""From strands to the chains of the model."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from recognition.ends import end_kinds
+from recognition.evidence import evidence
+from recognition.model import Chain, arc_length
+from recognition.normals import NormalCloud
+from recognition.parameters import ChainParameters
+from recognition.preprocess import Scene
+from recognition.reconstruction import Strand
+
+
+def make_chains(
+    strands: Sequence[Strand],
+    single: NDArray[np.float64],
+    clouds: Sequence[NormalCloud],
+    scene: Scene,
+    parameters: ChainParameters,
+) -> tuple[list[Strand], tuple[Chain, ...], list[str]]:
+    """The strands in the model's order and direction, the chains made of them, and what was left out, in words.
+
+    The longest chain comes first, and each begins at its end of smaller x (then y), so that the same string in
+    the same place always reads the same. Strands shorter than r_cn, an intersection's extent, are an
+    intersection's remains or noise, and are left out.
+    """
+    kept, warnings = [], []
+    for strand in strands:
+        length = float(arc_length(strand.points)[-1])
+        if length >= parameters.r_cn:
+            kept.append(_directed(strand))
+        else:
+            where = ", ".join(f"{value * 1000:.0f}" for value in strand.points.mean(axis=0))
+            warnings.append(
+                f"left out a piece of {length * 1000:.0f} mm at ({where}) mm: too short to be told from noise"
+            )
+    kept.sort(key=lambda strand: -arc_length(strand.points)[-1])
+    if not kept:
+        warnings.append("no string found: nothing above the table is long and thin")
+    chains = []
+    for number, strand in enumerate(kept):
+        sigma_m, views = evidence(strand, clouds, parameters)
+        ends = end_kinds(strand, single, scene, parameters)
+        chains.append(Chain(number, strand.closed, parameters.r, strand.points, sigma_m, views, ends))
+    return kept, tuple(chains), warnings
+
+
+def _directed(strand: Strand) -> Strand:
+    first, last = strand.points[0], strand.points[-1]
+    if tuple(first) <= tuple(last):
+        return strand
+    return replace(strand, points=strand.points[::-1].copy(), bridged=strand.bridged[::-1].copy())

@@ -1,0 +1,140 @@
+"""Crossings of strands as seen from above, and which strand is over, by measured height."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import combinations_with_replacement
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import ndtr
+
+from recognition.model import Crossing, StrandPoint, arc_length
+from recognition.parameters import ChainParameters
+from recognition.reconstruction import Strand
+
+TOP_PERCENTILE = 90.0
+"""Of the points beside a strand's middle, the height taken as its top: above most noise, below flying pixels."""
+HEIGHT_SIGMA_M = 0.0005
+"""One sigma of a strand's measured height: depth noise averaged over a patch of r."""
+
+
+@dataclass(frozen=True, eq=False)
+class Meeting:
+    """Two strands crossing in the projection onto the table."""
+
+    strands: tuple[int, int]
+    """Indices; the same twice for a strand that crosses itself."""
+    s_m: tuple[float, float]
+    """Arc length along each."""
+    heights_m: tuple[float, float]
+    """z of each polyline there."""
+    directions: tuple[NDArray[np.float64], NDArray[np.float64]]
+    """(2,) unit vectors of each in the table plane."""
+    xy: NDArray[np.float64]
+    """(2,)."""
+
+
+def find_crossings(
+    strands: Sequence[Strand], surface: NDArray[np.float64], parameters: ChainParameters
+) -> tuple[list[Crossing], list[str]]:
+    """All crossings of the strands, and in words which of them could not be decided.
+
+    Which strand is over is measured on `surface` (N, 3): the higher top beside the crossing. The over strand is
+    seen right at the crossing, the under one as near to it as the over one lets it be seen.
+    """
+    crossings, ambiguities = [], []
+    for number, meeting in enumerate(_meetings(strands)):
+        heights = np.array([_height(strands, meeting, side, surface, parameters) for side in (0, 1)])
+        over = int(heights.argmax())
+        gap = float(heights[over] - heights[1 - over])
+        confidence = float(ndtr(gap / (np.sqrt(2) * HEIGHT_SIGMA_M)))
+        a, b = meeting.directions[over], meeting.directions[1 - over]
+        turn = float(a[0] * b[1] - a[1] * b[0])
+        angle = float(np.arctan2(abs(turn), abs(a @ b)))
+        places = [StrandPoint(meeting.strands[k], meeting.s_m[k]) for k in (over, 1 - over)]
+        point = np.array([*meeting.xy, float(heights.mean())])
+        crossings.append(Crossing(number, point, *places, gap, angle, 1 if turn > 0 else -1, confidence))
+        if confidence < 0.9:
+            where = ", ".join(f"{value * 1000:.0f}" for value in point)
+            ambiguities.append(
+                f"crossing {number} at ({where}) mm: the strands' heights differ by {gap * 1000:.1f} mm only; "
+                "which is over is not certain"
+            )
+    return crossings, ambiguities
+
+
+def _meetings(strands: Sequence[Strand]) -> list[Meeting]:
+    found = []
+    for i, j in combinations_with_replacement(range(len(strands)), 2):
+        found += _intersections(strands, i, j)
+    return found
+
+
+def _intersections(strands: Sequence[Strand], i: int, j: int) -> list[Meeting]:
+    """Where strand i crosses strand j in the xy plane: every pair of links at once."""
+    P, Q = (_closed_up(strands[k]) for k in (i, j))
+    s, t = arc_length(P), arc_length(Q)
+    p, q = P[:-1, None, :2], Q[None, :-1, :2]
+    u, v = np.diff(P[:, :2], axis=0)[:, None], np.diff(Q[:, :2], axis=0)[None]
+    determinant = u[..., 0] * v[..., 1] - u[..., 1] * v[..., 0]
+    w = q - p
+    with np.errstate(divide="ignore", invalid="ignore"):
+        a = (w[..., 0] * v[..., 1] - w[..., 1] * v[..., 0]) / determinant
+        b = (w[..., 0] * u[..., 1] - w[..., 1] * u[..., 0]) / determinant
+        # Half open, so that a crossing in a point of the chain is found once.
+        hit = (a >= 0) & (a < 1) & (b >= 0) & (b < 1)
+    if i == j:
+        m, n = np.indices(hit.shape)
+        # Neighbouring links share a point and do not cross; in a closed strand also the last and the first.
+        hit &= (n > m + 1) & ~(strands[i].closed & (m == 0) & (n == hit.shape[1] - 1))
+    meetings = []
+    for m, n in zip(*np.nonzero(hit), strict=True):
+        directions = tuple(d / np.linalg.norm(d) for d in (u[m, 0], v[0, n]))
+        meetings.append(
+            Meeting(
+                strands=(i, j),
+                s_m=(float(s[m] + a[m, n] * (s[m + 1] - s[m])), float(t[n] + b[m, n] * (t[n + 1] - t[n]))),
+                heights_m=(
+                    float(P[m, 2] + a[m, n] * (P[m + 1, 2] - P[m, 2])),
+                    float(Q[n, 2] + b[m, n] * (Q[n + 1, 2] - Q[n, 2])),
+                ),
+                directions=(directions[0], directions[1]),
+                xy=P[m, :2] + a[m, n] * u[m, 0],
+            )
+        )
+    return meetings
+
+
+def _height(
+    strands: Sequence[Strand],
+    meeting: Meeting,
+    side: int,
+    surface: NDArray[np.float64],
+    parameters: ChainParameters,
+) -> float:
+    """z of a strand's centre line at the crossing, from the tops seen on both sides of the other strand.
+
+    Its own ridge is looked at, within r / 2 of its line, at distances at which the other strand (r wide on its
+    side) no longer hides it, up to 2 r farther. Where nothing is seen there, the chain's own height counts.
+    """
+    own, other = meeting.directions[side], meeting.directions[1 - side]
+    sine = max(abs(float(own[0] * other[1] - own[1] * other[0])), 0.3)
+    hidden = parameters.r * 1.2 / sine
+    line = _closed_up(strands[meeting.strands[side]])
+    s = arc_length(line)
+    tops = []
+    for sign in (-1, 1):
+        offsets = meeting.s_m[side] + sign * (hidden + np.linspace(0, 2 * parameters.r, 5))
+        offsets = offsets[(offsets >= 0) & (offsets <= s[-1])]
+        places = np.column_stack([np.interp(offsets, s, line[:, k]) for k in range(3)])
+        for place in places:
+            beside = np.linalg.norm(surface[:, :2] - place[:2], axis=1) < parameters.r / 2
+            # Not the tops of a third strand that passes here.
+            beside &= np.abs(surface[:, 2] - place[2]) < 2 * parameters.r
+            if beside.any():
+                tops.append(float(np.percentile(surface[beside, 2], TOP_PERCENTILE)) - parameters.r)
+    return float(np.mean(tops)) if tops else meeting.heights_m[side]
+
+
+def _closed_up(strand: Strand) -> NDArray[np.float64]:
+    return np.vstack([strand.points, strand.points[:1]]) if strand.closed else strand.points

@@ -1,0 +1,53 @@
+"""Enhanced matching method (section III): matching outside intersections, bifurcated restart at them."""
+
+from collections import deque
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from recognition.bifurcated_restart import approach, find_restarts
+from recognition.contribution_rate import contribution_rates
+from recognition.matching import SearchField, Segment, starting_order
+from recognition.parameters import ChainParameters
+
+
+@dataclass(frozen=True, eq=False)
+class EnhancedMatching:
+    """Segments between intersections, and what they were found by."""
+
+    segments: list[Segment]
+    """Indices into the thinned points."""
+    bifurcation_centres: NDArray[np.float64]
+    """(M, 3)."""
+    rho: NDArray[np.float64]
+    """(N,) contribution rate of each thinned point (eq. 6)."""
+    in_intersection: NDArray[np.bool_]
+    """(N,) points with rho < rho_t."""
+
+
+def match_enhanced(thinned: NDArray[np.float64], parameters: ChainParameters) -> EnhancedMatching:
+    """Segments of the thinned point cloud (N, 3) by the enhanced matching method.
+
+    Sequences run until all points are unconnectable; those that bifurcated restarts ask for come first.
+    """
+    rho = contribution_rates(thinned, parameters.r_s)
+    in_intersection = rho < parameters.rho_t
+    search = SearchField(thinned)
+    starts = iter(starting_order(search, parameters.r_f))
+    pending: deque[Segment] = deque()
+    segments: list[Segment] = []
+    centres: list[NDArray[np.float64]] = []
+    while True:
+        if not pending:
+            start = next((int(i) for i in starts if search.connectable[i]), None)
+            if start is None:
+                break
+            pending.append([start])
+        found = approach(search, in_intersection, pending.popleft(), parameters)
+        if found.segment:
+            segments.append(found.segment)
+        if found.bifurcation_centre is not None:
+            centres.append(found.bifurcation_centre)
+            pending.extend(find_restarts(search, found.bifurcation_centre, parameters))
+    return EnhancedMatching(segments, np.array(centres).reshape(-1, 3), rho, in_intersection)

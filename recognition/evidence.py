@@ -1,0 +1,49 @@
+"""How well each point of a chain is known: how many views saw it, and how far they agree."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from recognition.model import arc_length
+from recognition.neighbourhoods import neighbourhood_means
+from recognition.normals import NormalCloud
+from recognition.parameters import ChainParameters
+from recognition.reconstruction import Strand
+
+SIGMA_FLOOR_M = 0.0002
+"""No point is claimed better than this: the views share the hand-eye calibration's error."""
+
+
+def evidence(
+    strand: Strand, clouds: Sequence[NormalCloud], parameters: ChainParameters
+) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """(N,) one sigma across the string, metres, and (N,) number of views, for each point of the strand.
+
+    Each view has its own opinion of the centre line: the mean of its c_i (eq. 1) within r. Sigma is the spread of
+    these opinions about the point. Where no view saw the string (bridged points), sigma grows with the square of
+    the way to the next seen point, as a string's sideways bend of radius 5 r would carry it.
+    """
+    points = strand.points
+    tangent = np.gradient(points, axis=0) if len(points) > 1 else np.zeros_like(points)
+    tangent /= np.maximum(np.linalg.norm(tangent, axis=1, keepdims=True), 1e-12)
+    offsets = []
+    for cloud in clouds:
+        single = cloud.points - parameters.r * cloud.normals
+        means = neighbourhood_means(points, single, single, parameters.r)
+        offset = means - points
+        offset -= (offset * tangent).sum(axis=1, keepdims=True) * tangent
+        offsets.append(np.linalg.norm(offset, axis=1))
+    distance = np.array(offsets).reshape(-1, len(points))
+    seen = np.isfinite(distance) & ~strand.bridged
+    views = seen.sum(axis=0)
+    square = (np.where(seen, distance, 0.0) ** 2).sum(axis=0) / np.maximum(views, 1)
+    sigma = np.hypot(np.sqrt(square), SIGMA_FLOOR_M)
+    unseen = views == 0
+    if unseen.all():
+        return np.full(len(points), parameters.r), views.astype(np.int64)
+    s = arc_length(points)
+    gap, nearest = cKDTree(s[~unseen, None]).query(s[unseen, None])
+    sigma[unseen] = sigma[~unseen][nearest] + gap**2 / (10 * parameters.r)
+    return sigma, views.astype(np.int64)

@@ -1,0 +1,31 @@
+"""Sums over all points within a radius, for every point of a cloud at once."""
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csr_array
+from scipy.spatial import cKDTree
+
+
+def within(centres: NDArray[np.float64], points: NDArray[np.float64], radius: float) -> csr_array:
+    """(M, N) matrix with a one where point j (of N) lies within `radius` of centre i (of M).
+
+    `A @ values` then sums over the neighbourhoods, `A.sum(axis=1)` counts them. With `centres` being `points`
+    each point counts as its own neighbour.
+    """
+    neighbours = cKDTree(points).query_ball_point(centres, radius, return_sorted=True)
+    counts = np.fromiter(map(len, neighbours), dtype=np.int64, count=len(centres))
+    columns = np.concatenate([*neighbours, []]).astype(np.int64)
+    starts = np.concatenate([[0], np.cumsum(counts)])
+    return csr_array((np.ones(len(columns)), columns, starts), shape=(len(centres), len(points)))
+
+
+def neighbourhood_means(
+    centres: NDArray[np.float64], points: NDArray[np.float64], values: NDArray[np.float64], radius: float
+) -> NDArray[np.float64]:
+    """(M, K) means of `values` (N, K) over the `points` (N, 3) within `radius` of each centre (M, 3).
+
+    NaN in the rows whose centre has no point near.
+    """
+    A = within(centres, points, radius)
+    with np.errstate(invalid="ignore"):
+        return (A @ values) / np.asarray(A.sum(axis=1))[:, None]

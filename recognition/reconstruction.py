@@ -1,0 +1,265 @@
+"""Reconstruction of the point chain model from segments (section III.E)."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import CubicHermiteSpline
+from scipy.optimize import Bounds, LinearConstraint, milp
+
+from recognition.model import arc_length
+from recognition.parameters import ChainParameters
+
+Points = NDArray[np.float64]
+
+OPPOSITE = -0.5
+"""Ends whose directions have a larger inner product (angle under 120 degrees) do not continue one another."""
+FACING = 0.5
+"""Cosine between an end's direction and the way to its partner: within 60 degrees it faces it."""
+
+
+@dataclass(frozen=True, eq=False)
+class Strand:
+    """A segment or several joined ones."""
+
+    points: Points
+    """(N, 3), in order."""
+    bridged: NDArray[np.bool_]
+    """(N,), points that were put into a gap rather than measured."""
+    closed: bool = False
+    """The ends were joined to each other."""
+
+
+@dataclass(frozen=True, eq=False)
+class End:
+    """One end of a strand."""
+
+    strand: int
+    """Which strand."""
+    at_start: bool
+    """The strand's first point, otherwise its last."""
+    point: Points
+    """(3,)."""
+    direction: Points
+    """(3,), unit length, pointing out of the strand; zero for a strand of one point."""
+
+
+@dataclass(frozen=True, eq=False)
+class Reconstruction:
+    """The strands after each of the two steps, kept for drawing."""
+
+    reconnected: list[Strand]
+    """After close ends were joined (III.E.1)."""
+    connected: list[Strand]
+    """After the ends at intersections were joined (III.E.2)."""
+
+
+def reconstruct(segments: Sequence[Points], centres: Points, parameters: ChainParameters) -> Reconstruction:
+    """Joins segments (each (N, 3)) to strands: close ends first, then the ends around intersections.
+
+    `centres` (M, 3) are the bifurcation centres.
+    """
+    strands = [Strand(points, np.zeros(len(points), dtype=bool)) for points in segments if len(points)]
+    reconnected = reconnect_close_ends(strands, parameters)
+    at_centres = connect_at_intersections(reconnected, centres, parameters)
+    return Reconstruction(reconnected, connect_across_gaps(at_centres, parameters))
+
+
+def reconnect_close_ends(strands: Sequence[Strand], parameters: ChainParameters) -> list[Strand]:
+    """Joins ends closer than r_f, the closest first (III.E.1).
+
+    The paper joins any couple. Here a couple that would fold back on itself (end directions on the same side)
+    is left alone: two strings may end side by side.
+    """
+    ends = strand_ends(strands, parameters)
+    D = np.linalg.norm(_positions(ends)[:, None] - _positions(ends)[None], axis=2)
+    b = inner_products(ends)
+    pairs = []
+    taken: set[int] = set()
+    j, k = np.triu_indices(len(ends), 1)
+    for n in np.argsort(D[j, k], kind="stable"):
+        first, second = int(j[n]), int(k[n])
+        if D[first, second] >= parameters.r_f:
+            break
+        if (
+            {first, second} & taken
+            or b[first, second] > 0
+            or not _may_join(ends, first, second, strands, parameters)
+        ):
+            continue
+        pairs.append((first, second))
+        taken |= {first, second}
+    return join(strands, ends, pairs, parameters)
+
+
+def connect_at_intersections(
+    strands: Sequence[Strand], centres: Points, parameters: ChainParameters
+) -> list[Strand]:
+    """Joins the ends that gather around each bifurcation centre (M, 3) by eq. (8) (III.E.2).
+
+    An end gathers around the nearest centre if that is within r_cf + r_n, as far as an incoming sequence or a
+    restart can be from it, and the end points at it.
+    """
+    ends = strand_ends(strands, parameters)
+    if len(ends) == 0 or len(centres) == 0:
+        return list(strands)
+    to_centre = centres[None] - _positions(ends)[:, None]
+    D = np.linalg.norm(to_centre, axis=2)
+    nearest = D.argmin(axis=1)
+    rows = np.arange(len(ends))
+    towards = (to_centre[rows, nearest] * _directions(ends)).sum(axis=1)
+    gathers = (D[rows, nearest] <= parameters.r_cf + parameters.r_n) & (towards > 0)
+    same_centre = (nearest[:, None] == nearest[None]) & gathers[:, None] & gathers[None]
+    return join(strands, ends, least_bending_pairs(ends, same_centre, strands, parameters), parameters)
+
+
+def connect_across_gaps(strands: Sequence[Strand], parameters: ChainParameters) -> list[Strand]:
+    """Joins ends that face each other across a gap of at most 2 r_cf, by eq. (8).
+
+    Our addition to III.E.2: where strands lie on one another without melting together, the contribution rate
+    stays high, no bifurcation centre is found, and the hidden strand just has a gap. Its two ends are an
+    intersection's as well.
+    """
+    ends = strand_ends(strands, parameters)
+    if len(ends) < 2:
+        return list(strands)
+    way = _positions(ends)[None] - _positions(ends)[:, None]
+    D = np.linalg.norm(way, axis=2)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        cosine = np.einsum("jkx,jx->jk", way, _directions(ends)) / D
+    facing = np.nan_to_num(cosine, nan=-1.0) > FACING
+    near = (D <= 2 * parameters.r_cf) & facing & facing.T
+    return join(strands, ends, least_bending_pairs(ends, near, strands, parameters), parameters)
+
+
+def least_bending_pairs(
+    ends: Sequence[End], allowed: NDArray[np.bool_], strands: Sequence[Strand], parameters: ChainParameters
+) -> list[tuple[int, int]]:
+    """The couples of ends with the least total of eq. (8) among the `allowed` ones ((N, N), symmetric).
+
+    Eq. (8) adds v_j . v_k over the two couples of four ends. Here it adds them over the couples of any number
+    of ends: each end is in one couple at most, and a couple that is not opposite enough to lower the total is
+    left apart, so that odd ends stay over. Solved exactly as a small integer programme.
+    """
+    b = inner_products(ends)
+    j, k = np.nonzero(np.triu(allowed, 1) & (b < OPPOSITE))
+    couples = [
+        (int(a), int(c)) for a, c in zip(j, k, strict=True) if _may_join(ends, a, c, strands, parameters)
+    ]
+    if not couples:
+        return []
+    each_end_once = np.zeros((len(ends), len(couples)))
+    for column, couple in enumerate(couples):
+        each_end_once[list(couple), column] = 1.0
+    best = milp(
+        c=[b[couple] for couple in couples],
+        integrality=np.ones(len(couples)),
+        bounds=Bounds(0, 1),
+        constraints=LinearConstraint(each_end_once, ub=1),
+    )
+    return [couple for couple, chosen in zip(couples, best.x, strict=True) if chosen > 0.5]
+
+
+def inner_products(ends: Sequence[End]) -> NDArray[np.float64]:
+    """(N, N) of v_j . v_k: the evaluation value of each couple in eq. (8), -1 for one that continues straight."""
+    v = _directions(ends)
+    return v @ v.T
+
+
+def strand_ends(strands: Sequence[Strand], parameters: ChainParameters) -> list[End]:
+    """Both ends of every open strand; their directions over about r_f, so that no single link decides."""
+    ends = []
+    for index, strand in enumerate(strands):
+        if strand.closed:
+            continue
+        for at_start in (True, False):
+            points = strand.points if at_start else strand.points[::-1]
+            inner = min(int(np.searchsorted(arc_length(points), parameters.r_f)), len(points) - 1)
+            way = points[0] - points[inner]
+            norm = float(np.linalg.norm(way))
+            ends.append(End(index, at_start, points[0], way / norm if norm > 0 else np.zeros(3)))
+    return ends
+
+
+def join(
+    strands: Sequence[Strand],
+    ends: Sequence[End],
+    pairs: Sequence[tuple[int, int]],
+    parameters: ChainParameters,
+) -> list[Strand]:
+    """The strands after joining the ends (indices) of each pair by a smooth bridge.
+
+    Strands keep the order of their first member; a strand whose own ends are a pair becomes closed.
+    """
+    partner = {a: b for pair in pairs for a, b in (pair, pair[::-1])}
+    end_at = {(end.strand, end.at_start): number for number, end in enumerate(ends)}
+    done: set[int] = set()
+    joined = []
+
+    def walk(strand: int, leave_at_start: bool) -> tuple[list[tuple[int, bool]], bool]:
+        """Strands from `strand` on, each with the side by which it is left; whether it came back to the first."""
+        path = [(strand, leave_at_start)]
+        while (following := partner.get(end_at.get((strand, leave_at_start), -1))) is not None:
+            strand, leave_at_start = ends[following].strand, not ends[following].at_start
+            if strand == path[0][0]:
+                return path, True
+            path.append((strand, leave_at_start))
+        return path, False
+
+    for first in range(len(strands)):
+        if first in done:
+            continue
+        backwards, closed = walk(first, True)
+        # Start from the far end, so that the walk passes the whole strand once.
+        start, left_at_start = backwards[-1]
+        path, closed = (backwards, True) if closed else walk(start, not left_at_start)
+        done |= {strand for strand, _ in path}
+        joined.append(_chain_up([(strands[i], reverse) for i, reverse in path], closed, parameters))
+    return joined
+
+
+def bridge(a: End, b: End, spacing: float) -> Points:
+    """(N, 3) points between two ends, about `spacing` apart: the cubic that leaves and arrives in their directions.
+
+    The paper links the ends by a straight line; a string does not bend in corners.
+    """
+    gap = float(np.linalg.norm(b.point - a.point))
+    inner = max(round(gap / spacing), 1) - 1
+    curve = CubicHermiteSpline([0, 1], [a.point, b.point], [a.direction * gap, -b.direction * gap])
+    return curve(np.arange(1, inner + 1) / (inner + 1)).reshape(-1, 3)
+
+
+def _chain_up(path: list[tuple[Strand, bool]], closed: bool, parameters: ChainParameters) -> Strand:
+    oriented = [Strand(s.points[::-1], s.bridged[::-1], s.closed) if reverse else s for s, reverse in path]
+    if len(oriented) == 1 and not closed:
+        return oriented[0]
+    points, bridged = [oriented[0].points], [oriented[0].bridged]
+    followers = oriented[1:] + oriented[:1] if closed else oriented[1:]
+    for previous, following in zip(oriented, followers, strict=False):
+        leaving = strand_ends([previous], parameters)[1]
+        arriving = strand_ends([following], parameters)[0]
+        filled = bridge(leaving, arriving, parameters.r_n)
+        points.append(filled)
+        bridged.append(np.ones(len(filled), dtype=bool))
+        if following is not oriented[0]:
+            points.append(following.points)
+            bridged.append(following.bridged)
+    return Strand(np.vstack(points), np.concatenate(bridged), closed)
+
+
+def _may_join(
+    ends: Sequence[End], j: int, k: int, strands: Sequence[Strand], parameters: ChainParameters
+) -> bool:
+    """A strand may close on itself only if it is long enough to come round."""
+    if ends[j].strand != ends[k].strand:
+        return True
+    return bool(arc_length(strands[ends[j].strand].points)[-1] > 2 * np.pi * parameters.r_f)
+
+
+def _positions(ends: Sequence[End]) -> Points:
+    return np.array([end.point for end in ends]).reshape(-1, 3)
+
+
+def _directions(ends: Sequence[End]) -> Points:
+    return np.array([end.direction for end in ends]).reshape(-1, 3)

@@ -1,0 +1,71 @@
+"""Which views recognition can use, and why not the others."""
+
+from collections.abc import Sequence
+
+from recognition.errors import InsufficientViewsError, NoDepthError
+from recognition.model import ViewQuality
+from recognition.preprocess import TargetCloud
+
+MIN_VIEWS = 2
+"""One view sees one side of a string and nothing under a crossing; two are the least that can be merged."""
+MIN_POINTS = 50
+"""Fewer points of string height than this are noise."""
+
+
+def usable_views(
+    targets: Sequence[TargetCloud],
+) -> tuple[list[TargetCloud], tuple[ViewQuality, ...], str | None]:
+    """The views that see a string, the others with the reason, and why there is no string when there is none.
+
+    Raises:
+        InsufficientViewsError: fewer than two views were given, fewer than two saw the workspace, or the string
+            is in one alone.
+        NoDepthError: no view measured anything in the workspace.
+    """
+    if len(targets) < MIN_VIEWS:
+        raise InsufficientViewsError(
+            f"{len(targets)} view{'s' * (len(targets) != 1)} given; at least {MIN_VIEWS} are needed"
+        )
+    reasons = {target.view: _reason(target) for target in targets}
+    left_out = tuple(
+        ViewQuality(target.view, False, reason, len(target.points))
+        for target in targets
+        if (reason := reasons[target.view]) is not None
+    )
+    looking = [target for target in targets if target.in_workspace >= MIN_POINTS and not target.constant]
+    if not looking:
+        said = "; ".join(f"view {view}: {reason}" for view, reason in reasons.items())
+        raise NoDepthError(
+            f"no view measured anything in the workspace ({said}). Check the camera, the table height and the workspace"
+        )
+    if len(looking) < MIN_VIEWS:
+        raise InsufficientViewsError(
+            f"only view {looking[0].view} measured anything in the workspace; at least {MIN_VIEWS} are needed"
+        )
+    seen = [target for target in targets if reasons[target.view] is None]
+    if len(seen) >= MIN_VIEWS:
+        return seen, left_out, None
+    if seen:
+        raise InsufficientViewsError(
+            f"only view {seen[0].view} sees anything above the table, the other {len(targets) - 1} do not: "
+            "the views do not agree, so no model is made"
+        )
+    return (
+        [],
+        left_out,
+        (
+            "no string in view: no view has points in the workspace that are higher above the table than the threshold z_t"
+        ),
+    )
+
+
+def _reason(target: TargetCloud) -> str | None:
+    if target.measured == 0:
+        return "no pixel has a depth"
+    if target.constant:
+        return "every pixel has the same depth: not a picture of anything"
+    if target.in_workspace < MIN_POINTS:
+        return "nothing measured in the workspace"
+    if len(target.points) < MIN_POINTS:
+        return f"only {len(target.points)} points are higher above the table than the threshold z_t"
+    return None
