@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recognition.matching import SearchField, Segment, step
+from recognition.neighbourhoods import within
 from recognition.parameters import ChainParameters
 
 
@@ -19,23 +20,16 @@ class Approach:
     """(3,) where R_c was largest; None when the sequence ended in the open."""
 
 
-def intersection_ratio(
-    search: SearchField, in_intersection: NDArray[np.bool_], target: int, parameters: ChainParameters
-) -> float:
-    """R_c at a target point: the share of intersection points among those within r_f (eq. 7).
-
-    Counted are the points ahead: those that the search has eliminated, behind the target and within r_n of it,
-    are out of the process. Were they counted, a line of no width could never reach R_t: on a right-angled cross
-    R_c would stay under 1/2. 0 when nothing is ahead.
-    """
-    centre = search.points[target]
-    search.eliminate(centre, parameters.r_n)
-    ahead = search.connectable_within(centre, parameters.r_f)
-    return float(in_intersection[ahead].mean()) if len(ahead) else 0.0
+def intersection_ratios(
+    points: NDArray[np.float64], in_intersection: NDArray[np.bool_], radius: float
+) -> NDArray[np.float64]:
+    """(N,) R_c of every point: the share of intersection points among those within `radius` = r_f (eq. 7)."""
+    A = within(points, points, radius)
+    return (A @ in_intersection.astype(np.float64)) / np.asarray(A.sum(axis=1))
 
 
 def approach(
-    search: SearchField, in_intersection: NDArray[np.bool_], segment: Segment, parameters: ChainParameters
+    search: SearchField, R_c: NDArray[np.float64], segment: Segment, parameters: ChainParameters
 ) -> Approach:
     """Continues `segment` by the matching method until it ends or R_c passes R_t (III.D.1).
 
@@ -44,18 +38,16 @@ def approach(
     does not say) it is the plateau's middle point.
     """
     segment = list(segment)
-    while (R_c := intersection_ratio(search, in_intersection, segment[-1], parameters)) <= parameters.R_t:
+    while R_c[segment[-1]] <= parameters.R_t:
         following = step(search, segment[-1], parameters)
         if following is None:
             return Approach(segment, None)
         segment.append(following)
     highest = [segment.pop()]
     while (following := step(search, highest[-1], parameters)) is not None:
-        R_c_following = intersection_ratio(search, in_intersection, following, parameters)
-        if R_c_following < R_c:
+        if R_c[following] < R_c[highest[-1]]:
             break
-        highest = [*highest, following] if R_c_following == R_c else [following]
-        R_c = R_c_following
+        highest = [*highest, following] if R_c[following] == R_c[highest[-1]] else [following]
     return Approach(segment, search.points[highest[len(highest) // 2]])
 
 

@@ -4,6 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recognition.neighbourhoods import within
+from recognition.parameters import ChainParameters
 
 
 def contribution_rates(points: NDArray[np.float64], radius: float) -> NDArray[np.float64]:
@@ -23,3 +24,16 @@ def contribution_rates(points: NDArray[np.float64], radius: float) -> NDArray[np
     total = eigenvalues.sum(axis=1)
     alone = total <= (1e-6 * radius) ** 2
     return np.where(alone, 1.0, eigenvalues.max(axis=1) / np.where(alone, 1.0, total))
+
+
+def intersection_points(
+    points: NDArray[np.float64], rho: NDArray[np.float64], parameters: ChainParameters
+) -> NDArray[np.bool_]:
+    """(N,) which of `points` constitute an intersection: those of the neighbourhoods with rho < rho_t (III.C).
+
+    rho is a property of the neighbourhood within r_s. Taking its centre alone would leave out the middle of an
+    intersection where the over strand's points outnumber the others, and a line of no width, as clean depth
+    gives, could never reach R_t: on a right-angled cross R_c would stay under 1/2.
+    """
+    A = within(points, points, parameters.r_s)
+    return A @ (rho < parameters.rho_t).astype(np.float64) > 0

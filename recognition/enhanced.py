@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from recognition.bifurcated_restart import approach, find_restarts
-from recognition.contribution_rate import contribution_rates
+from recognition.bifurcated_restart import approach, find_restarts, intersection_ratios
+from recognition.contribution_rate import contribution_rates, intersection_points
 from recognition.matching import SearchField, Segment, starting_order
 from recognition.parameters import ChainParameters
 
@@ -23,7 +23,9 @@ class EnhancedMatching:
     rho: NDArray[np.float64]
     """(N,) contribution rate of each thinned point (eq. 6)."""
     in_intersection: NDArray[np.bool_]
-    """(N,) points with rho < rho_t."""
+    """(N,) points that constitute an intersection (III.C)."""
+    R_c: NDArray[np.float64]
+    """(N,) rate of intersection points around each (eq. 7)."""
 
 
 def match_enhanced(thinned: NDArray[np.float64], parameters: ChainParameters) -> EnhancedMatching:
@@ -32,7 +34,8 @@ def match_enhanced(thinned: NDArray[np.float64], parameters: ChainParameters) ->
     Sequences run until all points are unconnectable; those that bifurcated restarts ask for come first.
     """
     rho = contribution_rates(thinned, parameters.r_s)
-    in_intersection = rho < parameters.rho_t
+    in_intersection = intersection_points(thinned, rho, parameters)
+    R_c = intersection_ratios(thinned, in_intersection, parameters.r_f)
     search = SearchField(thinned)
     starts = iter(starting_order(search, parameters.r_f))
     pending: deque[Segment] = deque()
@@ -44,10 +47,10 @@ def match_enhanced(thinned: NDArray[np.float64], parameters: ChainParameters) ->
             if start is None:
                 break
             pending.append([start])
-        found = approach(search, in_intersection, pending.popleft(), parameters)
+        found = approach(search, R_c, pending.popleft(), parameters)
         if found.segment:
             segments.append(found.segment)
         if found.bifurcation_centre is not None:
             centres.append(found.bifurcation_centre)
             pending.extend(find_restarts(search, found.bifurcation_centre, parameters))
-    return EnhancedMatching(segments, np.array(centres).reshape(-1, 3), rho, in_intersection)
+    return EnhancedMatching(segments, np.array(centres).reshape(-1, 3), rho, in_intersection, R_c)

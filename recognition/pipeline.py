@@ -15,7 +15,6 @@ from recognition.enhanced import EnhancedMatching, match_enhanced
 from recognition.matching import match
 from recognition.model import Method, PointChainModel, Quality
 from recognition.normals import NormalCloud, estimate_normals
-from recognition.outlier_filter import inliers
 from recognition.parameters import ChainParameters
 from recognition.preprocess import DepthView, Scene, TargetCloud, preprocess
 from recognition.reconstruction import Reconstruction, Strand, reconstruct
@@ -89,10 +88,7 @@ def recognise(
         return Recognition(
             PointChainModel(method, parameters, quality=quality, timing_s=clock.timing_s), targets
         )
-    clouds = [
-        estimate_normals(target.view, target.points[inliers(target.points)], target.viewpoint, parameters)
-        for target in seen
-    ]
+    clouds = [estimate_normals(target, parameters) for target in seen]
 
     clock.begin("registration")
     registration = register(clouds, parameters)

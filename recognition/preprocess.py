@@ -9,6 +9,10 @@ from numpy.typing import NDArray
 from calibration.transforms import transform_points
 from recognition.errors import RecognitionError
 from recognition.parameters import ChainParameters
+from recognition.table import levelling
+
+MARGIN_M = 0.01
+"""How far a point may be off by its view's pose: so much more is looked at before the view is levelled."""
 
 
 class DepthView(Protocol):
@@ -60,9 +64,11 @@ class TargetCloud:
     view: int
     """The view's index."""
     points: NDArray[np.float64]
-    """(N, 3) points of string height, base frame by the hand-eye pose."""
+    """(N, 3) points of string height, base frame by the hand-eye pose, levelled."""
     viewpoint: NDArray[np.float64]
-    """(3,) where the camera was, base frame."""
+    """(3,) where the camera was, base frame, levelled."""
+    T_levelling: NDArray[np.float64]
+    """(4, 4) correction that brought the table this view sees to its known height and tilt."""
     measured: int
     """Pixels with a depth."""
     in_workspace: int
@@ -74,6 +80,8 @@ class TargetCloud:
 def preprocess(view: DepthView, parameters: ChainParameters, scene: Scene) -> TargetCloud:
     """The points of one view that lie higher than z_t above the table, within the workspace.
 
+    The view is levelled first (`recognition.table`).
+
     Points of height are all that is kept: the paper removes "floor and experimental equipment" by the
     threshold on z_w alone.
     """
@@ -81,19 +89,22 @@ def preprocess(view: DepthView, parameters: ChainParameters, scene: Scene) -> Ta
     rows, columns = np.nonzero(depth)
     z = depth[rows, columns] * view.depth_unit_m
     points = transform_points(T, deproject(columns, rows, z, view.K))
-    inside = np.ones(len(points), dtype=bool)
     if scene.workspace_m is not None:
         low, high = np.asarray(scene.workspace_m, dtype=np.float64).T
         # The table's own surface scatters about the floor of the box: it counts as seen.
-        low = low - (0.0, 0.0, parameters.z_t)
-        inside = ((points >= low) & (points <= high)).all(axis=1)
-    high_enough = points[:, 2] > scene.table_z_m + parameters.z_t
+        low = low - (0.0, 0.0, MARGIN_M)
+        points = points[((points >= low) & (points <= high)).all(axis=1)]
+    T_levelling = levelling(points, scene.table_z_m, parameters)
+    # Only what may pass the threshold is worth moving.
+    candidates = points[points[:, 2] > scene.table_z_m + parameters.z_t - MARGIN_M]
+    levelled = transform_points(T_levelling, candidates)
     return TargetCloud(
         view=view.index,
-        points=points[inside & high_enough],
-        viewpoint=T[:3, 3].copy(),
+        points=levelled[levelled[:, 2] > scene.table_z_m + parameters.z_t],
+        viewpoint=transform_points(T_levelling, T[:3, 3]),
+        T_levelling=T_levelling,
         measured=len(z),
-        in_workspace=int(inside.sum()),
+        in_workspace=len(points),
         constant=len(z) > 1 and bool((z == z[0]).all()),
     )
 

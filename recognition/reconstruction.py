@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicHermiteSpline
 from scipy.optimize import Bounds, LinearConstraint, milp
+from scipy.sparse.csgraph import connected_components
 
 from recognition.model import arc_length
 from recognition.parameters import ChainParameters
@@ -61,18 +62,22 @@ def reconstruct(segments: Sequence[Points], centres: Points, parameters: ChainPa
     `centres` (M, 3) are the bifurcation centres.
     """
     strands = [Strand(points, np.zeros(len(points), dtype=bool)) for points in segments if len(points)]
-    reconnected = reconnect_close_ends(strands, parameters)
+    reconnected = reconnect_close_ends(strands, centres, parameters)
     at_centres = connect_at_intersections(reconnected, centres, parameters)
     return Reconstruction(reconnected, connect_across_gaps(at_centres, parameters))
 
 
-def reconnect_close_ends(strands: Sequence[Strand], parameters: ChainParameters) -> list[Strand]:
+def reconnect_close_ends(
+    strands: Sequence[Strand], centres: Points, parameters: ChainParameters
+) -> list[Strand]:
     """Joins ends closer than r_f, the closest first (III.E.1).
 
-    The paper joins any couple. Here a couple that would fold back on itself (end directions on the same side)
-    is left alone: two strings may end side by side.
+    The paper joins any couple. Here a couple whose directions are not opposite is left alone, since two strings
+    may end side by side, and so are ends that gather around a bifurcation centre: which of those belong together
+    is for eq. (8) to say, not for their distance.
     """
     ends = strand_ends(strands, parameters)
+    at_intersection = gathering(ends, centres, parameters) >= 0
     D = np.linalg.norm(_positions(ends)[:, None] - _positions(ends)[None], axis=2)
     b = inner_products(ends)
     pairs = []
@@ -96,22 +101,34 @@ def reconnect_close_ends(strands: Sequence[Strand], parameters: ChainParameters)
 def connect_at_intersections(
     strands: Sequence[Strand], centres: Points, parameters: ChainParameters
 ) -> list[Strand]:
-    """Joins the ends that gather around each bifurcation centre (M, 3) by eq. (8) (III.E.2).
+    """Joins the ends that gather around each intersection, given by bifurcation centres (M, 3), by eq. (8) (III.E.2)."""
+    ends = strand_ends(strands, parameters)
+    where = gathering(ends, centres, parameters)
+    same = (where[:, None] == where[None]) & (where >= 0)[:, None]
+    opposite = inner_products(ends) < 0
+    return join(strands, ends, least_bending_pairs(ends, same & opposite, strands, parameters), parameters)
+
+
+def gathering(ends: Sequence[End], centres: Points, parameters: ChainParameters) -> NDArray[np.int64]:
+    """(N,) number of the intersection that each end gathers around, -1 for none.
 
     An end gathers around the nearest centre if that is within r_cf + r_n, as far as an incoming sequence or a
-    restart can be from it, and the end points at it.
+    restart can be from it, and the end points at it. Centres whose inner spheres (r_cn) overlap are one
+    intersection, since nothing of the strands between them is left; so are the two places in which strands that
+    cross at an acute angle melt together.
     """
-    ends = strand_ends(strands, parameters)
     if len(ends) == 0 or len(centres) == 0:
-        return list(strands)
+        return np.full(len(ends), -1)
+    _, intersection = connected_components(
+        np.linalg.norm(centres[:, None] - centres[None], axis=2) < 2 * parameters.r_cn, directed=False
+    )
     to_centre = centres[None] - _positions(ends)[:, None]
     D = np.linalg.norm(to_centre, axis=2)
     nearest = D.argmin(axis=1)
     rows = np.arange(len(ends))
     towards = (to_centre[rows, nearest] * _directions(ends)).sum(axis=1)
     gathers = (D[rows, nearest] <= parameters.r_cf + parameters.r_n) & (towards > 0)
-    same_centre = (nearest[:, None] == nearest[None]) & gathers[:, None] & gathers[None]
-    return join(strands, ends, least_bending_pairs(ends, same_centre, strands, parameters), parameters)
+    return np.where(gathers, intersection[nearest], -1)
 
 
 def connect_across_gaps(strands: Sequence[Strand], parameters: ChainParameters) -> list[Strand]:
@@ -129,7 +146,7 @@ def connect_across_gaps(strands: Sequence[Strand], parameters: ChainParameters) 
     with np.errstate(invalid="ignore", divide="ignore"):
         cosine = np.einsum("jkx,jx->jk", way, _directions(ends)) / D
     facing = np.nan_to_num(cosine, nan=-1.0) > FACING
-    near = (D <= 2 * parameters.r_cf) & facing & facing.T
+    near = (D <= 2 * parameters.r_cf) & facing & facing.T & (inner_products(ends) < OPPOSITE)
     return join(strands, ends, least_bending_pairs(ends, near, strands, parameters), parameters)
 
 
@@ -139,11 +156,11 @@ def least_bending_pairs(
     """The couples of ends with the least total of eq. (8) among the `allowed` ones ((N, N), symmetric).
 
     Eq. (8) adds v_j . v_k over the two couples of four ends. Here it adds them over the couples of any number
-    of ends: each end is in one couple at most, and a couple that is not opposite enough to lower the total is
-    left apart, so that odd ends stay over. Solved exactly as a small integer programme.
+    of ends: each end is in one couple at most, and a couple that does not lower the total is left apart, so
+    that odd ends stay over. Solved exactly as a small integer programme.
     """
     b = inner_products(ends)
-    j, k = np.nonzero(np.triu(allowed, 1) & (b < OPPOSITE))
+    j, k = np.nonzero(np.triu(allowed, 1))
     couples = [
         (int(a), int(c)) for a, c in zip(j, k, strict=True) if _may_join(ends, a, c, strands, parameters)
     ]

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
-from calibration.transforms import from_rotation_vector, transform_points
+from calibration.transforms import from_rotation_vector, inverse, rotation_angle, transform_points
 from recognition.model import ViewQuality
 from recognition.normals import NormalCloud
 from recognition.outlier_filter import inliers
@@ -63,9 +63,7 @@ def register(clouds: Sequence[NormalCloud], parameters: ChainParameters) -> Regi
     twists = [twist - common for twist in twists]
     placed = [corrected(cloud, twist, centre) for cloud, twist in zip(order, twists, strict=True)]
     points, normals = merge(placed, parameters)
-    qualities = [
-        _quality(cloud, twist, points, parameters) for cloud, twist in zip(placed, twists, strict=True)
-    ]
+    qualities = [_quality(cloud, points, parameters) for cloud in placed]
     by_view = sorted(range(len(order)), key=lambda i: order[i].view)
     return Registration(
         points, normals, tuple(placed[i] for i in by_view), tuple(qualities[i] for i in by_view)
@@ -137,18 +135,20 @@ def correction_onto(
 def corrected(cloud: NormalCloud, twist: NDArray[np.float64], centre: NDArray[np.float64]) -> NormalCloud:
     """`cloud` moved by the rotation vector and translation `twist` (6,) about `centre` (3,)."""
     T = from_rotation_vector(twist[3:], twist[:3])
+    T[:3, 3] += centre - T[:3, :3] @ centre
     return replace(
         cloud,
-        points=transform_points(T, cloud.points - centre) + centre,
+        points=transform_points(T, cloud.points),
         normals=cloud.normals @ T[:3, :3].T,
+        T_correction=T @ cloud.T_correction,
     )
 
 
-def _quality(
-    cloud: NormalCloud, twist: NDArray[np.float64], merged: NDArray[np.float64], parameters: ChainParameters
-) -> ViewQuality:
+def _quality(cloud: NormalCloud, merged: NDArray[np.float64], parameters: ChainParameters) -> ViewQuality:
     distance, _ = cKDTree(merged).query(cloud.points, distance_upper_bound=parameters.r)
     matched = distance[np.isfinite(distance)]
+    middle = cloud.points.mean(axis=0)
+    before = transform_points(inverse(cloud.T_correction), middle)
     return ViewQuality(
         index=cloud.view,
         used=True,
@@ -156,6 +156,6 @@ def _quality(
         points=len(cloud.points),
         fitness=len(matched) / len(distance),
         rms_m=float(np.sqrt(np.mean(matched**2))) if len(matched) else None,
-        correction_m=float(np.linalg.norm(twist[3:])),
-        correction_rad=float(np.linalg.norm(twist[:3])),
+        correction_m=float(np.linalg.norm(middle - before)),
+        correction_rad=rotation_angle(cloud.T_correction),
     )
