@@ -14,6 +14,9 @@ from recognition.parameters import ChainParameters
 from recognition.preprocess import Scene
 from recognition.reconstruction import Strand
 
+SHARP_RAD = np.radians(75)
+"""A turn beyond this over r_f to either side is not a string's."""
+
 
 def make_chains(
     strands: Sequence[Strand],
@@ -54,3 +57,26 @@ def _directed(strand: Strand) -> Strand:
     if tuple(first) <= tuple(last):
         return strand
     return replace(strand, points=strand.points[::-1].copy(), bridged=strand.bridged[::-1].copy())
+
+
+def sharp_bends(chains: Sequence[Chain]) -> list[str]:
+    """In words, where a chain turns more sharply than a string does: there it may have taken the wrong strand.
+
+    Compared are the directions over r_f before and behind each point. A string of radius r that bends by more than
+    `SHARP_RAD` within that has a bending radius of about r.
+    """
+    found = []
+    for chain in chains:
+        step = max(round(2 * chain.radius_m / max(chain.length_m / max(len(chain.points) - 1, 1), 1e-9)), 1)
+        if len(chain.points) <= 2 * step:
+            continue
+        ways = chain.points[step:] - chain.points[:-step]
+        ways = ways / np.maximum(np.linalg.norm(ways, axis=1, keepdims=True), 1e-12)
+        cosine = (ways[step:] * ways[:-step]).sum(axis=1)
+        sharpest = int(cosine.argmin())
+        if cosine[sharpest] < np.cos(SHARP_RAD):
+            where = ", ".join(f"{value * 1000:.0f}" for value in chain.points[sharpest + step])
+            found.append(
+                f"chain {chain.id} bends sharply at ({where}) mm: it may have taken the wrong strand at a crossing"
+            )
+    return found

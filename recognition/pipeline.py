@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recognition.centre_line import CentreLine, estimate_centre_line
-from recognition.chains import make_chains
+from recognition.chains import make_chains, sharp_bends
 from recognition.crossings import find_crossings
 from recognition.ends import extend_ends
 from recognition.enhanced import EnhancedMatching, match_enhanced
@@ -109,7 +109,7 @@ def recognise(
     if enhanced is None:
         strands = [Strand(points, np.zeros(len(points), dtype=bool)) for points in segments]
     else:
-        reconstruction = reconstruct(segments, enhanced.bifurcation_centres, parameters)
+        reconstruction = reconstruct(segments, enhanced.bifurcation_centres, registration.points, parameters)
         strands = extend_ends(reconstruction.connected, centre_line.single, parameters)
 
     clock.begin("topology")
@@ -120,6 +120,7 @@ def recognise(
     clock.begin(None)
 
     view_quality = tuple(sorted(registration.views + left_out, key=lambda view: view.index))
+    ambiguities = [*ambiguities, *sharp_bends(chains)]
     quality = Quality(view_quality, tuple(ambiguities), tuple(warnings))
     model = PointChainModel(method, parameters, chains, tuple(crossings), quality, clock.timing_s)
     return Recognition(

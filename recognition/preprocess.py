@@ -85,32 +85,42 @@ def preprocess(view: DepthView, parameters: ChainParameters, scene: Scene) -> Ta
     Points of height are all that is kept: the paper removes "floor and experimental equipment" by the
     threshold on z_w alone.
     """
-    depth, T = view.depth, view.T_base_camera
-    rows, columns = np.nonzero(depth)
-    z = depth[rows, columns] * view.depth_unit_m
-    points = transform_points(T, deproject(columns, rows, z, view.K))
-    if scene.workspace_m is not None:
-        low, high = np.asarray(scene.workspace_m, dtype=np.float64).T
-        # The table's own surface scatters about the floor of the box: it counts as seen.
-        low = low - (0.0, 0.0, MARGIN_M)
-        points = points[((points >= low) & (points <= high)).all(axis=1)]
+    T = view.T_base_camera
+    measured = np.count_nonzero(view.depth)
+    points = _in_workspace(view, scene)
     T_levelling = levelling(points, scene.table_z_m, parameters)
-    # Only what may pass the threshold is worth moving.
-    candidates = points[points[:, 2] > scene.table_z_m + parameters.z_t - MARGIN_M]
-    levelled = transform_points(T_levelling, candidates)
+    height = points @ T_levelling[2, :3] + T_levelling[2, 3] - scene.table_z_m
     return TargetCloud(
         view=view.index,
-        points=levelled[levelled[:, 2] > scene.table_z_m + parameters.z_t],
+        points=transform_points(T_levelling, points[height > parameters.z_t]),
         viewpoint=transform_points(T_levelling, T[:3, 3]),
         T_levelling=T_levelling,
-        measured=len(z),
+        measured=measured,
         in_workspace=len(points),
-        constant=len(z) > 1 and bool((z == z[0]).all()),
+        constant=measured > 1 and len(np.unique(view.depth[view.depth > 0])) == 1,
     )
 
 
-def deproject(
-    u: NDArray[np.integer], v: NDArray[np.integer], z: NDArray[np.float64], K: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """Camera points (N, 3) of the pixels (u, v) with depths z (N,), metres, by the pinhole model K."""
-    return np.column_stack([(u - K[0, 2]) / K[0, 0] * z, (v - K[1, 2]) / K[1, 1] * z, z])
+def deproject(view: DepthView) -> NDArray[np.float64]:
+    """(3, H, W) base coordinates of every pixel, metres, by the pinhole model; where depth is 0 the camera's own.
+
+    `depth (R K^-1) (u, v, 1) + t`, with T_base_camera = (R, t): one row of sums and one product a coordinate.
+    """
+    height, width = view.depth.shape
+    T = view.T_base_camera
+    A = T[:3, :3] @ np.linalg.inv(view.K)
+    u, v = np.arange(width), np.arange(height)[:, None]
+    z = view.depth * view.depth_unit_m
+    return np.stack([z * (a[0] * u + (a[1] * v + a[2])) + t for a, t in zip(A, T[:3, 3], strict=True)])
+
+
+def _in_workspace(view: DepthView, scene: Scene) -> NDArray[np.float64]:
+    """(N, 3) measured points of the view in the workspace, base frame."""
+    coordinates = deproject(view)
+    inside = view.depth > 0
+    if scene.workspace_m is not None:
+        # The table's own surface scatters about the floor of the box: it counts as seen.
+        margins = (0.0, 0.0, MARGIN_M)
+        for values, (low, high), margin in zip(coordinates, scene.workspace_m, margins, strict=True):
+            inside &= (values >= low - margin) & (values <= high)
+    return coordinates[:, inside].T

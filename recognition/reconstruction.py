@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicHermiteSpline
 from scipy.optimize import Bounds, LinearConstraint, milp
 from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
 
 from recognition.model import arc_length
 from recognition.parameters import ChainParameters
@@ -56,15 +57,18 @@ class Reconstruction:
     """After the ends at intersections were joined (III.E.2)."""
 
 
-def reconstruct(segments: Sequence[Points], centres: Points, parameters: ChainParameters) -> Reconstruction:
+def reconstruct(
+    segments: Sequence[Points], centres: Points, surface: Points, parameters: ChainParameters
+) -> Reconstruction:
     """Joins segments (each (N, 3)) to strands: close ends first, then the ends around intersections.
 
-    `centres` (M, 3) are the bifurcation centres.
+    `centres` (M, 3) are the bifurcation centres, `surface` (K, 3) is the combined cloud, which tells what can
+    hide a strand.
     """
     strands = [Strand(points, np.zeros(len(points), dtype=bool)) for points in segments if len(points)]
     reconnected = reconnect_close_ends(strands, centres, parameters)
     at_centres = connect_at_intersections(reconnected, centres, parameters)
-    return Reconstruction(reconnected, connect_across_gaps(at_centres, parameters))
+    return Reconstruction(reconnected, connect_across_gaps(at_centres, surface, parameters))
 
 
 def reconnect_close_ends(
@@ -131,12 +135,14 @@ def gathering(ends: Sequence[End], centres: Points, parameters: ChainParameters)
     return np.where(gathers, intersection[nearest], -1)
 
 
-def connect_across_gaps(strands: Sequence[Strand], parameters: ChainParameters) -> list[Strand]:
-    """Joins ends that face each other across a gap of at most 2 r_cf, by eq. (8).
+def connect_across_gaps(
+    strands: Sequence[Strand], surface: Points, parameters: ChainParameters
+) -> list[Strand]:
+    """Joins ends that face each other across a gap of at most 2 r_cf in which another strand hides them, by eq. (8).
 
     Our addition to III.E.2: where strands lie on one another without melting together, the contribution rate
     stays high, no bifurcation centre is found, and the hidden strand just has a gap. Its two ends are an
-    intersection's as well.
+    intersection's as well. Two ends with nothing of `surface` between them are two ends.
     """
     ends = strand_ends(strands, parameters)
     if len(ends) < 2:
@@ -146,8 +152,25 @@ def connect_across_gaps(strands: Sequence[Strand], parameters: ChainParameters) 
     with np.errstate(invalid="ignore", divide="ignore"):
         cosine = np.einsum("jkx,jx->jk", way, _directions(ends)) / D
     facing = np.nan_to_num(cosine, nan=-1.0) > FACING
-    near = (D <= 2 * parameters.r_cf) & facing & facing.T & (inner_products(ends) < OPPOSITE)
-    return join(strands, ends, least_bending_pairs(ends, near, strands, parameters), parameters)
+    allowed = (D <= 2 * parameters.r_cf) & facing & facing.T & (inner_products(ends) < OPPOSITE)
+    from_above = cKDTree(surface[:, :2])
+    for j, k in zip(*np.nonzero(np.triu(allowed, 1)), strict=True):
+        allowed[j, k] = allowed[k, j] = _hidden(ends[j].point, ends[k].point, from_above, parameters)
+    return join(strands, ends, least_bending_pairs(ends, allowed, strands, parameters), parameters)
+
+
+def _hidden(a: Points, b: Points, from_above: cKDTree, parameters: ChainParameters) -> bool:
+    """Whether, seen from above, something lies over the gap from a to b.
+
+    The means of eqs. (2) and (3) draw each end back by up to 2 r = r_f from where the strand disappears; all of
+    the gap that is farther from both ends, at least its middle, must be covered.
+    """
+    length = float(np.linalg.norm(b - a))
+    bare = max(length - 2 * parameters.r_f, 0.0)
+    share = 0.5 + np.linspace(-0.5, 0.5, 9) * bare / length
+    places = a[:2] + share[:, None] * (b - a)[:2]
+    distance, _ = from_above.query(places)
+    return bool((distance < parameters.r).all())
 
 
 def least_bending_pairs(

@@ -1,0 +1,50 @@
+# `make demo` and `make test` are all that a fresh machine needs: both first install what is missing.
+
+.PHONY: help setup demo test serve lint bench lock clean
+
+help:
+	@echo 'make demo    simulate a scan, recognise the string in it, show the result'
+	@echo 'make test    run all tests'
+	@echo 'make serve   start the service with the simulated cell'
+	@echo 'make lint    check style, types and the direction of imports'
+	@echo 'make bench   measure speed and accuracy on simulated scans'
+	@echo 'make setup   make .venv; what the others do first when it is missing or out of date'
+	@echo 'make lock    renew requirements.lock from pyproject.toml; UPGRADE=1 takes newer versions'
+	@echo 'make clean   remove what these commands made'
+
+setup: .venv/.ready
+
+# Made anew when what it depends on changes; else there is nothing to do.
+.venv/.ready: requirements.lock pyproject.toml .python-version .ci/setup
+	@.ci/setup
+	@touch $@
+
+demo: setup
+	@.venv/bin/pointchain demo
+
+test: setup
+	@.venv/bin/pytest -n auto
+
+serve: setup
+	@.venv/bin/pointchain serve
+
+lint: setup
+	@.venv/bin/ruff check
+	@.venv/bin/ruff format --check
+	@.venv/bin/pyright
+	@.venv/bin/lint-imports --no-logo
+
+bench: setup
+	@.venv/bin/pointchain bench
+
+# For every platform, with hashes, and without the address of an index: it installs from whichever
+# index the machine is set up for.
+lock:
+	@.ci/setup uv
+	@PATH=".uv/bin:$$PATH" uv pip compile --quiet --no-config --universal --python-version 3.11 \
+		--all-extras --generate-hashes --custom-compile-command 'make lock' $(if $(UPGRADE),--upgrade) \
+		--output-file requirements.lock pyproject.toml
+
+clean:
+	rm -rf .venv .uv demo build dist *.egg-info .pytest_cache .ruff_cache .hypothesis .import_linter_cache
+	find . -name __pycache__ -type d -prune -exec rm -rf {} +

@@ -1,0 +1,73 @@
+"""Where curves on the table cross one another, seen from above."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Curves = Sequence[NDArray[np.float64]]
+
+
+@dataclass(frozen=True)
+class PlanCrossing:
+    """Two strands that cross in the xy plane. `first` comes before `second` by string, then by position."""
+
+    first: tuple[int, float]
+    """String and position on it in units of its points: 12.25 is a quarter of the way from point 12 to 13."""
+    second: tuple[int, float]
+    point: tuple[float, float]
+    """x and y, metres."""
+    angle_rad: float
+    """Between the strands, 0 to pi/2."""
+
+
+def plan_crossings(curves: Curves) -> tuple[PlanCrossing, ...]:
+    """All crossings of the polylines `curves` ((N, 2) or (N, 3) each, z not looked at) with themselves and others.
+
+    Ordered by `first`. Segments that share a point do not cross.
+    """
+    from scipy.spatial import cKDTree
+
+    string, index = _numbering(curves)
+    start = np.vstack([curve[:-1, :2] for curve in curves])
+    along = np.vstack([np.diff(curve[:, :2], axis=0) for curve in curves])
+    # Two segments that meet have their middles no farther apart than half the sum of their lengths.
+    longest = float(np.linalg.norm(along, axis=1).max())
+    pairs = cKDTree(start + along / 2).query_pairs(longest * 1.001, output_type="ndarray")
+    pairs = pairs[(string[pairs[:, 0]] != string[pairs[:, 1]]) | (np.abs(np.diff(pairs, axis=1)[:, 0]) > 1)]
+    i, j = pairs.min(axis=1), pairs.max(axis=1)
+    a, b, between = along[i], along[j], start[j] - start[i]
+    denominator = _cross(a, b)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        t, u = _cross(between, b) / denominator, _cross(between, a) / denominator
+    meet = (denominator != 0) & (t >= 0) & (t < 1) & (u >= 0) & (u < 1)
+    order = np.lexsort((j[meet], i[meet]))
+    i, j, a, b, t, u = (values[meet][order] for values in (i, j, a, b, t, u))
+    cosine = np.abs((a * b).sum(axis=1)) / (np.linalg.norm(a, axis=1) * np.linalg.norm(b, axis=1))
+    points = start[i] + t[:, None] * a
+    return tuple(
+        PlanCrossing(
+            first=(int(string[m]), float(index[m] + t[k])),
+            second=(int(string[n]), float(index[n] + u[k])),
+            point=(float(points[k, 0]), float(points[k, 1])),
+            angle_rad=float(np.arccos(min(cosine[k], 1.0))),
+        )
+        for k, (m, n) in enumerate(zip(i, j, strict=True))
+    )
+
+
+def at(curve: NDArray[np.float64], position: float) -> NDArray[np.float64]:
+    """The point of the polyline `curve` (N, d) at a position in units of its points."""
+    k = min(int(position), len(curve) - 2)
+    return curve[k] + (position - k) * (curve[k + 1] - curve[k])
+
+
+def _numbering(curves: Curves) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """String and number within it of each segment of all curves."""
+    counts = [len(curve) - 1 for curve in curves]
+    return np.repeat(np.arange(len(curves)), counts), np.concatenate([np.arange(n) for n in counts])
+
+
+def _cross(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
+    return a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]

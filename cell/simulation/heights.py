@@ -1,0 +1,140 @@
+"""How high strings lie that cross one another on a table."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cell.simulation.clearance import step_of
+from cell.simulation.crossings import Curves, PlanCrossing
+
+BEND_RADII = (9.0, 7.0, 5.5, 4.5)
+"""Bend radii of the ramps, in string radii, of which the first is taken that lets the strings lie as wished.
+
+The first is what a rope bent to that a physics engine laid; the last is the tightest bend on the table.
+"""
+MAX_SLOPE = 0.7
+"""Steepest ramp."""
+
+
+class HeightsError(ValueError):
+    """Strings that can't be laid over one another this way."""
+
+    slug = "scene"
+
+
+def lay(
+    plan: Curves, crossings: Sequence[PlanCrossing], first_over: Sequence[bool], radius_m: float, softness: float
+) -> list[NDArray[np.float64]]:
+    """Heights (N,) of the centre lines of strings whose course on the table is `plan` ((N, 2) each, even steps).
+
+    The strings sink as low as they can under three conditions, which is a linear programme in the heights:
+    no point is lower than the radius; points of two strands are at least `softness * 2 r` apart in space, the
+    over strand above (for a fixed plan that asks a difference of heights); and ramps bend no tighter than one of
+    `BEND_RADII` and are no steeper than `MAX_SLOPE`. Strands stacked on others are lifted with them. What is left out: elasticity beyond the
+    bend limit, friction and the sagging of the under strand.
+
+    Raises:
+        HeightsError: the conditions contradict one another.
+    """
+    from scipy.optimize import linprog
+    from scipy.sparse import csr_array, vstack
+
+    offsets = np.concatenate([[0], np.cumsum([len(curve) for curve in plan])])
+    total = int(offsets[-1])
+    # Heights are in radii: the solver's tolerances are absolute.
+    contact_rows, gap = _contacts(plan, offsets, crossings, first_over, 2 * radius_m * softness, radius_m)
+    slope_rows, slope_steps = _differences(plan, offsets, (-1.0, 1.0))
+    bend_rows, bend_steps = _differences(plan, offsets, (1.0, -2.0, 1.0))
+    slope_limit = MAX_SLOPE * slope_steps / radius_m
+    A = csr_array(vstack([slope_rows, -slope_rows, bend_rows, -bend_rows, -contact_rows]))
+    for bend in BEND_RADII:
+        bend_limit = (bend_steps / radius_m) ** 2 / bend
+        b = np.concatenate([slope_limit, slope_limit, bend_limit, bend_limit, -gap])
+        solution = linprog(np.ones(total), A_ub=A, b_ub=b, bounds=(1.0, None), method="highs")
+        if solution.success:
+            z = np.maximum(solution.x, 1.0) * radius_m
+            return [z[offsets[k] : offsets[k + 1]] for k in range(len(plan))]
+    raise HeightsError(
+        "strands can't be laid over and under one another this close together; use a longer or a thinner string"
+    )
+
+
+def _differences(plan: Curves, offsets: NDArray[np.int64], stencil: tuple[float, ...]):
+    """Rows that apply `stencil` to neighbouring heights of every string, and the step of each row's string."""
+    from scipy.sparse import csr_array
+
+    counts = [len(curve) - len(stencil) + 1 for curve in plan]
+    first = np.concatenate([offsets[k] + np.arange(count) for k, count in enumerate(counts)])
+    row = np.arange(len(first))
+    rows = csr_array(
+        (
+            np.repeat(stencil, len(first)),
+            (np.tile(row, len(stencil)), np.concatenate([first + k for k in range(len(stencil))])),
+        ),
+        shape=(len(first), int(offsets[-1])),
+    )
+    return rows, np.repeat([step_of(curve) for curve in plan], counts)
+
+
+def _contacts(
+    plan: Curves,
+    offsets: NDArray[np.int64],
+    crossings: Sequence[PlanCrossing],
+    first_over: Sequence[bool],
+    apart_m: float,
+    radius_m: float,
+):
+    """Rows "over minus under" of all pairs of points nearer than `apart_m` on the table, and the gap that each needs.
+
+    Every pair belongs to the crossing that is nearest along both strands.
+    """
+    from scipy.sparse import csr_array
+    from scipy.spatial import cKDTree
+
+    total = int(offsets[-1])
+    rows: list[NDArray[np.int64]] = []
+    columns: list[NDArray[np.int64]] = []
+    weights: list[NDArray[np.float64]] = []
+    gaps: list[NDArray[np.float64]] = []
+    count = 0
+    for crossing, first_is_over in zip(crossings, first_over, strict=True):
+        sides = []
+        for string, position in (crossing.first, crossing.second):
+            curve = plan[string]
+            step = step_of(curve)
+            reach = int(np.ceil(1.5 * apart_m / np.sin(crossing.angle_rad) / step))
+            low, high = max(int(position) - reach, 0), min(int(position) + reach + 2, len(curve))
+            sides.append((np.arange(low, high), curve[low:high], offsets[string]))
+        (index_a, points_a, offset_a), (index_b, points_b, offset_b) = sides
+        near = cKDTree(points_a).sparse_distance_matrix(cKDTree(points_b), apart_m, output_type="ndarray")
+        near = near[np.lexsort((near["j"], near["i"]))]
+        a, b = index_a[near["i"]] + offset_a, index_b[near["j"]] + offset_b
+        # A strand is always near to itself; that is not a contact.
+        apart = (np.abs(a - b) > np.pi * radius_m / step) if crossing.first[0] == crossing.second[0] else a >= 0
+        a, b, distance = a[apart], b[apart], near["v"][apart]
+        over, under = (a, b) if first_is_over else (b, a)
+        row = count + np.arange(len(over))
+        rows.append(np.concatenate([row, row]))
+        columns.append(np.concatenate([over, under]))
+        weights.append(np.concatenate([np.ones(len(over)), -np.ones(len(over))]))
+        gaps.append(np.sqrt(np.maximum(apart_m**2 - distance**2, 0.0)) / radius_m)
+        count += len(over)
+        exact = []
+        for (string, position), sign in zip(
+            (crossing.first, crossing.second), (1.0, -1.0) if first_is_over else (-1.0, 1.0), strict=True
+        ):
+            k = min(int(position), len(plan[string]) - 2)
+            share = position - k
+            exact += [(offsets[string] + k, sign * (1 - share)), (offsets[string] + k + 1, sign * share)]
+        rows.append(np.full(4, count))
+        columns.append(np.array([column for column, _ in exact]))
+        weights.append(np.array([weight for _, weight in exact]))
+        gaps.append(np.array([apart_m / radius_m]))
+        count += 1
+    if not gaps:
+        return csr_array((0, total)), np.zeros(0)
+    matrix = csr_array(
+        (np.concatenate(weights), (np.concatenate(rows), np.concatenate(columns))), shape=(count, total)
+    )
+    return matrix, np.concatenate(gaps)

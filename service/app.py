@@ -1,0 +1,84 @@
+"""The HTTP service as an ASGI application."""
+
+import json
+import sys
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+
+from anyio import CapacityLimiter, to_thread
+from fastapi import FastAPI
+from fastapi_offline import FastAPIOffline
+
+from service.body_limit import BodyLimit
+from service.config import ServiceConfig, load_config
+from service.context import Context
+from service.data_folder import DataFolder
+from service.jobs import Jobs
+from service.problems import install_problem_handlers
+from service.routes import health, recordings, scans
+from service.store import Store
+
+API_VERSION = "1"
+
+DESCRIPTION = """Strings, cables and ropes as ordered 3D point chains.
+
+Upload a recording, start a scan of it, follow the scan until its state is final, and fetch its model.
+Metres, radians and seconds everywhere. Errors are `application/problem+json` (RFC 9457); decide on their
+`type`.
+"""
+
+
+def create_app(config: ServiceConfig) -> FastAPI:
+    """The application; the data folder and the recognition process are taken when it starts, not here."""
+
+    @asynccontextmanager
+    async def lifespan(app: FastAPI) -> AsyncIterator[None]:
+        app.state.context = context = await to_thread.run_sync(_open, config)
+        try:
+            yield
+        finally:
+            await to_thread.run_sync(_close, context)
+
+    app = FastAPIOffline(
+        title="Pointchain",
+        version=API_VERSION,
+        description=DESCRIPTION,
+        lifespan=lifespan,
+        redoc_url=None,
+        swagger_ui_parameters={"tryItOutEnabled": True},
+    )
+    app.add_middleware(
+        BodyLimit,
+        request_bytes=config.limits.request_bytes,
+        upload_bytes=config.limits.upload_bytes,
+        upload_path=recordings.PATH,
+    )
+    install_problem_handlers(app)
+    for router in (recordings.router, scans.router, health.router):
+        app.include_router(router)
+    return app
+
+
+def _open(config: ServiceConfig) -> Context:
+    folder = DataFolder(config.data_dir)
+    try:
+        store = Store(folder)
+        return Context(config, store, Jobs(store, config.limits.recognition_s), CapacityLimiter(1))
+    except BaseException:
+        folder.close()
+        raise
+
+
+def _close(context: Context) -> None:
+    context.jobs.close()
+    context.store.close()
+    context.store.folder.close()
+
+
+def openapi_document() -> str:
+    """The description of the API, as committed in openapi.json."""
+    return json.dumps(create_app(load_config()).openapi(), indent=2) + "\n"
+
+
+if __name__ == "__main__":
+    sys.stdout.write(openapi_document())

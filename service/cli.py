@@ -1,0 +1,180 @@
+"""The command line. Machine output goes to stdout, people's output to stderr.
+
+Each command imports what it needs when it runs, so that `pointchain --help` answers at once.
+"""
+
+import argparse
+import sys
+from collections.abc import Sequence
+from importlib.metadata import version
+from pathlib import Path
+
+METHODS = ("matching", "enhanced")
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Runs one command; the exit code: 0 done, 1 failed, 2 wrongly called."""
+    options = _parser().parse_args(arguments)
+    try:
+        return options.run(options)
+    except KeyboardInterrupt:
+        print("stopped", file=sys.stderr)
+        return 130
+    except BrokenPipeError:
+        # Whoever read stdout has left; nothing more can be said there.
+        sys.stderr.close()
+        return 1
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="pointchain",
+        description="Strings, cables and ropes as ordered 3D point chains, from a depth camera on a robot arm.",
+    )
+    parser.add_argument("--version", action="version", version=f"pointchain {version('pointchain')}")
+    commands = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
+
+    recognise = commands.add_parser(
+        "recognise",
+        help="recordings to point chain models, one JSON document a line",
+        description="Recognises the strings in recordings. One JSON document a line on stdout, in the order given; "
+        "a file that fails gives a document with `error` on its line and exit code 1 at the end.",
+    )
+    recognise.add_argument("files", nargs="+", type=Path, metavar="FILE", help="recording (MCAP)")
+    recognise.add_argument(
+        "--radius", type=float, metavar="M", help="string radius in metres (the recording's own)"
+    )
+    recognise.add_argument("--method", choices=METHODS, default="enhanced", help="default: %(default)s")
+    recognise.add_argument(
+        "--trace",
+        type=Path,
+        metavar="DIR",
+        help="write a picture of every stage, in a folder for each recording",
+    )
+    recognise.set_defaults(run=_recognise)
+
+    simulate = commands.add_parser(
+        "simulate",
+        help="a recording of a simulated scene, with its truth beside it",
+        description="Writes a simulated recording and, beside it, OUT.truth.json with the true centre lines and "
+        "crossings. The same arguments give the same file content.",
+    )
+    simulate.add_argument("out", type=Path, metavar="OUT.mcap", help="file to write; it must not exist")
+    simulate.add_argument(
+        "--scene", default="figure-eight", help="an unknown name lists the known (%(default)s)"
+    )
+    simulate.add_argument(
+        "--camera", default="oak-d-pro", help="an unknown name lists the known (%(default)s)"
+    )
+    simulate.add_argument("--seed", type=int, default=0, metavar="N", help="default: %(default)s")
+    simulate.add_argument(
+        "--radius", type=float, default=0.0042, metavar="M", help="of the string (%(default)s)"
+    )
+    simulate.add_argument(
+        "--length", type=float, default=0.4, metavar="M", help="of each string (%(default)s)"
+    )
+    simulate.add_argument(
+        "--softness", type=float, default=1.0, metavar="S", help="height gap at crossings / 2 r (%(default)s)"
+    )
+    simulate.add_argument("--crossings", type=int, metavar="N", help="for coil, several and random")
+    simulate.add_argument("--strings", type=int, metavar="N", help="for several and random")
+    simulate.add_argument(
+        "--clutter", type=int, default=0, metavar="N", help="boxes beside the strings (%(default)s)"
+    )
+    simulate.add_argument("--views", type=int, default=8, metavar="N", help="default: %(default)s")
+    simulate.add_argument(
+        "--resolution", type=_resolution, metavar="WxH", help="of the depth image (the camera's)"
+    )
+    simulate.set_defaults(run=_simulate)
+
+    serve = commands.add_parser("serve", help="the HTTP service")
+    serve.add_argument("--config", type=Path, metavar="TOML", help="configuration file")
+    serve.add_argument("--host", help="address to listen on (loopback)")
+    serve.add_argument("--port", type=int, help="TCP port (8000)")
+    serve.add_argument("--data-dir", type=Path, metavar="DIR", help="where recordings and results are kept")
+    serve.set_defaults(run=_serve)
+
+    bench = commands.add_parser("bench", help="accuracy of every method on simulated scenes")
+    bench.add_argument("--seeds", type=int, default=60, metavar="N", help="scenes (%(default)s)")
+    bench.add_argument("--jobs", type=int, metavar="N", help="processes (one a core)")
+    bench.add_argument("--json", action="store_true", help="the table as JSON, with each scene")
+    bench.set_defaults(run=_bench)
+
+    demo = commands.add_parser("demo", help="the main job once, with no hardware: simulate, recognise, show")
+    demo.add_argument("folder", nargs="?", type=Path, default=Path("demo"), help="default: %(default)s")
+    demo.set_defaults(run=_demo)
+
+    openapi = commands.add_parser("openapi", help="the HTTP service's description (OpenAPI, JSON)")
+    openapi.set_defaults(run=_openapi)
+    return parser
+
+
+def _resolution(text: str) -> tuple[int, int]:
+    width, _, height = text.partition("x")
+    try:
+        return int(width), int(height)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{text!r} is not WxH, as in 640x400") from None
+
+
+def _recognise(options: argparse.Namespace) -> int:
+    from service.recognise_files import recognise_files
+
+    return recognise_files(options.files, options.radius, options.method, options.trace)
+
+
+def _simulate(options: argparse.Namespace) -> int:
+    from cell.simulation.camera import camera_model
+    from cell.simulation.scenes import make_scene
+    from cell.simulation.simulate import simulate, write_simulation
+
+    try:
+        camera = camera_model(options.camera, options.resolution)
+        scene = make_scene(
+            options.scene,
+            options.seed,
+            radius_m=options.radius,
+            length_m=options.length,
+            softness=options.softness,
+            crossings=options.crossings,
+            clutter=options.clutter,
+            strings=options.strings,
+        )
+        truth = write_simulation(simulate(scene, camera, options.seed, views=options.views), options.out)
+    except (ValueError, OSError) as error:
+        print(f"pointchain simulate: {error}", file=sys.stderr)
+        return 1
+    print(f"wrote {options.out} and {truth}", file=sys.stderr)
+    return 0
+
+
+def _serve(options: argparse.Namespace) -> int:
+    from service.config import ConfigError, load_config
+
+    try:
+        config = load_config(options.config, host=options.host, port=options.port, data_dir=options.data_dir)
+    except ConfigError as error:
+        print(f"pointchain serve: {error}", file=sys.stderr)
+        return 1
+    from service.serve import serve
+
+    return serve(config)
+
+
+def _bench(options: argparse.Namespace) -> int:
+    from service.bench import bench
+
+    return bench(options.seeds, options.jobs, options.json)
+
+
+def _demo(options: argparse.Namespace) -> int:
+    from service.demo import demo
+
+    return demo(options.folder)
+
+
+def _openapi(options: argparse.Namespace) -> int:
+    from service.app import openapi_document
+
+    sys.stdout.write(openapi_document())
+    return 0

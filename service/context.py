@@ -1,0 +1,56 @@
+"""What the routes work with, made when the service starts."""
+
+from dataclasses import dataclass
+from typing import Annotated
+
+from anyio import CapacityLimiter
+from fastapi import Depends, Path, Query, Request
+
+from service.config import ServiceConfig
+from service.jobs import Jobs
+from service.problems import ProblemError
+from service.schemas import ID_PATTERN
+from service.store import RecordingRow, ScanRow, Store
+
+
+@dataclass(frozen=True)
+class Context:
+    """One running service."""
+
+    config: ServiceConfig
+    store: Store
+    jobs: Jobs
+    parsing: CapacityLimiter
+    """Uploads are parsed one after the other: each may take much memory."""
+
+
+async def _context(request: Request) -> Context:
+    return request.app.state.context
+
+
+Service = Annotated[Context, Depends(_context)]
+
+
+def _scan(id: Annotated[str, Path(pattern=ID_PATTERN)], service: Service) -> ScanRow:  # noqa: A002
+    scan = service.store.scan(id)
+    if scan is None:
+        raise ProblemError(404, "scan-not-found", f"there is no scan {id}; GET /api/scans lists them")
+    return scan
+
+
+def _recording(id: Annotated[str, Path(pattern=ID_PATTERN)], service: Service) -> RecordingRow:  # noqa: A002
+    recording = service.store.recording(id)
+    if recording is None:
+        raise ProblemError(
+            404, "recording-not-found", f"there is no recording {id}; GET /api/recordings lists them"
+        )
+    return recording
+
+
+Scan = Annotated[ScanRow, Depends(_scan)]
+"""The scan that the address names, or a problem 404."""
+Recording = Annotated[RecordingRow, Depends(_recording)]
+"""The recording that the address names, or a problem 404."""
+
+Limit = Annotated[int, Query(ge=1, le=500, description="At most so many")]
+Before = Annotated[str | None, Query(pattern=ID_PATTERN, description="Only those made before this one")]

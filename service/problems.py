@@ -1,0 +1,160 @@
+"""Errors as `application/problem+json` (RFC 9457): every answer that is not a success has this shape."""
+
+import errno
+import sqlite3
+from typing import Any
+from urllib.parse import quote
+
+from fastapi import FastAPI, Request
+from fastapi.exceptions import RequestValidationError
+from fastapi.responses import JSONResponse
+from starlette.exceptions import HTTPException
+
+from calibration.transforms import NotRigidError
+from cell.devices import InvalidViewError
+from cell.recording_errors import RecordingError, RecordingTooLargeError
+from recognition.errors import RecognitionError
+
+MEDIA_TYPE = "application/problem+json"
+
+TITLES = {
+    "aborted": "The scan was cancelled",
+    "busy": "The store is busy",
+    "cell-busy": "A scan is running",
+    "insufficient-views": "There are too few usable views",
+    "internal": "Internal error",
+    "interrupted": "The service stopped during the scan",
+    "invalid-parameters": "The parameters cannot be used",
+    "invalid-request": "The request is not as described",
+    "live-not-available": "There is no cell for live scans",
+    "no-result": "There is no such result",
+    "not-mcap": "Not an MCAP file",
+    "not-cancellable": "The scan has ended",
+    "not-ready": "The service is not ready",
+    "radius-unknown": "The string's radius is not known",
+    "recognition-crashed": "Recognition crashed",
+    "recognition-timeout": "Recognition took too long",
+    "recording-content": "The recording's content is wrong",
+    "recording-corrupt": "The recording is damaged",
+    "recording-empty": "The recording has no complete view",
+    "recording-header": "The recording's header is wrong",
+    "recording-not-found": "No such recording",
+    "recording-too-large": "The recording is too large",
+    "result-not-ready": "The scan has not ended",
+    "scan-not-found": "No such scan",
+    "storage-full": "The disk is full",
+    "too-large": "The request is too large",
+}
+"""Titles do not change from one occurrence to the next; slugs without one are titled by their words."""
+
+DESCRIPTIONS: dict[int | str, str] = {
+    404: "There is no such thing",
+    409: "Not in this state",
+    413: "The request is too large",
+    422: "The request, or what it refers to, cannot be used",
+    503: "Not now",
+}
+
+INPUT_ERRORS = (RecordingError, RecognitionError, NotRigidError, InvalidViewError)
+"""Refusals of what somebody sent, each with a slug: the sender can act on them."""
+
+
+class ProblemError(HTTPException):
+    """A refusal by the service.
+
+    An HTTPException, because FastAPI lets only those pass where a body is read.
+    """
+
+    def __init__(self, status: int, slug: str, detail: str, headers: dict[str, str] | None = None) -> None:
+        super().__init__(status, detail, headers)
+        self.slug = slug
+
+
+def problem_document(
+    status: int, slug: str, detail: str, instance: str | None = None, **more: Any
+) -> dict[str, Any]:
+    """The problem as a JSON document; `more` are extension members."""
+    title = TITLES.get(slug, slug.replace("-", " ").capitalize())
+    document = {"type": f"urn:pointchain:{slug}", "title": title, "status": status, "detail": detail}
+    if instance is not None:
+        document["instance"] = instance
+    return document | more
+
+
+def problem_responses(*statuses: int) -> dict[int | str, dict[str, Any]]:
+    """What an operation declares of its refusals, for the API's description; any other is a problem too."""
+    content = {MEDIA_TYPE: {"schema": {"$ref": "#/components/schemas/Problem"}}}
+    return {
+        status: {"description": DESCRIPTIONS.get(status, "Any other problem"), "content": content}
+        for status in (*statuses, "default")
+    }
+
+
+def install_problem_handlers(app: FastAPI) -> None:
+    """Makes every error of `app` a problem document."""
+
+    def respond(
+        request: Request,
+        status: int,
+        slug: str,
+        detail: str,
+        headers: dict[str, str] | None = None,
+        **more: Any,
+    ) -> JSONResponse:
+        document = problem_document(status, slug, detail, quote(request.url.path), **more)
+        return JSONResponse(document, status, headers=headers, media_type=MEDIA_TYPE)
+
+    @app.exception_handler(ProblemError)
+    async def _problem(request: Request, error: ProblemError) -> JSONResponse:
+        return respond(request, error.status_code, error.slug, error.detail, dict(error.headers or {}))
+
+    @app.exception_handler(HTTPException)
+    async def _http(request: Request, error: HTTPException) -> JSONResponse:
+        slug, detail = {
+            400: ("bad-request", error.detail),
+            404: ("not-found", "there is nothing at this address; /docs lists what there is"),
+            405: ("method-not-allowed", f"{request.method} is not possible here"),
+        }.get(error.status_code, ("http-error", error.detail))
+        return respond(request, error.status_code, slug, str(detail), dict(error.headers or {}))
+
+    @app.exception_handler(RequestValidationError)
+    async def _invalid(request: Request, error: RequestValidationError) -> JSONResponse:
+        # The input itself is left out: it may be huge, or NaN, which JSON cannot say.
+        errors = [
+            {"where": ".".join(str(part) for part in item["loc"]), "what": item["msg"]}
+            for item in error.errors()
+        ]
+        detail = "; ".join(f"{item['where']}: {item['what']}" for item in errors[:5])
+        return respond(request, 422, "invalid-request", detail, errors=errors[:50])
+
+    async def _input(request: Request, error: Exception) -> JSONResponse:
+        assert isinstance(error, INPUT_ERRORS)
+        status = 413 if isinstance(error, RecordingTooLargeError) else 422
+        return respond(request, status, error.slug, str(error))
+
+    for kind in INPUT_ERRORS:
+        app.add_exception_handler(kind, _input)
+
+    @app.exception_handler(sqlite3.OperationalError)
+    async def _database(request: Request, error: sqlite3.OperationalError) -> JSONResponse:
+        code = getattr(error, "sqlite_errorcode", None)
+        if code == sqlite3.SQLITE_FULL:
+            return _storage_full(request)
+        if code in (sqlite3.SQLITE_BUSY, sqlite3.SQLITE_LOCKED):
+            again = {"Retry-After": "5"}
+            return respond(request, 503, "busy", "another program holds the database; try again", again)
+        raise error
+
+    @app.exception_handler(OSError)
+    async def _system(request: Request, error: OSError) -> JSONResponse:
+        if error.errno in (errno.ENOSPC, errno.EDQUOT):
+            return _storage_full(request)
+        raise error
+
+    def _storage_full(request: Request) -> JSONResponse:
+        return respond(request, 507, "storage-full", "no space is left in the data folder; free some")
+
+    @app.exception_handler(Exception)
+    async def _unexpected(request: Request, error: Exception) -> JSONResponse:
+        # Starlette raises the error again after this answer, so the server's log has the traceback.
+        return respond(request, 500, "internal", "unexpected error; the service's log has it")

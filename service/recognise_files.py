@@ -1,0 +1,58 @@
+"""`pointchain recognise`: recordings in, one JSON document a line out."""
+
+import json
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from recognition.model import SCHEMA, Method
+from recognition.pipeline import STAGES
+from service.problems import INPUT_ERRORS, problem_document
+from service.trace import write_trace
+from service.workflow import recognise_recording
+
+
+def recognise_files(files: Sequence[Path], radius_m: float | None, method: Method, trace: Path | None) -> int:
+    """Recognises each file; prints its model, or `{"schema", "error"}`, on a line of its own on stdout.
+
+    A progress bar goes to stderr when that is a terminal. Returns 1 when a file failed, else 0.
+    """
+    from tqdm import tqdm
+
+    failed = 0
+    with tqdm(total=len(files) * len(STAGES), unit="stage", disable=not sys.stderr.isatty()) as bar:
+        for number, file in enumerate(files, 1):
+            bar.set_description(file.name)
+            document, reason = _recognise_file(
+                file, radius_m, method, trace, lambda stage: bar.set_postfix_str(stage)
+            )
+            bar.update(number * len(STAGES) - bar.n)
+            print(json.dumps(document, allow_nan=False), flush=True)
+            if reason is not None:
+                failed += 1
+                bar.write(f"pointchain recognise: {file}: {reason}", file=sys.stderr)
+    return 1 if failed else 0
+
+
+def _recognise_file(
+    file: Path, radius_m: float | None, method: Method, trace: Path | None, on_stage: Any
+) -> tuple[dict[str, Any], str | None]:
+    """The file's document, and why it failed if it did."""
+    try:
+        recognition = recognise_recording(file, radius_m, method, on_stage)
+        if trace is not None:
+            write_trace(recognition, trace / file.stem, truth_beside(file))
+    except INPUT_ERRORS as error:
+        slug, reason = error.slug, str(error)
+    except OSError as error:
+        slug, reason = "file", str(error)
+    else:
+        return recognition.model.to_json(), None
+    return {"schema": SCHEMA, "error": problem_document(422, slug, reason, file=str(file))}, reason
+
+
+def truth_beside(recording: Path) -> dict[str, Any] | None:
+    """The truth file of a simulated recording, None where there is none."""
+    path = recording.with_suffix(".truth.json")
+    return json.loads(path.read_bytes()) if path.is_file() else None

@@ -1,0 +1,115 @@
+"""Recordings: upload, list, look at, download."""
+
+import hashlib
+import os
+from pathlib import Path
+from typing import Any
+
+from anyio import to_thread
+from fastapi import APIRouter, Request, Response
+from fastapi.responses import FileResponse
+from starlette.requests import ClientDisconnect
+
+from cell.recording import read_recording
+from service.context import Before, Context, Limit, Recording, Service
+from service.problems import ProblemError, problem_responses
+from service.routes.files import WholeFile
+from service.schemas import RecordingLinks, RecordingList, RecordingResource
+from service.store import RecordingRow, new_id, now
+
+PATH = "/api/recordings"
+MCAP = "application/octet-stream"
+
+router = APIRouter(prefix=PATH, tags=["recordings"])
+
+BINARY = {"schema": {"type": "string", "format": "binary"}}
+BODY = {"required": True, "content": {MCAP: BINARY}}
+
+
+@router.post("", status_code=201, responses=problem_responses(413, 422), openapi_extra={"requestBody": BODY})
+async def upload_recording(request: Request, response: Response, service: Service) -> RecordingResource:
+    """Takes a recording (the MCAP file as the body) and keeps it if it can be used."""
+    recording_id = new_id()
+    # RecordingErrors name the file, so it gets a name that tells the sender something.
+    path = service.store.folder.incoming(f"upload-{recording_id}.mcap")
+    try:
+        size, sha256 = await _receive(request, path)
+        row = await to_thread.run_sync(_describe, recording_id, path, size, sha256, limiter=service.parsing)
+        await to_thread.run_sync(service.store.add_recording, row, path)
+    finally:
+        await to_thread.run_sync(lambda: path.unlink(missing_ok=True))
+    response.headers["Location"] = f"{PATH}/{recording_id}"
+    return _resource(row)
+
+
+@router.get("", responses=problem_responses(422))
+def list_recordings(service: Service, limit: Limit = 100, before: Before = None) -> RecordingList:
+    """The recordings, the newest first."""
+    return RecordingList(recordings=[_resource(row) for row in service.store.recordings(limit, before)])
+
+
+@router.get("/{id}", responses=problem_responses(404, 422))
+def get_recording(recording: Recording) -> RecordingResource:
+    """What is known of a recording."""
+    return _resource(recording)
+
+
+FILE: dict[int | str, dict[str, Any]] = {200: {"content": {MCAP: BINARY}}}
+
+
+@router.get("/{id}/file", response_class=FileResponse, responses=FILE | problem_responses(404, 422))
+def download_recording(recording: Recording, service: Service) -> WholeFile:
+    """The MCAP file as it was uploaded."""
+    return recording_file(service, recording)
+
+
+def recording_file(service: Context, recording: RecordingRow) -> WholeFile:
+    """The answer that sends the recording's file."""
+    return WholeFile(service.store.folder.recording(recording.id), MCAP, f"{recording.id}.mcap")
+
+
+async def _receive(request: Request, path: Path) -> tuple[int, str]:
+    """Writes the body to `path`, synced; its size and SHA-256."""
+    digest = hashlib.sha256()
+    file = await to_thread.run_sync(path.open, "xb")
+
+    def write(chunk: bytes) -> None:
+        file.write(chunk)
+        digest.update(chunk)
+
+    def finish() -> int:
+        file.flush()
+        os.fsync(file.fileno())
+        return file.tell()
+
+    try:
+        async for chunk in request.stream():
+            await to_thread.run_sync(write, chunk)
+        return await to_thread.run_sync(finish), digest.hexdigest()
+    except ClientDisconnect as error:
+        raise ProblemError(
+            400, "upload-incomplete", "the connection ended before the recording did"
+        ) from error
+    finally:
+        await to_thread.run_sync(file.close)
+
+
+def _describe(recording_id: str, path: Path, size: int, sha256: str) -> RecordingRow:
+    recording = read_recording(path)
+    header = recording.header
+    return RecordingRow(
+        id=recording_id,
+        created_at=now(),
+        size_bytes=size,
+        sha256=sha256,
+        views=len(recording.views),
+        missing=list(recording.missing),
+        string_radius_m=header.string_radius_m,
+        table_z_m=header.table_z_m,
+        provenance=dict(header.provenance),
+    )
+
+
+def _resource(row: RecordingRow) -> RecordingResource:
+    own = f"{PATH}/{row.id}"
+    return RecordingResource(**vars(row), links=RecordingLinks(self=own, file=f"{own}/file"))

@@ -1,0 +1,156 @@
+"""Scans: start, follow, cancel, and their results."""
+
+from typing import Any
+
+from fastapi import APIRouter, Response
+from fastapi.responses import FileResponse
+
+from service.context import Before, Context, Limit, Scan, Service
+from service.data_folder import CLOUD, MODEL, PREVIEW
+from service.model_schema import ModelDocument
+from service.problems import ProblemError, problem_responses
+from service.routes import recordings
+from service.routes.files import WholeFile
+from service.schemas import (
+    ACTIVE_STATES,
+    RESULT_STATES,
+    LiveScan,
+    Problem,
+    Progress,
+    ScanLinks,
+    ScanList,
+    ScanRequest,
+    ScanResource,
+    ScanSummary,
+)
+from service.store import ScanRow
+from service.workflow import check_radius
+
+PATH = "/api/scans"
+
+router = APIRouter(prefix=PATH, tags=["scans"])
+
+
+@router.post("", status_code=202, responses=problem_responses(404, 409, 413, 422))
+def start_scan(wanted: ScanRequest, response: Response, service: Service) -> ScanResource:
+    """Starts a scan; follow it at the address in Location. One at a time: 409 names the one under way."""
+    if isinstance(wanted, LiveScan):
+        raise ProblemError(
+            422, "live-not-available", 'no cell is set up: live scans come with one; use "mode": "replay"'
+        )
+    recording = service.store.recording(wanted.recording)
+    if recording is None:
+        raise ProblemError(
+            404,
+            "recording-not-found",
+            f"there is no recording {wanted.recording}; upload it first",
+        )
+    radius = check_radius(wanted.string_radius_m, recording.string_radius_m)
+    scan = service.jobs.submit_replay(recording, wanted.method, radius)
+    response.headers["Location"] = f"{PATH}/{scan.id}"
+    return _resource(scan)
+
+
+@router.get("", responses=problem_responses(422))
+def list_scans(service: Service, limit: Limit = 100, before: Before = None) -> ScanList:
+    """The scans, the newest first."""
+    return ScanList(scans=[_resource(row) for row in service.store.scans(limit, before)])
+
+
+@router.get("/{id}", responses=problem_responses(404, 422))
+def get_scan(scan: Scan) -> ScanResource:
+    """State, progress and results of a scan."""
+    return _resource(scan)
+
+
+@router.post("/{id}/cancel", responses=problem_responses(404, 409, 422))
+def cancel_scan(scan: Scan, service: Service) -> ScanResource:
+    """Stops a scan. It may have ended just before: the answer says in which state it is."""
+    service.jobs.cancel(scan)
+    return _resource(service.store.scan(scan.id) or scan)
+
+
+def _file(media_type: str) -> dict[int | str, dict[str, Any]]:
+    return {200: {"content": {media_type: recordings.BINARY}}}
+
+
+@router.get(
+    "/{id}/model",
+    response_class=FileResponse,
+    responses={200: {"model": ModelDocument, "content": {"application/json": {}}}}
+    | problem_responses(404, 409, 422),
+)
+def get_model(scan: Scan, service: Service) -> WholeFile:
+    """The point chain model."""
+    return _result(scan, service, MODEL, "application/json")
+
+
+PLY = "application/octet-stream"
+
+
+@router.get(
+    "/{id}/cloud.ply", response_class=FileResponse, responses=_file(PLY) | problem_responses(404, 409, 422)
+)
+def get_cloud(scan: Scan, service: Service) -> WholeFile:
+    """The merged cloud: binary PLY, metres, base frame."""
+    return _result(scan, service, CLOUD, PLY, f"{scan.id}.ply")
+
+
+@router.get(
+    "/{id}/preview.png",
+    response_class=FileResponse,
+    responses=_file("image/png") | problem_responses(404, 409, 422),
+)
+def get_preview(scan: Scan, service: Service) -> WholeFile:
+    """The result from above: cloud, chains, crossings."""
+    return _result(scan, service, PREVIEW, "image/png")
+
+
+@router.get(
+    "/{id}/recording",
+    response_class=FileResponse,
+    responses=_file(recordings.MCAP) | problem_responses(404, 422),
+)
+def get_scan_recording(scan: Scan, service: Service) -> WholeFile:
+    """The recording that the scan is of, whatever became of the scan."""
+    recording = service.store.recording(scan.recording) if scan.recording else None
+    if recording is None:
+        raise ProblemError(404, "no-result", f"scan {scan.id} has no recording")
+    return recordings.recording_file(service, recording)
+
+
+def _result(
+    scan: ScanRow, service: Context, name: str, media_type: str, save_as: str | None = None
+) -> WholeFile:
+    if scan.state in ACTIVE_STATES:
+        raise ProblemError(409, "result-not-ready", f"scan {scan.id} is {scan.state}; wait for its end")
+    if scan.state not in RESULT_STATES:
+        raise ProblemError(404, "no-result", f"scan {scan.id} is {scan.state}: it has no result")
+    return WholeFile(service.store.folder.results(scan.id) / name, media_type, save_as)
+
+
+def _resource(row: ScanRow) -> ScanResource:
+    own = f"{PATH}/{row.id}"
+    done = row.state in RESULT_STATES
+    return ScanResource(
+        id=row.id,
+        mode=row.mode,
+        recording=row.recording,
+        method=row.method,
+        string_radius_m=row.string_radius_m,
+        state=row.state,
+        progress=Progress(stage=row.stage, fraction=row.fraction),
+        created_at=row.created_at,
+        started_at=row.started_at,
+        ended_at=row.ended_at,
+        summary=ScanSummary.model_validate(row.summary) if row.summary else None,
+        problem=Problem.model_validate(row.problem | {"instance": own}) if row.problem else None,
+        links=ScanLinks(
+            self=own,
+            cancel=f"{own}/cancel" if row.state in ACTIVE_STATES else None,
+            recording=f"{own}/recording" if row.recording else None,
+            model=f"{own}/model" if done else None,
+            cloud=f"{own}/cloud.ply" if done else None,
+            preview=f"{own}/preview.png" if done else None,
+        ),
+    )

@@ -1,0 +1,164 @@
+"""What goes over HTTP, as JSON: requests, recordings, scans, problems. Metres, radians, seconds, UTC.
+
+The point chain model's own document is described in `service.model_schema`.
+"""
+
+from typing import Annotated, Literal
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from recognition.model import Method
+from recognition.parameters import R_MAX, R_MIN
+
+ID_PATTERN = r"^[0-9a-z-]{1,64}$"
+Id = Annotated[str, Field(pattern=ID_PATTERN, examples=["20260102t030405-678901-9f86d081"])]
+"""Made by the server; later ones sort behind earlier ones."""
+
+ScanState = Literal[
+    "queued", "processing", "stopping", "succeeded", "partial", "failed", "aborted", "interrupted"
+]
+ACTIVE_STATES: tuple[ScanState, ...] = ("queued", "processing", "stopping")
+"""States that a scan leaves again; all others are final."""
+RESULT_STATES: tuple[ScanState, ...] = ("succeeded", "partial")
+
+# The bounds are told to readers of the description only: recognition itself refuses a radius outside of them,
+# the recording's too, with a message that says more than "should be less than".
+Radius = Annotated[
+    float, Field(strict=True, allow_inf_nan=False, json_schema_extra={"minimum": R_MIN, "maximum": R_MAX})
+]
+
+
+class Problem(BaseModel):
+    """An error, as RFC 9457 describes it. `type` is what programs decide on."""
+
+    model_config = ConfigDict(extra="allow")
+
+    type: str = Field(examples=["urn:pointchain:cell-busy"])
+    title: str
+    status: int
+    detail: str
+    instance: str | None = None
+
+
+class _Request(BaseModel):
+    model_config = ConfigDict(extra="forbid")
+
+    string_radius_m: Radius | None = None
+    """Radius of the string; null takes the recording's."""
+    method: Method = "enhanced"
+
+
+class ReplayScan(_Request):
+    """A scan from a recording."""
+
+    mode: Literal["replay"]
+    recording: Id
+
+
+class LiveScan(_Request):
+    """A scan by the cell's arm and camera."""
+
+    mode: Literal["live"]
+    views: int = Field(default=8, ge=1, le=64)
+
+
+ScanRequest = Annotated[ReplayScan | LiveScan, Field(discriminator="mode")]
+
+
+class RecordingLinks(BaseModel):
+    """Addresses of a recording."""
+
+    self: str
+    file: str
+
+
+class RecordingResource(BaseModel):
+    """A stored recording: what its header says and what is in it."""
+
+    id: Id
+    created_at: str
+    """When it was uploaded, RFC 3339."""
+    size_bytes: int
+    sha256: str
+    views: int
+    """Complete views."""
+    missing: list[str]
+    """What is missing from the file, in words."""
+    string_radius_m: float | None
+    table_z_m: float
+    provenance: dict[str, str]
+    """What else the header says: camera, robot, seed ..."""
+    links: RecordingLinks
+
+
+class RecordingList(BaseModel):
+    """Recordings, the newest first."""
+
+    recordings: list[RecordingResource]
+
+
+class Progress(BaseModel):
+    """How far a scan has come."""
+
+    stage: str | None
+    """What is being done, or was done last."""
+    fraction: float = Field(ge=0, le=1)
+    """Done of the whole, by typical times; never falls."""
+
+
+class ScanSummary(BaseModel):
+    """A result in short."""
+
+    chains: int
+    crossings: int
+    warnings: list[str]
+
+
+class ScanLinks(BaseModel):
+    """Addresses of a scan; those of results are null until it has them."""
+
+    self: str
+    cancel: str | None
+    """Only while the scan can be cancelled."""
+    recording: str | None
+    model: str | None
+    cloud: str | None
+    preview: str | None
+
+
+class ScanResource(BaseModel):
+    """One scan, running or ended."""
+
+    id: Id
+    mode: Literal["replay", "live"]
+    recording: Id | None
+    method: Method
+    string_radius_m: float | None
+    """The radius that recognition works with."""
+    state: ScanState
+    progress: Progress
+    created_at: str
+    started_at: str | None
+    ended_at: str | None
+    summary: ScanSummary | None
+    problem: Problem | None
+    """Why it failed, was aborted or interrupted."""
+    links: ScanLinks
+
+
+class ScanList(BaseModel):
+    """Scans, the newest first."""
+
+    scans: list[ScanResource]
+
+
+class Health(BaseModel):
+    """The service answers."""
+
+    status: Literal["ok"] = "ok"
+
+
+class Readiness(BaseModel):
+    """The service can do a scan."""
+
+    status: Literal["ready"] = "ready"

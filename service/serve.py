@@ -1,0 +1,18 @@
+"""`pointchain serve`: the HTTP service in front of a socket."""
+
+import sys
+
+import uvicorn
+
+from service.app import create_app
+from service.config import ServiceConfig
+
+
+def serve(config: ServiceConfig) -> int:
+    """Serves until SIGINT or SIGTERM; 0 when it ended in order, 1 when it could not start."""
+    print(f"pointchain: http://{config.host}:{config.port}/docs, data in {config.data_dir}", file=sys.stderr)
+    server = uvicorn.Server(
+        uvicorn.Config(create_app(config), host=config.host, port=config.port, timeout_graceful_shutdown=5)
+    )
+    server.run()
+    return 0 if server.started else 1

@@ -1,0 +1,258 @@
+"""Recordings and scans that survive a restart: rows in SQLite, bulk in files beside it.
+
+A row that says that something is there is written after the file is in place and synced; a crash between the
+two leaves a file without a row, never a row without its file. Every call may block: none belongs on the
+event loop.
+"""
+
+import json
+import queue
+import secrets
+import shutil
+import sqlite3
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any, Literal, TypeVar
+
+from recognition.model import Method
+from service.data_folder import DataFolder, sync_folder
+from service.problems import problem_document
+from service.schemas import ACTIVE_STATES, ScanState
+
+T = TypeVar("T")
+
+VERSION = 1
+"""Of the tables, kept in the database's user_version."""
+
+BUSY_S = 5.0
+"""How long a statement waits for another program that holds the database."""
+
+TABLES = """
+CREATE TABLE recordings (
+    id TEXT PRIMARY KEY, created_at TEXT NOT NULL, size_bytes BIGINT NOT NULL, sha256 TEXT NOT NULL,
+    views INTEGER NOT NULL, missing TEXT NOT NULL, string_radius_m DOUBLE PRECISION,
+    table_z_m DOUBLE PRECISION NOT NULL, provenance TEXT NOT NULL
+);
+CREATE TABLE scans (
+    id TEXT PRIMARY KEY, mode TEXT NOT NULL, recording TEXT REFERENCES recordings (id), method TEXT NOT NULL,
+    string_radius_m DOUBLE PRECISION, state TEXT NOT NULL, stage TEXT, fraction DOUBLE PRECISION NOT NULL,
+    created_at TEXT NOT NULL, started_at TEXT, ended_at TEXT, summary TEXT, problem TEXT
+);
+"""
+
+
+@dataclass(frozen=True)
+class RecordingRow:
+    """A stored recording."""
+
+    id: str
+    created_at: str
+    size_bytes: int
+    sha256: str
+    views: int
+    missing: list[str]
+    string_radius_m: float | None
+    table_z_m: float
+    provenance: dict[str, str]
+
+
+@dataclass(frozen=True)
+class ScanRow:
+    """A scan as last written."""
+
+    id: str
+    mode: Literal["replay", "live"]
+    recording: str | None
+    method: Method
+    string_radius_m: float | None
+    state: ScanState
+    stage: str | None
+    fraction: float
+    created_at: str
+    started_at: str | None
+    ended_at: str | None
+    summary: dict[str, Any] | None
+    problem: dict[str, Any] | None
+
+
+class StoreVersionError(ValueError):
+    """A database of a later version of this software."""
+
+    slug = "store-version"
+
+
+def new_id() -> str:
+    """An id that is a safe file name and sorts by the moment of its making."""
+    return f"{datetime.now(UTC):%Y%m%dt%H%M%S-%f}-{secrets.token_hex(4)}"
+
+
+def now() -> str:
+    """The present moment, RFC 3339 in UTC."""
+    return datetime.now(UTC).isoformat(timespec="milliseconds").replace("+00:00", "Z")
+
+
+class Store:
+    """The rows, and the moments at which files come into being. Safe to use from any thread."""
+
+    def __init__(self, folder: DataFolder) -> None:
+        self.folder = folder
+        self._free: queue.SimpleQueue[sqlite3.Connection] = queue.SimpleQueue()
+        try:
+            self._make_tables()
+        except BaseException:
+            self.close()
+            raise
+
+    def close(self) -> None:
+        """Closes all connections; nothing may use the store any more."""
+        while not self._free.empty():
+            self._free.get().close()
+
+    # Recordings
+
+    def add_recording(self, row: RecordingRow, received: Path) -> None:
+        """Takes the synced file `received` into the store and writes its row."""
+        final = self.folder.recording(row.id)
+        received.rename(final)
+        try:
+            sync_folder(final.parent)
+            with self._transaction() as db:
+                _insert(db, "recordings", row)
+        except BaseException:
+            final.unlink(missing_ok=True)
+            raise
+
+    def recording(self, recording_id: str) -> RecordingRow | None:
+        """The recording, or None when there is none of this id."""
+        return self._one(_recording, "SELECT * FROM recordings WHERE id = ?", recording_id)
+
+    def recordings(self, limit: int, before: str | None) -> list[RecordingRow]:
+        """The newest recordings, those made before the id `before` if given."""
+        sql = "SELECT * FROM recordings WHERE id < ? ORDER BY id DESC LIMIT ?"
+        return self._all(_recording, sql, before or "~", limit)
+
+    # Scans
+
+    def add_scan(self, row: ScanRow) -> None:
+        """Writes a new scan's row; on return it is on the disk."""
+        with self._transaction() as db:
+            _insert(db, "scans", row)
+
+    def scan(self, scan_id: str) -> ScanRow | None:
+        """The scan, or None when there is none of this id."""
+        return self._one(_scan, "SELECT * FROM scans WHERE id = ?", scan_id)
+
+    def scans(self, limit: int, before: str | None) -> list[ScanRow]:
+        """The newest scans, those made before the id `before` if given."""
+        return self._all(
+            _scan, "SELECT * FROM scans WHERE id < ? ORDER BY id DESC LIMIT ?", before or "~", limit
+        )
+
+    def update_scan(self, scan_id: str, only_in: Sequence[ScanState] = ACTIVE_STATES, **values: Any) -> bool:
+        """Sets columns of a scan, unless its state is not one of `only_in`; says whether it did."""
+        assignments = ", ".join(f"{name} = ?" for name in values)
+        sql = f"UPDATE scans SET {assignments} WHERE id = ? AND state IN ({', '.join('?' * len(only_in))})"
+        with self._transaction() as db:
+            done = db.execute(sql, (*map(_stored, values.values()), scan_id, *only_in))
+            return done.rowcount == 1
+
+    def finish_scan(self, scan_id: str, state: ScanState, summary: dict[str, Any], results: Path) -> None:
+        """Puts the folder `results`, whose files are synced, in its place, then writes the scan's row."""
+        final = self.folder.results(scan_id)
+        sync_folder(results)
+        results.rename(final)
+        sync_folder(final.parent)
+        self.update_scan(scan_id, state=state, summary=summary, stage=None, fraction=1.0, ended_at=now())
+
+    def interrupt_unfinished(self) -> None:
+        """At start-up: scans that were under way when the service ended become `interrupted`."""
+        marks = ", ".join("?" * len(ACTIVE_STATES))
+        found = self._all(_scan, f"SELECT * FROM scans WHERE state IN ({marks}) ORDER BY id", *ACTIVE_STATES)
+        for scan in found:
+            # The results may have been put in place just before the end; without the row they do not count.
+            if self.folder.results(scan.id).exists():
+                shutil.rmtree(self.folder.results(scan.id))
+            detail = "the service ended while this scan was under way; start it again from its recording"
+            problem = problem_document(500, "interrupted", detail)
+            self.update_scan(scan.id, state="interrupted", problem=problem, ended_at=now())
+
+    def check(self) -> None:
+        """Asks the database for something; raises sqlite3.Error when it does not answer."""
+        self._all(tuple, "SELECT 1")
+
+    # SQLite
+
+    def _make_tables(self) -> None:
+        with self._transaction() as db:
+            (version,) = db.execute("PRAGMA user_version").fetchone()
+            if version > VERSION:
+                raise StoreVersionError(
+                    f"{self.folder.database} has tables of version {version}, this software knows {VERSION}: "
+                    "use a later release, or another data_dir"
+                )
+            if version == 0:
+                for statement in TABLES.split(";"):
+                    db.execute(statement)
+                db.execute(f"PRAGMA user_version = {VERSION}")
+
+    @contextmanager
+    def _connection(self) -> Iterator[sqlite3.Connection]:
+        try:
+            connection = self._free.get_nowait()
+        except queue.Empty:
+            # Handed from thread to thread, but used by one at a time.
+            connection = sqlite3.connect(self.folder.database, BUSY_S, check_same_thread=False)
+            connection.isolation_level = None
+            connection.row_factory = sqlite3.Row
+            connection.execute("PRAGMA journal_mode = WAL")
+            connection.execute("PRAGMA synchronous = FULL")
+            connection.execute("PRAGMA foreign_keys = ON")
+        try:
+            yield connection
+        finally:
+            self._free.put(connection)
+
+    @contextmanager
+    def _transaction(self) -> Iterator[sqlite3.Connection]:
+        with self._connection() as db:
+            db.execute("BEGIN IMMEDIATE")
+            try:
+                yield db
+                db.execute("COMMIT")
+            except BaseException:
+                if db.in_transaction:
+                    db.execute("ROLLBACK")
+                raise
+
+    def _all(self, make: Callable[[sqlite3.Row], T], sql: str, *values: Any) -> list[T]:
+        with self._connection() as db:
+            return [make(row) for row in db.execute(sql, values).fetchall()]
+
+    def _one(self, make: Callable[[sqlite3.Row], T], sql: str, *values: Any) -> T | None:
+        rows = self._all(make, sql, *values)
+        return rows[0] if rows else None
+
+
+def _stored(value: Any) -> Any:
+    return json.dumps(value, allow_nan=False) if isinstance(value, dict | list) else value
+
+
+def _insert(db: sqlite3.Connection, table: str, row: RecordingRow | ScanRow) -> None:
+    values = vars(row)
+    sql = f"INSERT INTO {table} ({', '.join(values)}) VALUES ({', '.join('?' * len(values))})"
+    db.execute(sql, [_stored(value) for value in values.values()])
+
+
+def _recording(row: sqlite3.Row) -> RecordingRow:
+    values: dict[str, Any] = dict(row)
+    return RecordingRow(**values | {name: json.loads(values[name]) for name in ("missing", "provenance")})
+
+
+def _scan(row: sqlite3.Row) -> ScanRow:
+    values: dict[str, Any] = dict(row)
+    for name in ("summary", "problem"):
+        values[name] = json.loads(values[name]) if values[name] else None
+    return ScanRow(**values)

@@ -1,0 +1,120 @@
+"""From a recording to the files of a result; shared by the HTTP service's worker and the command line."""
+
+import json
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cell.recording import read_recording
+from recognition.errors import RecognitionError
+from recognition.model import Method, PointChainModel
+from recognition.parameters import ChainParameters
+from recognition.pipeline import Recognition, recognise
+from recognition.preprocess import Scene
+from service.data_folder import CLOUD, MODEL, PREVIEW, write_synced
+from service.preview import draw_preview
+
+OnStage = Callable[[str], None]
+
+READING, WRITING = "reading", "writing"
+"""The stages around those of recognition."""
+
+DONE_BEFORE = {
+    READING: 0.0,
+    "preprocess": 0.02,
+    "registration": 0.4,
+    "centre_line": 0.65,
+    "matching": 0.72,
+    "reconstruction": 0.84,
+    "topology": 0.85,
+    WRITING: 0.88,
+}
+"""Share of the whole time, as measured on scans of eight views, that is over when a stage begins."""
+
+
+class RadiusUnknownError(RecognitionError):
+    """Neither the caller nor the recording says how thick the string is."""
+
+    slug = "radius-unknown"
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """A result in short."""
+
+    chains: int
+    crossings: int
+    warnings: tuple[str, ...]
+    partial: bool
+    """Views were missing from the recording or were left out."""
+
+
+def check_radius(asked_m: float | None, recorded_m: float | None) -> float:
+    """The radius to work with, metres: the one asked for, else the recording's.
+
+    Raises:
+        RadiusUnknownError: neither is known.
+        InvalidParametersError: it is no string's radius.
+    """
+    radius = recorded_m if asked_m is None else asked_m
+    if radius is None:
+        raise RadiusUnknownError("the recording does not say the string's radius: give it, in metres")
+    return ChainParameters.for_radius(radius).r
+
+
+def recognise_recording(
+    path: Path, radius_m: float | None = None, method: Method = "enhanced", on_stage: OnStage | None = None
+) -> Recognition:
+    """The recording at `path`, recognised; what is missing from the file is among the model's warnings.
+
+    `radius_m` in metres, None for the recording's own. `on_stage` is called with the name of each stage when
+    it begins.
+
+    Raises:
+        RecordingError: the file cannot be used.
+        RecognitionError: the radius, or what was recorded, cannot be used.
+    """
+    if on_stage is not None:
+        on_stage(READING)
+    recording = read_recording(path)
+    header = recording.header
+    parameters = ChainParameters.for_radius(check_radius(radius_m, header.string_radius_m))
+    recognition = recognise(
+        recording.views, parameters, Scene(header.table_z_m, header.workspace_m), method, on_stage
+    )
+    quality = recognition.model.quality
+    quality = replace(quality, warnings=(*recording.missing, *quality.warnings))
+    return replace(recognition, model=replace(recognition.model, quality=quality))
+
+
+def write_results(recognition: Recognition, folder: Path) -> Outcome:
+    """Writes model.json, cloud.ply and preview.png into the new folder `folder`, each synced to disk."""
+    folder.mkdir()
+    model, points = recognition.model, merged_cloud(recognition)
+    write_synced(folder / MODEL, json.dumps(model.to_json(), allow_nan=False).encode())
+    write_synced(folder / CLOUD, to_ply(points))
+    write_synced(folder / PREVIEW, draw_preview(model, points))
+    return Outcome(len(model.chains), len(model.crossings), model.quality.warnings, _views_left_out(model))
+
+
+def merged_cloud(recognition: Recognition) -> NDArray[np.float64]:
+    """Points (N, 3) of all views together, base frame, metres; none when recognition ended before merging."""
+    registration = recognition.registration
+    return np.zeros((0, 3)) if registration is None else registration.points
+
+
+def to_ply(points: NDArray[np.float64]) -> bytes:
+    """Points (N, 3) as a binary PLY file, metres as float32 (0.1 micrometres at one metre)."""
+    header = (
+        "ply\nformat binary_little_endian 1.0\ncomment metres, base frame\n"
+        f"element vertex {len(points)}\nproperty float x\nproperty float y\nproperty float z\nend_header\n"
+    )
+    return header.encode() + np.ascontiguousarray(points, dtype="<f4").tobytes()
+
+
+def _views_left_out(model: PointChainModel) -> bool:
+    # Where there is no string no view shows one, and none was needed.
+    return bool(model.chains) and not all(view.used for view in model.quality.views)

@@ -1,0 +1,137 @@
+"""A real service on a real socket, and a small simulated recording to feed it."""
+
+import multiprocessing
+import os
+import signal
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager
+from pathlib import Path
+from typing import Any
+
+import httpx
+import pytest
+import uvicorn
+
+from cell.simulation.camera import camera_model
+from cell.simulation.scenes import make_scene
+from cell.simulation.simulate import simulate, write_simulation
+from service.app import create_app
+from service.config import ServiceConfig
+from service.schemas import ACTIVE_STATES
+
+# Generous, because it only bounds a hang: a loaded machine may take long to start a process.
+PATIENCE_S = 120.0
+
+Serve = Callable[..., AbstractContextManager[httpx.Client]]
+
+
+@pytest.fixture(scope="session")
+def recording_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Four noiseless views of one string that lies in an arc."""
+    path = tmp_path_factory.mktemp("recording") / "arc.mcap"
+    write_simulation(simulate(make_scene("arc", 1), camera_model("ideal", (320, 200)), 1, views=4), path)
+    return path
+
+
+@pytest.fixture(scope="session")
+def serve() -> Serve:
+    """`serve(data_dir, limits={...})`: a service of this process on a free port, and a client of it."""
+
+    @contextmanager
+    def serving(data_dir: Path, **settings: Any) -> Iterator[httpx.Client]:
+        app = create_app(ServiceConfig(data_dir=data_dir, **settings))
+        # No log_config: the log goes where pytest looks.
+        server = uvicorn.Server(
+            uvicorn.Config(app, port=0, log_level="warning", log_config=None, timeout_graceful_shutdown=5)
+        )
+        thread = threading.Thread(target=server.run)
+        thread.start()
+        try:
+            wait_until(lambda: server.started or not thread.is_alive())
+            assert server.started, "the service did not start; its log has the reason"
+            port = server.servers[0].sockets[0].getsockname()[1]
+            with httpx.Client(base_url=f"http://127.0.0.1:{port}", timeout=PATIENCE_S) as client:
+                yield client
+        finally:
+            server.should_exit = True
+            thread.join()
+
+    return serving
+
+
+@pytest.fixture(scope="session")
+def client(serve: Serve, tmp_path_factory: pytest.TempPathFactory) -> Iterator[httpx.Client]:
+    """A client of a service that many tests share."""
+    limits = {"request_bytes": 4096, "upload_bytes": 2_000_000}
+    with serve(tmp_path_factory.mktemp("data"), limits=limits) as shared:
+        yield shared
+
+
+@pytest.fixture
+def recording(client: httpx.Client, recording_file: Path) -> str:
+    """The id of an uploaded recording."""
+    answer = client.post("/api/recordings", content=recording_file.read_bytes())
+    assert answer.status_code == 201, answer.text
+    return answer.json()["id"]
+
+
+@pytest.fixture(scope="session")
+def assert_problem() -> Callable[[httpx.Response, int, str], str]:
+    """`assert_problem(answer, status, slug)`: the answer is this problem, in full; its detail."""
+
+    def check(answer: httpx.Response, status: int, slug: str) -> str:
+        assert answer.status_code == status, answer.text
+        assert answer.headers["content-type"] == "application/problem+json"
+        problem = answer.json()
+        assert problem["type"] == f"urn:pointchain:{slug}"
+        assert problem["status"] == status
+        assert problem["title"]
+        assert problem["instance"] == answer.request.url.path
+        return problem["detail"]
+
+    return check
+
+
+@pytest.fixture(scope="session")
+def finished() -> Callable[[httpx.Client, str], dict[str, Any]]:
+    """`finished(client, location)`: the scan's document once its state is final."""
+
+    def wait(client: httpx.Client, location: str) -> dict[str, Any]:
+        found: dict[str, Any] = {}
+
+        def ended() -> bool:
+            found.update(client.get(location).json())
+            return found["state"] not in ACTIVE_STATES
+
+        wait_until(ended)
+        return found
+
+    return wait
+
+
+@pytest.fixture
+def recognition_process(client: httpx.Client) -> int:
+    """The process id of the shared service's recognition, once it is ready for a task."""
+    wait_until(lambda: client.get("/readyz").status_code == 200)
+    (pid,) = [child.pid for child in multiprocessing.active_children() if child.name == "recognition"]
+    assert pid is not None
+    return pid
+
+
+@pytest.fixture
+def held(recognition_process: int) -> Iterator[int]:
+    """The process id of recognition, frozen: a scan stays under way until it is let go or killed."""
+    os.kill(recognition_process, signal.SIGSTOP)
+    yield recognition_process
+    if recognition_process in [child.pid for child in multiprocessing.active_children()]:
+        os.kill(recognition_process, signal.SIGCONT)
+
+
+def wait_until(condition: Callable[[], bool]) -> None:
+    """Waits for `condition`; fails when it does not come true."""
+    deadline = time.monotonic() + PATIENCE_S
+    while not condition():
+        assert time.monotonic() < deadline, "waited too long"
+        time.sleep(0.02)

@@ -1,0 +1,59 @@
+"""The description of the API: the committed one, what it promises, and its page without the internet."""
+
+import json
+import re
+from pathlib import Path
+from typing import Any
+
+import httpx
+import pytest
+
+import service
+from service.app import create_app, openapi_document
+from service.config import ServiceConfig
+
+COMMITTED = Path(service.__file__).parent / "openapi.json"
+
+
+def operations() -> list[tuple[str, str, dict[str, Any]]]:
+    paths = create_app(ServiceConfig()).openapi()["paths"]
+    return [(path, method, operation) for path, item in paths.items() for method, operation in item.items()]
+
+
+def test_the_committed_description_is_up_to_date() -> None:
+    assert json.loads(COMMITTED.read_text()) == json.loads(openapi_document()), (
+        "the API has changed: look at the difference, then run `python -m service.app > service/openapi.json`"
+    )
+
+
+@pytest.mark.parametrize(("path", "method", "operation"), operations())
+def test_every_operation_says_what_it_does_and_how_it_refuses(
+    path: str, method: str, operation: dict[str, Any]
+) -> None:
+    assert operation["description"]
+    refusals = {
+        status: answer for status, answer in operation["responses"].items() if not status.startswith("2")
+    }
+    assert "default" in refusals
+    # Whatever has an input can refuse it.
+    assert ("422" in refusals) == bool(operation.get("parameters") or operation.get("requestBody"))
+    for answer in refusals.values():
+        (media_type,) = answer["content"]
+        assert media_type == "application/problem+json"
+        assert answer["content"][media_type]["schema"] == {"$ref": "#/components/schemas/Problem"}
+    successes = [answer for status, answer in operation["responses"].items() if status.startswith("2")]
+    assert len(successes) == 1
+    (content,) = successes[0]["content"].values()
+    assert content["schema"], f"{method} {path} does not say what it answers"
+
+
+def test_the_page_of_the_api_needs_no_other_host(client: httpx.Client) -> None:
+    page = client.get("/docs").text
+    assert not re.findall(r"""(?:src|href)\s*=\s*["'](?:https?:)?//""", page)
+    assets = [
+        a for a in re.findall(r"""(?:src|href)\s*=\s*["']([^"']+)["']""", page) if not a.startswith("data:")
+    ]
+    assert len(assets) >= 3
+    for asset in assets:
+        assert client.get(asset).status_code == 200, asset
+    assert client.get("/openapi.json").json() == json.loads(COMMITTED.read_text())

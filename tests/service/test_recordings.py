@@ -1,0 +1,120 @@
+"""Recordings over HTTP: what is taken, what is refused, and that a refusal leaves nothing behind."""
+
+import hashlib
+import socket
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager
+from pathlib import Path
+
+import httpx
+import numpy as np
+import pytest
+
+from cell.recording import RecordingHeader, RecordingWriter
+
+Serve = Callable[..., AbstractContextManager[httpx.Client]]
+AssertProblem = Callable[[httpx.Response, int, str], str]
+
+
+def test_an_uploaded_recording_comes_back_as_it_was(client: httpx.Client, recording_file: Path) -> None:
+    content = recording_file.read_bytes()
+    answer = client.post("/api/recordings", content=content)
+    assert answer.status_code == 201
+    found = client.get(answer.headers["location"]).json()
+    assert found == answer.json()
+    assert found["sha256"] == hashlib.sha256(content).hexdigest()
+    assert found["size_bytes"] == len(content)
+    assert (found["views"], found["missing"], found["string_radius_m"]) == (4, [], 0.0042)
+    assert found["provenance"]["robot"] == "simulated"
+    download = client.get(found["links"]["file"])
+    assert download.content == content
+    assert found["id"] in download.headers["content-disposition"]
+    assert client.get("/api/recordings").json()["recordings"][0] == found
+
+
+def test_a_download_is_whole_whatever_range_is_asked_for(client: httpx.Client, recording: str) -> None:
+    address = f"/api/recordings/{recording}/file"
+    whole = client.get(address).content
+    for wanted in ("bytes=0-9", "bytes=999999999-", "nonsense"):
+        answer = client.get(address, headers={"Range": wanted})
+        assert (answer.status_code, answer.content == whole) == (200, True)
+
+
+def test_a_cut_off_recording_keeps_its_whole_views(client: httpx.Client, recording_file: Path) -> None:
+    content = recording_file.read_bytes()
+    answer = client.post("/api/recordings", content=content[: len(content) * 3 // 4])
+    assert answer.status_code == 201
+    assert 0 < answer.json()["views"] < 4
+    assert answer.json()["missing"]
+
+
+def test_the_list_goes_on_before_an_id(client: httpx.Client, recording: str) -> None:
+    newest = client.get("/api/recordings", params={"limit": 1}).json()["recordings"]
+    assert [found["id"] for found in newest] == [recording]
+    older = client.get("/api/recordings", params={"before": recording}).json()["recordings"]
+    assert recording not in [found["id"] for found in older]
+
+
+@pytest.fixture
+def nothing_left(serve: Serve, tmp_path: Path) -> Iterator[httpx.Client]:
+    """A service of its own, whose data folder must hold no recording in the end."""
+    with serve(tmp_path, limits={"upload_bytes": 50_000}) as client:
+        yield client
+        assert client.get("/api/recordings").json() == {"recordings": []}
+    files = [path.relative_to(tmp_path).parts[0] for path in tmp_path.rglob("*") if path.is_file()]
+    assert set(files) <= {"lock", "pointchain.sqlite3"}
+
+
+def test_what_cannot_be_used_is_refused_and_leaves_nothing(
+    nothing_left: httpx.Client,
+    recording_file: Path,
+    tmp_path_factory: pytest.TempPathFactory,
+    assert_problem: AssertProblem,
+) -> None:
+    content = recording_file.read_bytes()
+    assert len(content) > 50_000
+    client = nothing_left
+
+    def post(body: bytes | Iterator[bytes]) -> httpx.Response:
+        return client.post("/api/recordings", content=body)
+
+    assert "is empty" in assert_problem(post(b""), 422, "not-mcap")
+    assert_problem(post(b"GIF89a" * 100), 422, "not-mcap")
+    assert_problem(post(content[:2000]), 422, "recording-empty")
+    assert_problem(post(content[:20]), 422, "recording-header")
+    # Too large by what is declared, and by what comes when nothing is.
+    assert "50000 bytes" in assert_problem(post(content), 413, "too-large")
+    pieces = iter([content[at : at + 9000] for at in range(0, len(content), 9000)])
+    assert_problem(post(pieces), 413, "too-large")
+
+    header = RecordingHeader(depth_unit_m=1e-4, string_radius_m=0.004, T_flange_camera=np.eye(4))
+    path = tmp_path_factory.mktemp("empty") / "no-views.mcap"
+    RecordingWriter(path, header).close()
+    assert_problem(post(path.read_bytes()), 422, "recording-empty")
+
+
+def test_a_sender_that_goes_away_leaves_nothing(nothing_left: httpx.Client, recording_file: Path) -> None:
+    address = nothing_left.base_url
+    with socket.create_connection((address.host, address.port or 80)) as connection:
+        head = "POST /api/recordings HTTP/1.1\r\nHost: here\r\nContent-Length: 40000\r\n\r\n"
+        connection.sendall(head.encode() + recording_file.read_bytes()[:20_000])
+    # The service goes on.
+    assert nothing_left.get("/healthz").status_code == 200
+
+
+@pytest.mark.parametrize("path", ["/api/recordings/none", "/api/recordings/none/file"])
+def test_an_unknown_recording_is_said_to_be_unknown(
+    client: httpx.Client, path: str, assert_problem: AssertProblem
+) -> None:
+    assert_problem(client.get(path), 404, "recording-not-found")
+
+
+@pytest.mark.parametrize(
+    "bad", ["..", "%2e%2e", "..%2f..%2fpointchain.sqlite3", "A", "a" * 65, "a.mcap", "a%00b"]
+)
+@pytest.mark.parametrize("kind", ["recordings", "scans"])
+def test_no_id_is_a_path(client: httpx.Client, kind: str, bad: str) -> None:
+    for path in (f"/api/{kind}/{bad}", f"/api/{kind}/{bad}/file", f"/api/{kind}/{bad}/model"):
+        answer = client.get(path)
+        assert answer.status_code in (404, 422)
+        assert answer.headers["content-type"] == "application/problem+json"

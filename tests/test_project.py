@@ -1,0 +1,156 @@
+"""The project around the code: what is installed, what start-up imports, what the lock holds."""
+
+import importlib
+import json
+import re
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+from packaging.requirements import Requirement
+from packaging.utils import canonicalize_name
+
+ROOT = Path(__file__).resolve().parents[1]
+PYPROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
+LOCK = (ROOT / "requirements.lock").read_text()
+
+# The machines that the project is for, as far as markers can tell them apart.
+PLATFORMS = {
+    "Linux x86-64": {"sys_platform": "linux", "platform_system": "Linux", "platform_machine": "x86_64"},
+    "Linux ARM": {"sys_platform": "linux", "platform_system": "Linux", "platform_machine": "aarch64"},
+    "macOS ARM": {"sys_platform": "darwin", "platform_system": "Darwin", "platform_machine": "arm64"},
+}
+PYTHONS = {"3.11": "3.11.2", "3.12": "3.12.3"}
+
+FIND_PACKAGES = """
+import importlib.util, json
+places = {}
+for name in ["service", "cell", "calibration", "recognition", "docker", "tests"]:
+    spec = importlib.util.find_spec(name)
+    places[name] = list(spec.submodule_search_locations or [spec.origin]) if spec else []
+print(json.dumps(places))
+"""
+SHOW_HELP = """
+import json, sys
+from service.cli import main
+try:
+    status = main(["--help"])
+except SystemExit as stop:
+    status = stop.code
+print()
+print(json.dumps([status, sorted({name.partition(".")[0] for name in sys.modules})]))
+"""
+
+
+def run_python(code: str, cwd: Path) -> str:
+    """What `code` prints in a fresh interpreter, started where the project's folder is not on the path."""
+    # -P keeps the working directory off sys.path, -E drops PYTHONPATH: only the installation counts.
+    result = subprocess.run(
+        [sys.executable, "-P", "-E", "-c", code], cwd=cwd, capture_output=True, text=True, check=False
+    )
+    assert result.returncode == 0, result.stderr
+    return result.stdout
+
+
+@pytest.mark.parametrize("name", ["service", "cell", "calibration", "recognition"])
+def test_the_package_is_ours_and_not_another_of_the_same_name(name: str) -> None:
+    file = importlib.import_module(name).__file__
+    assert file is not None
+    assert Path(file).resolve() == ROOT / name / "__init__.py"
+
+
+def test_installation_makes_the_four_packages_importable_and_nothing_else(tmp_path: Path) -> None:
+    places = json.loads(run_python(FIND_PACKAGES, cwd=tmp_path))
+    ours = {
+        name
+        for name, found in places.items()
+        if any(Path(p).resolve().is_relative_to(ROOT / name) for p in found)
+    }
+    assert ours == {"service", "cell", "calibration", "recognition"}, "not as `make setup` installs it"
+
+
+def test_every_package_folder_is_installed() -> None:
+    # The list in pyproject.toml is written by hand: a new folder is easily forgotten there.
+    folders = {
+        ".".join(file.parent.relative_to(ROOT).parts)
+        for top in ("service", "cell", "calibration", "recognition")
+        for file in (ROOT / top).rglob("__init__.py")
+    }
+    assert set(PYPROJECT["tool"]["setuptools"]["packages"]) == folders
+
+
+def test_help_imports_nothing_heavy(tmp_path: Path) -> None:
+    output = run_python(SHOW_HELP, cwd=tmp_path)
+    status, modules = json.loads(output.splitlines()[-1])
+    assert status in (0, None)
+    assert "recognise" in output
+    heavy = {"open3d", "depthai", "scipy", "matplotlib", "fastapi", "mcap"}
+    assert not heavy & set(modules)
+    assert not [name for name in modules if name.startswith("rtde_")]
+
+
+def test_every_dependency_says_why() -> None:
+    text = (ROOT / "pyproject.toml").read_text()
+    project = text[text.index("[project]") : text.index("[project.scripts]")]
+    lines = re.findall(r'^    "[^"]*".*$', project, flags=re.MULTILINE)
+    extras = PYPROJECT["project"]["optional-dependencies"].values()
+    assert len(lines) == len(PYPROJECT["project"]["dependencies"]) + sum(map(len, extras))
+    assert [line for line in lines if not re.search(r'",\s*# \S', line)] == []
+
+
+def locked() -> list[tuple[Requirement, list[str]]]:
+    """The lock's requirements, each with its hashes."""
+    joined = LOCK.replace("\\\n", " ")
+    result = []
+    for line in joined.splitlines():
+        if line.strip() and not line.lstrip().startswith("#"):
+            requirement, *hashes = re.split(r"\s+--hash=", line.strip())
+            result.append((Requirement(requirement), hashes))
+    return result
+
+
+def test_every_locked_package_has_one_version_and_hashes() -> None:
+    for requirement, hashes in locked():
+        assert [part.operator for part in requirement.specifier] == ["=="], str(requirement)
+        assert hashes, str(requirement)
+        assert all(re.fullmatch(r"sha256:[0-9a-f]{64}", value) for value in hashes), str(requirement)
+
+
+def test_the_lock_names_no_index_and_no_place_on_a_machine() -> None:
+    assert "://" not in LOCK
+    # A hash and a comment are all that may stand beside a requirement: no --index-url, -f, -e, @ file.
+    for line in LOCK.splitlines():
+        assert re.fullmatch(r"\s*#.*|[\w.-]+==\S+( ; [^@/]*)? \\|    --hash=sha256:\w+( \\)?", line), line
+    # A comment may name packages, pyproject.toml and the command that made the file, no more.
+    assert not re.search(r"#.*(\s/|\s~|--|[A-Za-z]:\\)", LOCK)
+
+
+@pytest.mark.parametrize("python", PYTHONS)
+@pytest.mark.parametrize("platform", PLATFORMS)
+def test_the_lock_satisfies_the_direct_dependencies(python: str, platform: str) -> None:
+    project = PYPROJECT["project"]
+    # Setuptools builds the editable install and is taken from the lock too.
+    wanted = [*PYPROJECT["build-system"]["requires"], *project["dependencies"]]
+    for extra in project["optional-dependencies"].values():
+        wanted += extra
+    environment = {
+        "python_version": python,
+        "python_full_version": PYTHONS[python],
+        "implementation_name": "cpython",
+        "platform_python_implementation": "CPython",
+        "os_name": "posix",
+        **PLATFORMS[platform],
+    }
+    versions = {
+        canonicalize_name(requirement.name): next(iter(requirement.specifier)).version
+        for requirement, _ in locked()
+        if requirement.marker is None or requirement.marker.evaluate(environment)
+    }
+    for line in wanted:
+        requirement = Requirement(line)
+        if requirement.marker is None or requirement.marker.evaluate(environment):
+            version = versions.get(canonicalize_name(requirement.name))
+            assert version is not None, f"{line} is not in the lock: make lock"
+            assert requirement.specifier.contains(version), f"{line}, but {version} is locked: make lock"
