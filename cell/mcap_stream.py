@@ -167,9 +167,7 @@ class _Walk:
         elif opcode == Opcode.MESSAGE:
             message = _parse(lambda stream: Message.read(stream, len(content)), content, where)
             if message.channel_id not in self.channels:
-                raise RecordingCorruptError(
-                    f"a message {where} is on channel {message.channel_id}, never declared"
-                )
+                raise RecordingCorruptError(f"a message {where} is on channel {message.channel_id}, never declared")
             topic, encoding, schema_id = self.channels[message.channel_id]
             schema = self.schemas.get(schema_id, "")
             yield TopicMessage(topic, encoding, schema, message.sequence, message.log_time, message.data)
@@ -210,16 +208,12 @@ class _Walk:
         small = opcode in (Opcode.METADATA, Opcode.CHANNEL)
         limit = self.limits.metadata_bytes if small else self.limits.record_bytes
         if length > limit:
-            raise RecordingTooLargeError(
-                f"the record {where} announces {length} bytes; {limit} at most are read"
-            )
+            raise RecordingTooLargeError(f"the record {where} announces {length} bytes; {limit} at most are read")
 
     def _use(self, content_bytes: int) -> None:
         self.content_bytes += content_bytes
         if self.content_bytes > self.limits.content_bytes:
-            raise RecordingTooLargeError(
-                f"the file holds more than {self.limits.content_bytes} bytes, decompressed"
-            )
+            raise RecordingTooLargeError(f"the file holds more than {self.limits.content_bytes} bytes, decompressed")
 
 
 class _StrictStream(ReadDataStream):

@@ -96,8 +96,7 @@ class RecordingWriter:
             )
         if view.depth_unit_m != self._header.depth_unit_m:
             raise RecordingContentError(
-                f"{where}: its depth unit is {view.depth_unit_m:g} m, "
-                f"the recording's {self._header.depth_unit_m:g} m"
+                f"{where}: its depth unit is {view.depth_unit_m:g} m, the recording's {self._header.depth_unit_m:g} m"
             )
         if not np.array_equal(view.T_flange_camera, self._header.T_flange_camera):
             raise RecordingContentError(f"{where}: its T_flange_camera is not the recording's")
@@ -184,9 +183,7 @@ class RecordingWriter:
 
     def _check_open(self) -> None:
         if self._failed or self._file.closed:
-            raise RecordingError(
-                f"{self._path.name} takes no more: it was closed, or an earlier write failed"
-            )
+            raise RecordingError(f"{self._path.name} takes no more: it was closed, or an earlier write failed")
 
     def _check_size(self, where: str, content_bytes: int) -> None:
         # Half a chunk, and a mebibyte in all, are left for what is added: schemas, channels, record heads.
@@ -195,9 +192,7 @@ class RecordingWriter:
                 f"{where} has {content_bytes} bytes; {DEFAULT_LIMITS.chunk_bytes // 2} at most are taken"
             )
         if self._content_bytes + content_bytes > DEFAULT_LIMITS.content_bytes - MIB:
-            raise RecordingTooLargeError(
-                f"{where}: the recording is full, it holds {self._content_bytes} bytes"
-            )
+            raise RecordingTooLargeError(f"{where}: the recording is full, it holds {self._content_bytes} bytes")
 
     def _abandon(self) -> None:
         # Not through the buffer: after a failed write it would try, and fail, to write its rest again.

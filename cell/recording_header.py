@@ -48,9 +48,7 @@ class RecordingHeader:
     def __post_init__(self) -> None:
         unit = _number("depth_unit_m", self.depth_unit_m)
         if not 1e-6 <= unit <= 0.01:
-            raise RecordingHeaderError(
-                f"depth_unit_m is {unit:g}; from 1e-6 to 0.01 metres a count are taken"
-            )
+            raise RecordingHeaderError(f"depth_unit_m is {unit:g}; from 1e-6 to 0.01 metres a count are taken")
         radius = self.string_radius_m
         if radius is not None:
             radius = _number("string_radius_m", radius)

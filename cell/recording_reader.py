@@ -113,9 +113,7 @@ def read_result(path: Path, limits: Limits = DEFAULT_LIMITS) -> dict[str, Any] |
     except (ValueError, RecursionError) as error:
         raise RecordingContentError(f"{MODEL} in {path.name} is not JSON: {error}") from error
     if not isinstance(model, dict):
-        raise RecordingContentError(
-            f"{MODEL} in {path.name} is a {type(model).__name__}; a JSON object is needed"
-        )
+        raise RecordingContentError(f"{MODEL} in {path.name} is a {type(model).__name__}; a JSON object is needed")
     return model
 
 
@@ -147,9 +145,7 @@ def _header(contents: _Contents, name: str) -> RecordingHeader:
     if contents.metadata is None:
         raise RecordingHeaderError(f"{name} has no {METADATA!r} metadata{cut}: it is no recording of a scan")
     if contents.hand_eye is None:
-        raise RecordingHeaderError(
-            f"{name} has no attachment {HAND_EYE}{cut}: where the camera was is not known"
-        )
+        raise RecordingHeaderError(f"{name} has no attachment {HAND_EYE}{cut}: where the camera was is not known")
     return parse_header(contents.metadata, contents.hand_eye)
 
 
@@ -182,9 +178,7 @@ def _take(message: TopicMessage, views: dict[int, _Parts], limits: Limits) -> It
             yield f"{where} has its colour image as {kind!r}; only jpeg is taken"
             return
     if index >= limits.views:
-        raise RecordingTooLargeError(
-            f"{where} ({topic}): views, told by `sequence`, go from 0 to {limits.views - 1}"
-        )
+        raise RecordingTooLargeError(f"{where} ({topic}): views, told by `sequence`, go from 0 to {limits.views - 1}")
     parts = views.setdefault(index, _Parts(message.log_time_ns))
     if getattr(parts, name) is not None:
         raise RecordingContentError(f"{where} is there twice: it has two messages on {topic}")

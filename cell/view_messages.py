@@ -100,9 +100,7 @@ def decode_pose(data: bytes, where: str) -> NDArray[np.float64] | None:
     except NotRigidError as error:
         raise RecordingContentError(str(error)) from error
     if np.abs(T[:3, 3]).max() > REACH_M:
-        raise RecordingContentError(
-            f"{where}: T_base_flange is at {T[:3, 3].tolist()} m; translations are metres"
-        )
+        raise RecordingContentError(f"{where}: T_base_flange is at {T[:3, 3].tolist()} m; translations are metres")
     return T
 
 
@@ -120,13 +118,9 @@ def decode_calibration(data: bytes, where: str) -> PinholeCalibration:
             "record rectified depth images, which have none"
         )
     if K[0, 1] != 0 or K[1, 0] != 0 or not np.array_equal(K[2], (0, 0, 1)):
-        raise RecordingContentError(
-            f"{where}: K is {K.tolist()}; [[fx, 0, cx], [0, fy, cy], [0, 0, 1]] is needed"
-        )
+        raise RecordingContentError(f"{where}: K is {K.tolist()}; [[fx, 0, cx], [0, fy, cy], [0, 0, 1]] is needed")
     if not (1 <= K[0, 0] <= FOCAL_MAX and 1 <= K[1, 1] <= FOCAL_MAX):
-        raise RecordingContentError(
-            f"{where}: K has focal lengths {K[0, 0]:g}, {K[1, 1]:g} pixels; not a camera's"
-        )
+        raise RecordingContentError(f"{where}: K has focal lengths {K[0, 0]:g}, {K[1, 1]:g} pixels; not a camera's")
     return PinholeCalibration(K, message.width, message.height)
 
 

@@ -9,6 +9,9 @@ from recognition.matching import SearchField, Segment, step
 from recognition.neighbourhoods import within
 from recognition.parameters import ChainParameters
 
+SHARP_RAD = np.radians(75)
+"""A turn beyond this within two links is not a string's: its bending radius would be about r."""
+
 
 @dataclass(frozen=True, eq=False)
 class Approach:
@@ -31,24 +34,58 @@ def intersection_ratios(
 def approach(
     search: SearchField, R_c: NDArray[np.float64], segment: Segment, parameters: ChainParameters
 ) -> Approach:
-    """Continues `segment` by the matching method until it ends or R_c passes R_t (III.D.1).
+    """Continues `segment` by the matching method until it ends or meets an intersection (III.D.1).
 
-    When R_c of a target first exceeds R_t, the previous point is the segment's end. The search walks on while
-    R_c does not fall; where it is largest is the bifurcation centre. Over a plateau of equal R_c (the paper
-    does not say) it is the plateau's middle point.
+    That is where R_c of a target exceeds R_t. The search walks on while R_c does not fall; where it is largest is
+    the bifurcation centre. Over a plateau of equal R_c (the paper does not say) it is the plateau's middle point.
+
+    Ours: a turn that no string makes (`sharp_turn`) is an intersection too, at which the sequence has gone over
+    to the other strand; the turning point is the bifurcation centre.
+
+    The paper takes the point before R_c first exceeds R_t for the segment's end. Here the segment also ends
+    outside r_cn, the intersection's extent, as those do that restart from it: nearer, its points are drawn
+    towards the other strand.
     """
     segment = list(segment)
-    while R_c[segment[-1]] <= parameters.R_t:
+    while True:
+        if R_c[segment[-1]] > parameters.R_t:
+            centre = search.points[_highest(search, R_c, segment.pop(), parameters)]
+            break
+        turn = sharp_turn(search.points[segment])
+        if turn is not None:
+            centre = search.points[segment[turn]]
+            segment = segment[:turn]
+            break
         following = step(search, segment[-1], parameters)
         if following is None:
             return Approach(segment, None)
         segment.append(following)
-    highest = [segment.pop()]
+    while segment and np.linalg.norm(search.points[segment[-1]] - centre) < parameters.r_cn:
+        segment.pop()
+    return Approach(segment, centre)
+
+
+def sharp_turn(points: NDArray[np.float64]) -> int | None:
+    """Index of the last of `points` (N, 3), linked at about r_n, at which the way turns by more than `SHARP_RAD`.
+
+    Compared are the two links before it with the two behind, so that no single link decides. Only the newest
+    place that has both is looked at: a sequence is asked about after every link.
+    """
+    if len(points) < 5:
+        return None
+    before, behind = points[-3] - points[-5], points[-1] - points[-3]
+    lengths = np.linalg.norm(before) * np.linalg.norm(behind)
+    return len(points) - 3 if before @ behind < np.cos(SHARP_RAD) * lengths else None
+
+
+def _highest(search: SearchField, R_c: NDArray[np.float64], target: int, parameters: ChainParameters) -> int:
+    """The point at which R_c is largest on the way on from `target`."""
+    highest = [target]
     while (following := step(search, highest[-1], parameters)) is not None:
         if R_c[following] < R_c[highest[-1]]:
             break
         highest = [*highest, following] if R_c[following] == R_c[highest[-1]] else [following]
-    return Approach(segment, search.points[highest[len(highest) // 2]])
+    return highest[len(highest) // 2]
 
 
 def find_restarts(

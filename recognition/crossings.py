@@ -51,9 +51,9 @@ def find_crossings(
         a, b = meeting.directions[over], meeting.directions[1 - over]
         turn = float(a[0] * b[1] - a[1] * b[0])
         angle = float(np.arctan2(abs(turn), abs(a @ b)))
-        places = [StrandPoint(meeting.strands[k], meeting.s_m[k]) for k in (over, 1 - over)]
+        upper, lower = (StrandPoint(meeting.strands[k], meeting.s_m[k]) for k in (over, 1 - over))
         point = np.array([*meeting.xy, float(heights.mean())])
-        crossings.append(Crossing(number, point, *places, gap, angle, 1 if turn > 0 else -1, confidence))
+        crossings.append(Crossing(number, point, upper, lower, gap, angle, 1 if turn > 0 else -1, confidence))
         if confidence < 0.9:
             where = ", ".join(f"{value * 1000:.0f}" for value in point)
             ambiguities.append(

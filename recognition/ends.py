@@ -9,15 +9,13 @@ from numpy.typing import NDArray
 from recognition.model import End as EndKind
 from recognition.parameters import ChainParameters
 from recognition.preprocess import Scene
-from recognition.reconstruction import Strand, strand_ends
+from recognition.reconstruction import End, Strand, strand_ends
 
 EDGE_PERCENTILE = 95.0
 """Of the centre points ahead of an end, the share taken as string: the rest is depth noise along the axis."""
 
 
-def extend_ends(
-    strands: Sequence[Strand], single: NDArray[np.float64], parameters: ChainParameters
-) -> list[Strand]:
+def extend_ends(strands: Sequence[Strand], single: NDArray[np.float64], parameters: ChainParameters) -> list[Strand]:
     """Open strands lengthened to where the string was measured.
 
     The means of eqs. (2) and (3) draw a line's ends inwards by about 2 r, and links end up to r_n before the last
@@ -56,27 +54,19 @@ def end_kinds(
     """
     if strand.closed:
         return "free", "free"
-    first, last = (
-        "unseen" if _goes_on(end.point, end.direction, single, scene, parameters) else "free"
-        for end in strand_ends([strand], parameters)
-    )
-    return first, last
+    first, last = strand_ends([strand], parameters)
+    return _end_kind(first, single, scene, parameters), _end_kind(last, single, scene, parameters)
 
 
-def _goes_on(
-    point: NDArray[np.float64],
-    direction: NDArray[np.float64],
-    single: NDArray[np.float64],
-    scene: Scene,
-    parameters: ChainParameters,
-) -> bool:
+def _end_kind(end: End, single: NDArray[np.float64], scene: Scene, parameters: ChainParameters) -> EndKind:
     if scene.workspace_m is not None:
         low, high = np.asarray(scene.workspace_m, dtype=np.float64)[:2].T
         margin = parameters.r_f
-        if ((point[:2] < low + margin) | (point[:2] > high - margin)).any():
-            return True
-    ahead = _ahead(single, point, direction, parameters)
-    return bool(((ahead > parameters.r_n) & (ahead < parameters.r_cn)).any())
+        if ((end.point[:2] < low + margin) | (end.point[:2] > high - margin)).any():
+            return "unseen"
+    ahead = _ahead(single, end.point, end.direction, parameters)
+    goes_on = ((ahead > parameters.r_n) & (ahead < parameters.r_cn)).any()
+    return "unseen" if goes_on else "free"
 
 
 def _ahead(

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 
 from recognition.model import arc_length
 from recognition.neighbourhoods import neighbourhood_means
@@ -44,6 +44,6 @@ def evidence(
     if unseen.all():
         return np.full(len(points), parameters.r), views.astype(np.int64)
     s = arc_length(points)
-    gap, nearest = cKDTree(s[~unseen, None]).query(s[unseen, None])
+    gap, nearest = KDTree(s[~unseen, None]).query(s[unseen, None])
     sigma[unseen] = sigma[~unseen][nearest] + gap**2 / (10 * parameters.r)
     return sigma, views.astype(np.int64)

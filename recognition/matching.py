@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 
 from recognition.parameters import ChainParameters
 
@@ -20,12 +20,12 @@ class SearchField:
     """(N, 3)."""
     connectable: NDArray[np.bool_] = field(init=False)
     """(N,), which points may still be linked to."""
-    tree: cKDTree = field(init=False, repr=False)
+    tree: KDTree = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         self.points = np.asarray(self.points, dtype=np.float64).reshape(-1, 3)
         self.connectable = np.ones(len(self.points), dtype=bool)
-        self.tree = cKDTree(self.points)
+        self.tree = KDTree(self.points)
 
     def eliminate(self, centre: NDArray[np.float64], radius: float) -> None:
         """Makes all points within `radius` of `centre` unconnectable (step 2)."""

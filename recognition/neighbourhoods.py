@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 
 
 def within(centres: NDArray[np.float64], points: NDArray[np.float64], radius: float) -> csr_array:
@@ -12,11 +12,8 @@ def within(centres: NDArray[np.float64], points: NDArray[np.float64], radius: fl
     `A @ values` then sums over the neighbourhoods, `A.sum(axis=1)` counts them. With `centres` being `points`
     each point counts as its own neighbour.
     """
-    neighbours = cKDTree(points).query_ball_point(centres, radius, return_sorted=True)
-    counts = np.fromiter(map(len, neighbours), dtype=np.int64, count=len(centres))
-    columns = np.concatenate([*neighbours, []]).astype(np.int64)
-    starts = np.concatenate([[0], np.cumsum(counts)])
-    return csr_array((np.ones(len(columns)), columns, starts), shape=(len(centres), len(points)))
+    pairs = KDTree(centres).sparse_distance_matrix(KDTree(points), radius, output_type="ndarray")
+    return csr_array((np.ones(len(pairs)), (pairs["i"], pairs["j"])), shape=(len(centres), len(points)))
 
 
 def neighbourhood_means(

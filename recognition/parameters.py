@@ -64,9 +64,7 @@ class ChainParameters:
         }
         broken = [condition for condition, holds in conditions.items() if not holds]
         if broken:
-            raise InvalidParametersError(
-                f"the parameters break {', '.join(broken)} (Table I); they are {values}"
-            )
+            raise InvalidParametersError(f"the parameters break {', '.join(broken)} (Table I); they are {values}")
 
     @classmethod
     def for_radius(cls, r: float) -> "ChainParameters":

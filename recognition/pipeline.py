@@ -85,9 +85,7 @@ def recognise(
     if empty_because:
         clock.begin(None)
         quality = Quality(views=left_out, warnings=(empty_because,))
-        return Recognition(
-            PointChainModel(method, parameters, quality=quality, timing_s=clock.timing_s), targets
-        )
+        return Recognition(PointChainModel(method, parameters, quality=quality, timing_s=clock.timing_s), targets)
     clouds = [estimate_normals(target, parameters) for target in seen]
 
     clock.begin("registration")
@@ -113,9 +111,7 @@ def recognise(
         strands = extend_ends(reconstruction.connected, centre_line.single, parameters)
 
     clock.begin("topology")
-    strands, chains, warnings = make_chains(
-        strands, centre_line.single, registration.clouds, scene, parameters
-    )
+    strands, chains, warnings = make_chains(strands, centre_line.single, registration.clouds, scene, parameters)
     crossings, ambiguities = find_crossings(strands, registration.points, parameters)
     clock.begin(None)
 
@@ -123,6 +119,4 @@ def recognise(
     ambiguities = [*ambiguities, *sharp_bends(chains)]
     quality = Quality(view_quality, tuple(ambiguities), tuple(warnings))
     model = PointChainModel(method, parameters, chains, tuple(crossings), quality, clock.timing_s)
-    return Recognition(
-        model, targets, clouds, registration, centre_line, thinned, enhanced, segments, reconstruction
-    )
+    return Recognition(model, targets, clouds, registration, centre_line, thinned, enhanced, segments, reconstruction)

@@ -9,9 +9,7 @@ if TYPE_CHECKING:
     import open3d as o3d
 
 
-def as_open3d(
-    points: NDArray[np.float64], normals: NDArray[np.float64] | None = None
-) -> "o3d.geometry.PointCloud":
+def as_open3d(points: NDArray[np.float64], normals: NDArray[np.float64] | None = None) -> "o3d.geometry.PointCloud":
     """Points (N, 3), with normals (N, 3) where given, as an Open3D cloud."""
     import open3d as o3d
 

@@ -86,7 +86,7 @@ def preprocess(view: DepthView, parameters: ChainParameters, scene: Scene) -> Ta
     threshold on z_w alone.
     """
     T = view.T_base_camera
-    measured = np.count_nonzero(view.depth)
+    measured = int(np.count_nonzero(view.depth))
     points = _in_workspace(view, scene)
     T_levelling = levelling(points, scene.table_z_m, parameters)
     height = points @ T_levelling[2, :3] + T_levelling[2, 3] - scene.table_z_m
@@ -97,7 +97,7 @@ def preprocess(view: DepthView, parameters: ChainParameters, scene: Scene) -> Ta
         T_levelling=T_levelling,
         measured=measured,
         in_workspace=len(points),
-        constant=measured > 1 and len(np.unique(view.depth[view.depth > 0])) == 1,
+        constant=measured > 1 and int(view.depth.max()) == int(view.depth[view.depth > 0].min()),
     )
 
 

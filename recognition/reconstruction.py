@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicHermiteSpline
 from scipy.optimize import Bounds, LinearConstraint, milp
 from scipy.sparse.csgraph import connected_components
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 
 from recognition.model import arc_length
 from recognition.parameters import ChainParameters
@@ -71,9 +71,7 @@ def reconstruct(
     return Reconstruction(reconnected, connect_across_gaps(at_centres, surface, parameters))
 
 
-def reconnect_close_ends(
-    strands: Sequence[Strand], centres: Points, parameters: ChainParameters
-) -> list[Strand]:
+def reconnect_close_ends(strands: Sequence[Strand], centres: Points, parameters: ChainParameters) -> list[Strand]:
     """Joins ends closer than r_f, the closest first (III.E.1).
 
     The paper joins any couple. Here a couple whose directions are not opposite is left alone, since two strings
@@ -82,10 +80,12 @@ def reconnect_close_ends(
     """
     ends = strand_ends(strands, parameters)
     at_intersection = gathering(ends, centres, parameters) >= 0
+    directed = np.array([end.direction.any() for end in ends], dtype=bool)
     D = np.linalg.norm(_positions(ends)[:, None] - _positions(ends)[None], axis=2)
-    b = inner_products(ends)
+    # A strand of one point has no direction and may be joined on either side.
+    opposite = (inner_products(ends) < OPPOSITE) | ~directed[:, None] | ~directed[None]
     pairs = []
-    taken: set[int] = set()
+    taken = set(np.flatnonzero(at_intersection).tolist())
     j, k = np.triu_indices(len(ends), 1)
     for n in np.argsort(D[j, k], kind="stable"):
         first, second = int(j[n]), int(k[n])
@@ -93,7 +93,7 @@ def reconnect_close_ends(
             break
         if (
             {first, second} & taken
-            or b[first, second] > 0
+            or not opposite[first, second]
             or not _may_join(ends, first, second, strands, parameters)
         ):
             continue
@@ -102,10 +102,8 @@ def reconnect_close_ends(
     return join(strands, ends, pairs, parameters)
 
 
-def connect_at_intersections(
-    strands: Sequence[Strand], centres: Points, parameters: ChainParameters
-) -> list[Strand]:
-    """Joins the ends that gather around each intersection, given by bifurcation centres (M, 3), by eq. (8) (III.E.2)."""
+def connect_at_intersections(strands: Sequence[Strand], centres: Points, parameters: ChainParameters) -> list[Strand]:
+    """Joins the ends that gather around each intersection of bifurcation `centres` (M, 3) by eq. (8) (III.E.2)."""
     ends = strand_ends(strands, parameters)
     where = gathering(ends, centres, parameters)
     same = (where[:, None] == where[None]) & (where >= 0)[:, None]
@@ -135,9 +133,7 @@ def gathering(ends: Sequence[End], centres: Points, parameters: ChainParameters)
     return np.where(gathers, intersection[nearest], -1)
 
 
-def connect_across_gaps(
-    strands: Sequence[Strand], surface: Points, parameters: ChainParameters
-) -> list[Strand]:
+def connect_across_gaps(strands: Sequence[Strand], surface: Points, parameters: ChainParameters) -> list[Strand]:
     """Joins ends that face each other across a gap of at most 2 r_cf in which another strand hides them, by eq. (8).
 
     Our addition to III.E.2: where strands lie on one another without melting together, the contribution rate
@@ -152,14 +148,15 @@ def connect_across_gaps(
     with np.errstate(invalid="ignore", divide="ignore"):
         cosine = np.einsum("jkx,jx->jk", way, _directions(ends)) / D
     facing = np.nan_to_num(cosine, nan=-1.0) > FACING
-    allowed = (D <= 2 * parameters.r_cf) & facing & facing.T & (inner_products(ends) < OPPOSITE)
-    from_above = cKDTree(surface[:, :2])
+    near = np.less_equal(D, 2 * parameters.r_cf)
+    allowed = near & facing & facing.T & (inner_products(ends) < OPPOSITE)
+    from_above = KDTree(surface[:, :2])
     for j, k in zip(*np.nonzero(np.triu(allowed, 1)), strict=True):
         allowed[j, k] = allowed[k, j] = _hidden(ends[j].point, ends[k].point, from_above, parameters)
     return join(strands, ends, least_bending_pairs(ends, allowed, strands, parameters), parameters)
 
 
-def _hidden(a: Points, b: Points, from_above: cKDTree, parameters: ChainParameters) -> bool:
+def _hidden(a: Points, b: Points, from_above: KDTree, parameters: ChainParameters) -> bool:
     """Whether, seen from above, something lies over the gap from a to b.
 
     The means of eqs. (2) and (3) draw each end back by up to 2 r = r_f from where the strand disappears; all of
@@ -185,7 +182,7 @@ def least_bending_pairs(
     b = inner_products(ends)
     j, k = np.nonzero(np.triu(allowed, 1))
     couples = [
-        (int(a), int(c)) for a, c in zip(j, k, strict=True) if _may_join(ends, a, c, strands, parameters)
+        (int(a), int(c)) for a, c in zip(j, k, strict=True) if _may_join(ends, int(a), int(c), strands, parameters)
     ]
     if not couples:
         return []
@@ -288,9 +285,7 @@ def _chain_up(path: list[tuple[Strand, bool]], closed: bool, parameters: ChainPa
     return Strand(np.vstack(points), np.concatenate(bridged), closed)
 
 
-def _may_join(
-    ends: Sequence[End], j: int, k: int, strands: Sequence[Strand], parameters: ChainParameters
-) -> bool:
+def _may_join(ends: Sequence[End], j: int, k: int, strands: Sequence[Strand], parameters: ChainParameters) -> bool:
     """A strand may close on itself only if it is long enough to come round."""
     if ends[j].strand != ends[k].strand:
         return True

@@ -5,8 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 from scipy.spatial.transform import Rotation
 
 from calibration.transforms import from_rotation_vector, inverse, rotation_angle, transform_points
@@ -65,9 +64,7 @@ def register(clouds: Sequence[NormalCloud], parameters: ChainParameters) -> Regi
     points, normals = merge(placed, parameters)
     qualities = [_quality(cloud, points, parameters) for cloud in placed]
     by_view = sorted(range(len(order)), key=lambda i: order[i].view)
-    return Registration(
-        points, normals, tuple(placed[i] for i in by_view), tuple(qualities[i] for i in by_view)
-    )
+    return Registration(points, normals, tuple(placed[i] for i in by_view), tuple(qualities[i] for i in by_view))
 
 
 def merge(
@@ -115,21 +112,17 @@ def correction_onto(
     matches = np.asarray(found.correspondence_set)
     if len(matches) < MIN_MATCHES:
         return np.zeros(6)
-    x = np.concatenate(
-        [Rotation.from_matrix(found.transformation[:3, :3]).as_rotvec(), found.transformation[:3, 3]]
-    )
+    x = np.concatenate([Rotation.from_matrix(found.transformation[:3, :3]).as_rotvec(), found.transformation[:3, 3]])
     matched_normals = normals[matches[:, 1]]
     J = np.hstack([np.cross(cloud.points[matches[:, 0]] - centre, matched_normals), matched_normals])
     H = J.T @ J * (INDEPENDENT_SHARE / SURFACE_SIGMA_M**2)
     x = np.linalg.solve(H + np.diag(POSE_SIGMA**-2.0), H @ x)
     before = registration.evaluate_registration(source, target, parameters.r, np.eye(4))
-    after = registration.evaluate_registration(
-        source, target, parameters.r, from_rotation_vector(x[3:], x[:3])
-    )
+    after = registration.evaluate_registration(source, target, parameters.r, from_rotation_vector(x[3:], x[:3]))
     closer = after.inlier_rmse <= before.inlier_rmse and after.fitness >= 0.99 * before.fitness
     if not closer or (np.abs(x) / POSE_SIGMA).max() > MAX_CORRECTION_SIGMA:
         return np.zeros(6)
-    return x
+    return np.asarray(x, dtype=np.float64)
 
 
 def corrected(cloud: NormalCloud, twist: NDArray[np.float64], centre: NDArray[np.float64]) -> NormalCloud:
@@ -145,7 +138,7 @@ def corrected(cloud: NormalCloud, twist: NDArray[np.float64], centre: NDArray[np
 
 
 def _quality(cloud: NormalCloud, merged: NDArray[np.float64], parameters: ChainParameters) -> ViewQuality:
-    distance, _ = cKDTree(merged).query(cloud.points, distance_upper_bound=parameters.r)
+    distance, _ = KDTree(merged).query(cloud.points, distance_upper_bound=parameters.r)
     matched = distance[np.isfinite(distance)]
     middle = cloud.points.mean(axis=0)
     before = transform_points(inverse(cloud.T_correction), middle)

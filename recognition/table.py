@@ -20,9 +20,7 @@ SAMPLE = 20_000
 """Points are thinned evenly to about this many: a plane needs no more."""
 
 
-def levelling(
-    points: NDArray[np.float64], table_z_m: float, parameters: ChainParameters
-) -> NDArray[np.float64]:
+def levelling(points: NDArray[np.float64], table_z_m: float, parameters: ChainParameters) -> NDArray[np.float64]:
     """(4, 4) correction in the base frame that brings the table seen in `points` (N, 3) to z = `table_z_m`.
 
     Every view sees the table before the threshold on z_w takes it away, and the table's height and tilt are known:
@@ -39,6 +37,7 @@ def levelling(
     centre = near.mean(axis=0)
     A = np.column_stack([near[:, :2] - centre[:2], np.ones(len(near))])
     plane = np.array([0.0, 0.0, np.median(near[:, 2])])
+    on_plane = np.ones(len(near), dtype=bool)
     for width in PASSES_M:
         on_plane = np.abs(near[:, 2] - A @ plane) < width
         if on_plane.sum() < max(MIN_SHARE * len(points), 100):

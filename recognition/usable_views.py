@@ -53,9 +53,7 @@ def usable_views(
     return (
         [],
         left_out,
-        (
-            "no string in view: no view has points in the workspace that are higher above the table than the threshold z_t"
-        ),
+        ("no string in view: no view has points in the workspace that are higher above the table than z_t"),
     )
 
 

@@ -41,9 +41,7 @@ def _parser() -> argparse.ArgumentParser:
         "a file that fails gives a document with `error` on its line and exit code 1 at the end.",
     )
     recognise.add_argument("files", nargs="+", type=Path, metavar="FILE", help="recording (MCAP)")
-    recognise.add_argument(
-        "--radius", type=float, metavar="M", help="string radius in metres (the recording's own)"
-    )
+    recognise.add_argument("--radius", type=float, metavar="M", help="string radius in metres (the recording's own)")
     recognise.add_argument("--method", choices=METHODS, default="enhanced", help="default: %(default)s")
     recognise.add_argument(
         "--trace",
@@ -60,31 +58,19 @@ def _parser() -> argparse.ArgumentParser:
         "crossings. The same arguments give the same file content.",
     )
     simulate.add_argument("out", type=Path, metavar="OUT.mcap", help="file to write; it must not exist")
-    simulate.add_argument(
-        "--scene", default="figure-eight", help="an unknown name lists the known (%(default)s)"
-    )
-    simulate.add_argument(
-        "--camera", default="oak-d-pro", help="an unknown name lists the known (%(default)s)"
-    )
+    simulate.add_argument("--scene", default="figure-eight", help="an unknown name lists the known (%(default)s)")
+    simulate.add_argument("--camera", default="oak-d-pro", help="an unknown name lists the known (%(default)s)")
     simulate.add_argument("--seed", type=int, default=0, metavar="N", help="default: %(default)s")
-    simulate.add_argument(
-        "--radius", type=float, default=0.0042, metavar="M", help="of the string (%(default)s)"
-    )
-    simulate.add_argument(
-        "--length", type=float, default=0.4, metavar="M", help="of each string (%(default)s)"
-    )
+    simulate.add_argument("--radius", type=float, default=0.0042, metavar="M", help="of the string (%(default)s)")
+    simulate.add_argument("--length", type=float, default=0.4, metavar="M", help="of each string (%(default)s)")
     simulate.add_argument(
         "--softness", type=float, default=1.0, metavar="S", help="height gap at crossings / 2 r (%(default)s)"
     )
     simulate.add_argument("--crossings", type=int, metavar="N", help="for coil, several and random")
     simulate.add_argument("--strings", type=int, metavar="N", help="for several and random")
-    simulate.add_argument(
-        "--clutter", type=int, default=0, metavar="N", help="boxes beside the strings (%(default)s)"
-    )
+    simulate.add_argument("--clutter", type=int, default=0, metavar="N", help="boxes beside the strings (%(default)s)")
     simulate.add_argument("--views", type=int, default=8, metavar="N", help="default: %(default)s")
-    simulate.add_argument(
-        "--resolution", type=_resolution, metavar="WxH", help="of the depth image (the camera's)"
-    )
+    simulate.add_argument("--resolution", type=_resolution, metavar="WxH", help="of the depth image (the camera's)")
     simulate.set_defaults(run=_simulate)
 
     serve = commands.add_parser("serve", help="the HTTP service")

@@ -107,9 +107,7 @@ def load_config(path: Path | None = None, **overrides: Any) -> ServiceConfig:
         raise ConfigError(f"{path}: cannot be read: {error.strerror}") from error
     except ValidationError as error:
         raise ConfigError(_explain(error, path)) from error
-    return ServiceConfig.model_construct(
-        **{name: getattr(settings, name) for name in ServiceConfig.model_fields}
-    )
+    return ServiceConfig.model_construct(**{name: getattr(settings, name) for name in ServiceConfig.model_fields})
 
 
 def _refuse_unknown_variables() -> None:

@@ -41,9 +41,7 @@ def _scan(id: Annotated[str, Path(pattern=ID_PATTERN)], service: Service) -> Sca
 def _recording(id: Annotated[str, Path(pattern=ID_PATTERN)], service: Service) -> RecordingRow:  # noqa: A002
     recording = service.store.recording(id)
     if recording is None:
-        raise ProblemError(
-            404, "recording-not-found", f"there is no recording {id}; GET /api/recordings lists them"
-        )
+        raise ProblemError(404, "recording-not-found", f"there is no recording {id}; GET /api/recordings lists them")
     return recording
 
 

@@ -63,7 +63,5 @@ def _told(model: PointChainModel) -> list[str]:
             f"chain {crossing.under.chain} at {crossing.under.s_m * 1000:.0f} mm, "
             f"{crossing.gap_m * 1000:.1f} mm apart (confidence {crossing.confidence:.2f})"
         )
-    lines += [
-        f"Warning            {warning}" for warning in (*model.quality.ambiguities, *model.quality.warnings)
-    ]
+    lines += [f"Warning            {warning}" for warning in (*model.quality.ambiguities, *model.quality.warnings)]
     return lines

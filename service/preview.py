@@ -36,9 +36,7 @@ def draw_preview(model: PointChainModel, points: NDArray[np.float64]) -> bytes:
     axes.set_axisbelow(True)
     if len(points):
         drawn = points[:: -(-len(points) // CLOUD_POINTS)]
-        cloud = axes.scatter(
-            drawn[:, 0], drawn[:, 1], c=drawn[:, 2] * 1000, s=1.5, cmap="Greys", rasterized=True
-        )
+        cloud = axes.scatter(drawn[:, 0], drawn[:, 1], c=drawn[:, 2] * 1000, s=1.5, cmap="Greys", rasterized=True)
         figure.colorbar(cloud, label="height (mm)", shrink=0.7)
     for chain in model.chains:
         _draw_chain(axes, chain, model)
@@ -54,9 +52,7 @@ def draw_preview(model: PointChainModel, points: NDArray[np.float64]) -> bytes:
             weight="bold",
         )
     if not model.chains and not len(points):
-        axes.text(
-            0.5, 0.5, "no string in view", transform=axes.transAxes, ha="center", va="center", fontsize=14
-        )
+        axes.text(0.5, 0.5, "no string in view", transform=axes.transAxes, ha="center", va="center", fontsize=14)
     buffer = io.BytesIO()
     canvas.print_png(buffer)
     return buffer.getvalue()

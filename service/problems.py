@@ -70,9 +70,7 @@ class ProblemError(HTTPException):
         self.slug = slug
 
 
-def problem_document(
-    status: int, slug: str, detail: str, instance: str | None = None, **more: Any
-) -> dict[str, Any]:
+def problem_document(status: int, slug: str, detail: str, instance: str | None = None, **more: Any) -> dict[str, Any]:
     """The problem as a JSON document; `more` are extension members."""
     title = TITLES.get(slug, slug.replace("-", " ").capitalize())
     document = {"type": f"urn:pointchain:{slug}", "title": title, "status": status, "detail": detail}
@@ -121,8 +119,7 @@ def install_problem_handlers(app: FastAPI) -> None:
     async def _invalid(request: Request, error: RequestValidationError) -> JSONResponse:
         # The input itself is left out: it may be huge, or NaN, which JSON cannot say.
         errors = [
-            {"where": ".".join(str(part) for part in item["loc"]), "what": item["msg"]}
-            for item in error.errors()
+            {"where": ".".join(str(part) for part in item["loc"]), "what": item["msg"]} for item in error.errors()
         ]
         detail = "; ".join(f"{item['where']}: {item['what']}" for item in errors[:5])
         return respond(request, 422, "invalid-request", detail, errors=errors[:50])

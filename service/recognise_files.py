@@ -24,9 +24,7 @@ def recognise_files(files: Sequence[Path], radius_m: float | None, method: Metho
     with tqdm(total=len(files) * len(STAGES), unit="stage", disable=not sys.stderr.isatty()) as bar:
         for number, file in enumerate(files, 1):
             bar.set_description(file.name)
-            document, reason = _recognise_file(
-                file, radius_m, method, trace, lambda stage: bar.set_postfix_str(stage)
-            )
+            document, reason = _recognise_file(file, radius_m, method, trace, bar.set_postfix_str)
             bar.update(number * len(STAGES) - bar.n)
             print(json.dumps(document, allow_nan=False), flush=True)
             if reason is not None:

@@ -14,9 +14,7 @@ ID_PATTERN = r"^[0-9a-z-]{1,64}$"
 Id = Annotated[str, Field(pattern=ID_PATTERN, examples=["20260102t030405-678901-9f86d081"])]
 """Made by the server; later ones sort behind earlier ones."""
 
-ScanState = Literal[
-    "queued", "processing", "stopping", "succeeded", "partial", "failed", "aborted", "interrupted"
-]
+ScanState = Literal["queued", "processing", "stopping", "succeeded", "partial", "failed", "aborted", "interrupted"]
 ACTIVE_STATES: tuple[ScanState, ...] = ("queued", "processing", "stopping")
 """States that a scan leaves again; all others are final."""
 RESULT_STATES: tuple[ScanState, ...] = ("succeeded", "partial")

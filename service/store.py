@@ -147,9 +147,7 @@ class Store:
 
     def scans(self, limit: int, before: str | None) -> list[ScanRow]:
         """The newest scans, those made before the id `before` if given."""
-        return self._all(
-            _scan, "SELECT * FROM scans WHERE id < ? ORDER BY id DESC LIMIT ?", before or "~", limit
-        )
+        return self._all(_scan, "SELECT * FROM scans WHERE id < ? ORDER BY id DESC LIMIT ?", before or "~", limit)
 
     def update_scan(self, scan_id: str, only_in: Sequence[ScanState] = ACTIVE_STATES, **values: Any) -> bool:
         """Sets columns of a scan, unless its state is not one of `only_in`; says whether it did."""

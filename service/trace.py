@@ -72,9 +72,7 @@ def _combined_cloud(figure: "Figure", recognition: Recognition, truth: Truth) ->
     points, normals = registration.points * MM, registration.normals
     _by_height(figure, axes, points)
     some = slice(None, None, max(len(points) // NORMALS, 1))
-    axes.quiver(
-        *points[some, :2].T, *normals[some, :2].T, color="0.35", width=0.0012, scale=60, headwidth=2, zorder=1
-    )
+    axes.quiver(*points[some, :2].T, *normals[some, :2].T, color="0.35", width=0.0012, scale=60, headwidth=2, zorder=1)
     _true_lines(axes, truth)
 
 
@@ -107,9 +105,7 @@ def _contribution_rate(figure: "Figure", recognition: Recognition, truth: Truth)
     assert recognition.thinned is not None
     assert recognition.enhanced is not None
     parameters = recognition.model.parameters
-    axes = _from_above(
-        figure, f"Contribution rate (r_s = {parameters.r_s * MM:g} mm, rho_t = {parameters.rho_t:g})"
-    )
+    axes = _from_above(figure, f"Contribution rate (r_s = {parameters.r_s * MM:g} mm, rho_t = {parameters.rho_t:g})")
     rho = recognition.enhanced.rho
     drawn = axes.scatter(
         *recognition.thinned[:, :2].T * MM,
@@ -177,8 +173,8 @@ def _model(figure: "Figure", recognition: Recognition, truth: Truth) -> None:
             chain = recognition.model.chains[strand.chain]
             # The label sits where the strand leaves the crossing, so that it is plain which one is meant.
             s = min(strand.s_m + 3 * chain.radius_m, float(chain.arc_length_m[-1]))
-            place = [float(np.interp(s, chain.arc_length_m, chain.points[:, k])) * MM for k in (0, 1)]
-            axes.annotate(word, place, fontsize=8, weight="bold" if word == "over" else "normal")
+            x, y = (float(np.interp(s, chain.arc_length_m, chain.points[:, k])) * MM for k in (0, 1))
+            axes.annotate(word, (x, y), fontsize=8, weight="bold" if word == "over" else "normal")
         _true_lines(axes, truth)
 
 

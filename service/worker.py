@@ -208,9 +208,7 @@ def _do(task: Task, pipe: Connection) -> Outcome | _Refused:
         raise
     except Exception as error:
         if isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT):
-            return _Refused(
-                507, "storage-full", "no space is left in the data folder; free some and scan again"
-            )
+            return _Refused(507, "storage-full", "no space is left in the data folder; free some and scan again")
         log.exception("recognition of %s failed", task.recording)
         detail = f"recognition met an unexpected {type(error).__name__}: {error}: please report it"
         return _Refused(500, "recognition-crashed", detail)

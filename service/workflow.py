@@ -82,9 +82,7 @@ def recognise_recording(
     recording = read_recording(path)
     header = recording.header
     parameters = ChainParameters.for_radius(check_radius(radius_m, header.string_radius_m))
-    recognition = recognise(
-        recording.views, parameters, Scene(header.table_z_m, header.workspace_m), method, on_stage
-    )
+    recognition = recognise(recording.views, parameters, Scene(header.table_z_m, header.workspace_m), method, on_stage)
     quality = recognition.model.quality
     quality = replace(quality, warnings=(*recording.missing, *quality.warnings))
     return replace(recognition, model=replace(recognition.model, quality=quality))

@@ -63,11 +63,7 @@ def test_the_package_is_ours_and_not_another_of_the_same_name(name: str) -> None
 
 def test_installation_makes_the_four_packages_importable_and_nothing_else(tmp_path: Path) -> None:
     places = json.loads(run_python(FIND_PACKAGES, cwd=tmp_path))
-    ours = {
-        name
-        for name, found in places.items()
-        if any(Path(p).resolve().is_relative_to(ROOT / name) for p in found)
-    }
+    ours = {name for name, found in places.items() if any(Path(p).resolve().is_relative_to(ROOT / name) for p in found)}
     assert ours == {"service", "cell", "calibration", "recognition"}, "not as `make setup` installs it"
 
 

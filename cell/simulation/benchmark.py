@@ -80,7 +80,7 @@ def run_case(case: Case) -> list[Result]:
 
 
 def run(
-    cases: Sequence[Case], jobs: int | None = None, on_done: Callable[[], None] | None = None
+    cases: Sequence[Case], jobs: int | None = None, on_done: Callable[[], object] | None = None
 ) -> Iterator[Result]:
     """The results of all cases in their order, computed on `jobs` processes (all cores when None)."""
     with ProcessPoolExecutor(jobs or os.cpu_count(), mp_context=get_context("spawn")) as pool:
@@ -92,18 +92,17 @@ def run(
 
 def summarise(results: Sequence[Result]) -> dict[Method, Summary]:
     """One summary a method."""
-    return {
-        method: _summary([result.score for result in results if result.method == method]) for method in METHODS
-    }
+    return {method: _summary([result.score for result in results if result.method == method]) for method in METHODS}
 
 
 def table(summaries: dict[Method, Summary]) -> str:
     """The summaries as a Markdown table."""
-    head = "| method | scenes | topology right | mean error | shape error | worst end | cover |\n|---|---|---|---|---|---|---|\n"
-    return head + "\n".join(
-        f"| {method} | {s.n} | {s.topology:.1%} | {s.mean_mm:.2f} mm | {s.shape_mm:.2f} mm | {s.end_mm:.1f} mm | {s.cover:.3f} |"
-        for method, s in summaries.items()
-    )
+    columns = ("method", "scenes", "topology right", "mean error", "shape error", "worst end", "cover")
+    rows = [columns, ("---",) * len(columns)]
+    for method, s in summaries.items():
+        errors = (f"{s.mean_mm:.2f} mm", f"{s.shape_mm:.2f} mm", f"{s.end_mm:.1f} mm")
+        rows.append((method, str(s.n), f"{s.topology:.1%}", *errors, f"{s.cover:.3f}"))
+    return "\n".join(f"| {' | '.join(row)} |" for row in rows)
 
 
 def _summary(scores: Sequence[Score]) -> Summary:

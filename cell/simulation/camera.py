@@ -57,7 +57,7 @@ CAMERAS = {
     ),
     "ideal": CameraModel("ideal", 440.0, 640, 400, 0.10, (0.25, 0.60), None),
 }
-"""Presets. oak-d-sr: short baseline (20 mm), 1280x800. oak-d-pro: 75 mm, dots, extended disparity, every second pixel."""
+"""Presets. oak-d-sr: a baseline of 20 mm, all pixels. oak-d-pro: 75 mm, extended disparity, every second pixel."""
 
 
 def camera_model(name: str, resolution: tuple[int, int] | None = None) -> CameraModel:
@@ -97,7 +97,7 @@ class DepthCamera:
         parts = [meshes.tube(curve, scene.radius_m) for curve in scene.curves]
         parts += [meshes.table(), *(meshes.box_mesh(box) for box in scene.boxes)]
         for vertices, triangles in parts:
-            self._caster.add_triangles(o3d.core.Tensor(vertices), o3d.core.Tensor(triangles))
+            self._caster.add_triangles(o3d.core.Tensor.from_numpy(vertices), o3d.core.Tensor.from_numpy(triangles))
         self._strings = len(scene.curves)
         u, v = np.meshgrid(np.arange(model.width), np.arange(model.height))
         # Not of unit length: the distance along such a ray is the depth along the optical axis.
@@ -114,7 +114,7 @@ class DepthCamera:
         rays = np.empty((*self._rays.shape[:2], 6), dtype=np.float32)
         rays[..., :3] = T[:3, 3]
         rays[..., 3:] = self._rays @ T[:3, :3].T.astype(np.float32)
-        hits = self._caster.cast_rays(o3d.core.Tensor(rays))
+        hits = self._caster.cast_rays(o3d.core.Tensor.from_numpy(rays))
         # Unsigned "nothing hit" is far beyond the strings' numbers.
         part = hits["geometry_ids"].numpy().astype(np.int64)
         return hits["t_hit"].numpy(), np.where(part < self._strings, part, -1)

@@ -16,9 +16,7 @@ SIDE_CLEARANCE = 2.4
 """Least distance of the centre lines of two strands that do not cross there, in radii."""
 
 
-def clear(
-    plan: Curves, crossings: Sequence[PlanCrossing], radius_m: float, growing: bool = False
-) -> bool:
+def clear(plan: Curves, crossings: Sequence[PlanCrossing], radius_m: float, growing: bool = False) -> bool:
     """Whether crossings are steep enough, away from ends and from one another, and other strands apart.
 
     `plan` holds the strings' courses (N, 2) in even steps, `crossings` all their crossings. With `growing` the
@@ -41,15 +39,13 @@ def clear(
     return strands_apart(plan, crossings, SIDE_CLEARANCE * radius_m, growing)
 
 
-def strands_apart(
-    plan: Curves, crossings: Sequence[PlanCrossing], apart_m: float, growing: bool = False
-) -> bool:
+def strands_apart(plan: Curves, crossings: Sequence[PlanCrossing], apart_m: float, growing: bool = False) -> bool:
     """Whether strands come nearer than `apart_m` to one another only where they cross."""
-    from scipy.spatial import cKDTree
+    from scipy.spatial import KDTree
 
     string = np.repeat(np.arange(len(plan)), [len(curve) for curve in plan])
     s = np.concatenate([np.arange(len(curve)) * step_of(curve) for curve in plan])
-    pairs = cKDTree(np.vstack([curve[:, :2] for curve in plan])).query_pairs(apart_m, output_type="ndarray")
+    pairs = KDTree(np.vstack([curve[:, :2] for curve in plan])).query_pairs(apart_m, output_type="ndarray")
     i, j = pairs.min(axis=1), pairs.max(axis=1)
     # Along one strand, a chord of this length belongs to an arc of at most pi/2 times it.
     other = (string[i] != string[j]) | (s[j] - s[i] > apart_m * np.pi / 2)

@@ -8,6 +8,9 @@ from numpy.typing import NDArray
 
 Curves = Sequence[NDArray[np.float64]]
 
+_SAME = 1e-9
+"""Positions as near as this, in points, are one."""
+
 
 @dataclass(frozen=True)
 class PlanCrossing:
@@ -27,34 +30,42 @@ def plan_crossings(curves: Curves) -> tuple[PlanCrossing, ...]:
 
     Ordered by `first`. Segments that share a point do not cross.
     """
-    from scipy.spatial import cKDTree
+    from scipy.spatial import KDTree
 
     string, index = _numbering(curves)
     start = np.vstack([curve[:-1, :2] for curve in curves])
     along = np.vstack([np.diff(curve[:, :2], axis=0) for curve in curves])
     # Two segments that meet have their middles no farther apart than half the sum of their lengths.
     longest = float(np.linalg.norm(along, axis=1).max())
-    pairs = cKDTree(start + along / 2).query_pairs(longest * 1.001, output_type="ndarray")
+    pairs = KDTree(start + along / 2).query_pairs(longest * 1.001, output_type="ndarray")
     pairs = pairs[(string[pairs[:, 0]] != string[pairs[:, 1]]) | (np.abs(np.diff(pairs, axis=1)[:, 0]) > 1)]
     i, j = pairs.min(axis=1), pairs.max(axis=1)
     a, b, between = along[i], along[j], start[j] - start[i]
     denominator = _cross(a, b)
     with np.errstate(divide="ignore", invalid="ignore"):
         t, u = _cross(between, b) / denominator, _cross(between, a) / denominator
-    meet = (denominator != 0) & (t >= 0) & (t < 1) & (u >= 0) & (u < 1)
-    order = np.lexsort((j[meet], i[meet]))
-    i, j, a, b, t, u = (values[meet][order] for values in (i, j, a, b, t, u))
-    cosine = np.abs((a * b).sum(axis=1)) / (np.linalg.norm(a, axis=1) * np.linalg.norm(b, axis=1))
-    points = start[i] + t[:, None] * a
-    return tuple(
-        PlanCrossing(
+        # A little over the ends, or a crossing just at a point of both curves could slip between segments.
+        meet = (denominator != 0) & (np.abs(t - 0.5) <= 0.5 + _SAME) & (np.abs(u - 0.5) <= 0.5 + _SAME)
+    order = np.nonzero(meet)[0][np.lexsort((j[meet], i[meet]))]
+    result: list[PlanCrossing] = []
+    for k in order:
+        m, n = i[k], j[k]
+        cosine = abs(a[k] @ b[k]) / (np.linalg.norm(a[k]) * np.linalg.norm(b[k]))
+        point = start[m] + t[k] * a[k]
+        crossing = PlanCrossing(
             first=(int(string[m]), float(index[m] + t[k])),
             second=(int(string[n]), float(index[n] + u[k])),
-            point=(float(points[k, 0]), float(points[k, 1])),
-            angle_rad=float(np.arccos(min(cosine[k], 1.0))),
+            point=(float(point[0]), float(point[1])),
+            angle_rad=float(np.arccos(min(cosine, 1.0))),
         )
-        for k, (m, n) in enumerate(zip(i, j, strict=True))
-    )
+        if not any(_same(crossing, other) for other in result):
+            result.append(crossing)
+    return tuple(result)
+
+
+def _same(a: PlanCrossing, b: PlanCrossing) -> bool:
+    """Whether two are one crossing that two neighbouring segments both met."""
+    return all(s == t and abs(x - y) < 4 * _SAME for (s, x), (t, y) in ((a.first, b.first), (a.second, b.second)))
 
 
 def at(curve: NDArray[np.float64], position: float) -> NDArray[np.float64]:

@@ -24,15 +24,19 @@ class HeightsError(ValueError):
 
 
 def lay(
-    plan: Curves, crossings: Sequence[PlanCrossing], first_over: Sequence[bool], radius_m: float, softness: float
+    plan: Curves,
+    crossings: Sequence[PlanCrossing],
+    first_over: Sequence[bool],
+    radius_m: float,
+    softness: float,
 ) -> list[NDArray[np.float64]]:
     """Heights (N,) of the centre lines of strings whose course on the table is `plan` ((N, 2) each, even steps).
 
     The strings sink as low as they can under three conditions, which is a linear programme in the heights:
     no point is lower than the radius; points of two strands are at least `softness * 2 r` apart in space, the
     over strand above (for a fixed plan that asks a difference of heights); and ramps bend no tighter than one of
-    `BEND_RADII` and are no steeper than `MAX_SLOPE`. Strands stacked on others are lifted with them. What is left out: elasticity beyond the
-    bend limit, friction and the sagging of the under strand.
+    `BEND_RADII` and are no steeper than `MAX_SLOPE`. Strands stacked on others are lifted with them. What is left
+    out: elasticity beyond the bend limit, friction, and the weight that bends the under strand.
 
     Raises:
         HeightsError: the conditions contradict one another.
@@ -55,9 +59,7 @@ def lay(
         if solution.success:
             z = np.maximum(solution.x, 1.0) * radius_m
             return [z[offsets[k] : offsets[k + 1]] for k in range(len(plan))]
-    raise HeightsError(
-        "strands can't be laid over and under one another this close together; use a longer or a thinner string"
-    )
+    raise HeightsError("strands cross one another too close together to bend over and under each other")
 
 
 def _differences(plan: Curves, offsets: NDArray[np.int64], stencil: tuple[float, ...]):
@@ -90,7 +92,7 @@ def _contacts(
     Every pair belongs to the crossing that is nearest along both strands.
     """
     from scipy.sparse import csr_array
-    from scipy.spatial import cKDTree
+    from scipy.spatial import KDTree
 
     total = int(offsets[-1])
     rows: list[NDArray[np.int64]] = []
@@ -107,7 +109,7 @@ def _contacts(
             low, high = max(int(position) - reach, 0), min(int(position) + reach + 2, len(curve))
             sides.append((np.arange(low, high), curve[low:high], offsets[string]))
         (index_a, points_a, offset_a), (index_b, points_b, offset_b) = sides
-        near = cKDTree(points_a).sparse_distance_matrix(cKDTree(points_b), apart_m, output_type="ndarray")
+        near = KDTree(points_a).sparse_distance_matrix(KDTree(points_b), apart_m, output_type="ndarray")
         near = near[np.lexsort((near["j"], near["i"]))]
         a, b = index_a[near["i"]] + offset_a, index_b[near["j"]] + offset_b
         # A strand is always near to itself; that is not a contact.
@@ -134,7 +136,5 @@ def _contacts(
         count += 1
     if not gaps:
         return csr_array((0, total)), np.zeros(0)
-    matrix = csr_array(
-        (np.concatenate(weights), (np.concatenate(rows), np.concatenate(columns))), shape=(count, total)
-    )
+    matrix = csr_array((np.concatenate(weights), (np.concatenate(rows), np.concatenate(columns))), shape=(count, total))
     return matrix, np.concatenate(gaps)

@@ -35,7 +35,9 @@ def tube(curve: NDArray[np.float64], radius_m: float, sides: int = 40) -> Mesh:
     walls = np.stack([np.stack([a, b, b + sides], -1), np.stack([a, b + sides, a + sides], -1)], 2)
     k = np.arange(sides)
     first = np.column_stack([np.full(sides, count * sides), (k + 1) % sides, k])
-    last = np.column_stack([np.full(sides, count * sides + 1), k, (k + 1) % sides]) + (0, 1, 1) * np.array((count - 1) * sides)
+    last = np.column_stack([np.full(sides, count * sides + 1), k, (k + 1) % sides]) + (0, 1, 1) * np.array(
+        (count - 1) * sides
+    )
     triangles = np.vstack([walls.reshape(-1, 3), first, last])
     return vertices.astype(np.float32), triangles.astype(np.uint32)
 

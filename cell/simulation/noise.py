@@ -58,7 +58,8 @@ def measure(
 ) -> NDArray[np.float32]:
     """The depth (H, W), metres, that a stereo camera measures of an exact one; 0 where it measures nothing.
 
-    `focal_px` is the depth image's focal length, `bias_px` the session's disparity bias. The reference camera is the left one: what its partner can't see is the band left of what stands before it.
+    `focal_px` is the depth image's focal length, `bias_px` the session's disparity bias. The reference camera is
+    the left one: what its partner can't see is the band left of what stands before it.
     """
     fb = np.float32(noise.focal_baseline_px_m)
     seen = np.isfinite(depth) & (depth > 0)
@@ -83,9 +84,7 @@ def _occluded(disparity: NDArray[np.float32]) -> NDArray[np.bool_]:
     return partner > nearest + np.float32(0.5)
 
 
-def _fray(
-    disparity: NDArray[np.float32], noise: StereoNoise, rng: np.random.Generator
-) -> NDArray[np.float32]:
+def _fray(disparity: NDArray[np.float32], noise: StereoNoise, rng: np.random.Generator) -> NDArray[np.float32]:
     """Rims moved by a pixel or two, and some of their pixels flying between front and back."""
     height, width = disparity.shape
     v, u = np.nonzero(_rims(disparity, noise))
@@ -128,7 +127,8 @@ def _correlated(rng: np.random.Generator, shape: tuple[int, ...]) -> NDArray[np.
     kernel = np.exp(-0.5 * np.arange(-3, 4) ** 2).astype(np.float32)
     kernel /= np.sqrt((kernel**2).sum())
     white = rng.standard_normal(shape, dtype=np.float32)
-    return correlate1d(correlate1d(white, kernel, axis=0, mode="wrap"), kernel, axis=1, mode="wrap")
+    smooth = correlate1d(correlate1d(white, kernel, axis=0, mode="wrap"), kernel, axis=1, mode="wrap")
+    return np.asarray(smooth, dtype=np.float32)
 
 
 def _quantile(share: float) -> float:

@@ -75,9 +75,7 @@ def viewpoints(
     middle `FILL` of its image of `size` (width, height) and none nearer than `near_m`; the far end of it where
     none is enough.
     """
-    bearings = [
-        (2 * np.pi * k / views, ELEVATIONS_RAD[k % 2], ROLL_RAD * (1, -1, -1, 1)[k % 4]) for k in range(views)
-    ]
+    bearings = [(2 * np.pi * k / views, ELEVATIONS_RAD[k % 2], ROLL_RAD * (1, -1, -1, 1)[k % 4]) for k in range(views)]
     needed = working_m[0]
     for azimuth, elevation, roll in bearings:
         local = points @ look_at(np.zeros(3), azimuth, elevation, 0.0, roll)[:3, :3]

@@ -7,10 +7,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cell.simulation import shapes
+from cell.simulation.clearance import CROSSING_CLEARANCE, SIDE_CLEARANCE, strands_apart
 from cell.simulation.clutter import Box, place_boxes
 from cell.simulation.crossings import PlanCrossing, plan_crossings
 from cell.simulation.heights import HeightsError, lay
-from cell.simulation.clearance import SIDE_CLEARANCE, strands_apart
 from cell.simulation.wander import wander
 
 
@@ -34,6 +34,8 @@ class StringScene:
 
 SCENES = ("straight", "arc", "loop", "figure-eight", "overhand-knot", "coil", "several", "random")
 """The names that `make_scene` knows."""
+
+_DRAWS = 12
 
 
 def make_scene(
@@ -64,23 +66,39 @@ def make_scene(
     """
     _check(name, seed, radius_m, length_m, softness, crossings, clutter, strings)
     rng = np.random.default_rng([SCENES.index(name), seed])
-    plan = _plan(name, rng, radius_m, length_m, crossings, strings)
-    found = plan_crossings(plan)
-    if not strands_apart(plan, found, SIDE_CLEARANCE * radius_m):
-        raise SceneError(
-            f"{name}: a string of {length_m:g} m and radius {radius_m:g} m touches itself side by side; "
-            "use a longer or a thinner one"
-        )
-    first_over = _over(name, rng, found)
-    try:
-        heights = lay(plan, found, first_over, radius_m, softness)
-    except HeightsError as error:
-        raise SceneError(f"{name}: {error}") from error
+    plan, heights = _lay(name, rng, radius_m, length_m, softness, crossings, strings)
     curves = tuple(_cut(np.column_stack([xy, z]), length_m) for xy, z in zip(plan, heights, strict=True))
     boxes = place_boxes(rng, curves, radius_m, clutter)
     if boxes is None:
         raise SceneError(f"{name}: there is no room for {clutter} boxes beside the strings; use fewer")
     return StringScene(f"{name}-{seed}", radius_m, curves, boxes)
+
+
+def _lay(
+    name: str,
+    rng: np.random.Generator,
+    radius_m: float,
+    length_m: float,
+    softness: float,
+    crossings: int | None,
+    strings: int | None,
+) -> tuple[list[NDArray[np.float64]], list[NDArray[np.float64]]]:
+    """Courses (N, 2) and heights (N,) of the strings, drawn again where strands touch or can't pass one another."""
+    reason = ""
+    for _ in range(_DRAWS):
+        plan = _plan(name, rng, radius_m, length_m, crossings, strings)
+        found = plan_crossings(plan)
+        if not strands_apart(plan, found, SIDE_CLEARANCE * radius_m):
+            reason = "strands touch side by side"
+            continue
+        try:
+            return plan, lay(plan, found, _over(name, rng, found), radius_m, softness)
+        except HeightsError as error:
+            reason = str(error)
+    raise SceneError(
+        f"{name}: {reason} when a string of {length_m:g} m has a radius of {radius_m:g} m; "
+        "use a longer or a thinner one"
+    )
 
 
 def _plan(
@@ -111,7 +129,11 @@ def _plan(
         case _:
             count = 1 if strings is None else strings
             wished = int(rng.integers(3)) if crossings is None else crossings
-    plan = wander(rng, count, length_m, radius_m, wished)
+    # Crossings' two passes, and strings' ends, keep this far apart along the strings.
+    if count * length_m < CROSSING_CLEARANCE * radius_m * (2 * wished + count):
+        plan = None
+    else:
+        plan = wander(rng, count, length_m, radius_m, wished)
     if plan is None:
         raise SceneError(
             f"{name}: found no way to lay {count} string(s) of {length_m:g} m and radius {radius_m:g} m with "

@@ -103,17 +103,22 @@ def _line_errors(
     strings: Sequence[Curve], chains: Sequence[Curve], radius_m: float
 ) -> tuple[float, float, float, float]:
     """Mean, 95th percentile and, after the best rigid fit, mean distance to the true lines; and the cover."""
-    from scipy.spatial import cKDTree
+    from scipy.spatial import KDTree
 
     true = np.vstack([_dense(string) for string in strings])
     recognised = np.vstack([_dense(chain) for chain in chains])
-    tree = cKDTree(true)
+    tree = KDTree(true)
     distance = tree.query(recognised)[0]
     moved = recognised
     for _ in range(5):
         moved = _fitted(moved, true[tree.query(moved)[1]])
-    cover = (cKDTree(recognised).query(true)[0] < radius_m).mean()
-    return float(distance.mean()), float(np.percentile(distance, 95)), float(tree.query(moved)[0].mean()), float(cover)
+    cover = (KDTree(recognised).query(true)[0] < radius_m).mean()
+    return (
+        float(distance.mean()),
+        float(np.percentile(distance, 95)),
+        float(tree.query(moved)[0].mean()),
+        float(cover),
+    )
 
 
 def _fitted(points: Curve, targets: Curve) -> Curve:
@@ -186,7 +191,7 @@ class _Pairing:
         least = cost.min(axis=0)
         pairs = [(int(j), int(i)) for j, i in zip(*linear_sum_assignment(least), strict=True)]
         return cls(
-            {j: i for j, i in pairs},
+            dict(pairs),
             {j: bool(cost[1, j, i] < cost[0, j, i]) for j, i in pairs},
             {j: float(least[j, i]) for j, i in pairs},
             {j: polyline_length(chains[j]) for j, _ in pairs},

@@ -13,14 +13,14 @@ BEND_RADIUS = 4.5
 """Tightest bend on the table, in string radii."""
 
 _STEP_M = 0.003
-_CHUNK_STEPS = 9
+_CHUNK_STEPS = 45
 _BENDS_PER_M = 25.0
 """How often a string changes its curvature."""
 _EASE_M = 0.009
 """Length over which the curvature goes to a new one."""
-_TRIES = 16
-_SETBACKS = 12
-_ATTEMPTS = 300
+_TRIES = 40
+_SETBACKS = 6
+_ATTEMPTS = 80
 
 Plan = NDArray[np.float64]
 

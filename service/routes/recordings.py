@@ -87,9 +87,7 @@ async def _receive(request: Request, path: Path) -> tuple[int, str]:
             await to_thread.run_sync(write, chunk)
         return await to_thread.run_sync(finish), digest.hexdigest()
     except ClientDisconnect as error:
-        raise ProblemError(
-            400, "upload-incomplete", "the connection ended before the recording did"
-        ) from error
+        raise ProblemError(400, "upload-incomplete", "the connection ended before the recording did") from error
     finally:
         await to_thread.run_sync(file.close)
 

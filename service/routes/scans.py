@@ -77,8 +77,7 @@ def _file(media_type: str) -> dict[int | str, dict[str, Any]]:
 @router.get(
     "/{id}/model",
     response_class=FileResponse,
-    responses={200: {"model": ModelDocument, "content": {"application/json": {}}}}
-    | problem_responses(404, 409, 422),
+    responses={200: {"model": ModelDocument, "content": {"application/json": {}}}} | problem_responses(404, 409, 422),
 )
 def get_model(scan: Scan, service: Service) -> WholeFile:
     """The point chain model."""
@@ -88,9 +87,7 @@ def get_model(scan: Scan, service: Service) -> WholeFile:
 PLY = "application/octet-stream"
 
 
-@router.get(
-    "/{id}/cloud.ply", response_class=FileResponse, responses=_file(PLY) | problem_responses(404, 409, 422)
-)
+@router.get("/{id}/cloud.ply", response_class=FileResponse, responses=_file(PLY) | problem_responses(404, 409, 422))
 def get_cloud(scan: Scan, service: Service) -> WholeFile:
     """The merged cloud: binary PLY, metres, base frame."""
     return _result(scan, service, CLOUD, PLY, f"{scan.id}.ply")
@@ -119,9 +116,7 @@ def get_scan_recording(scan: Scan, service: Service) -> WholeFile:
     return recordings.recording_file(service, recording)
 
 
-def _result(
-    scan: ScanRow, service: Context, name: str, media_type: str, save_as: str | None = None
-) -> WholeFile:
+def _result(scan: ScanRow, service: Context, name: str, media_type: str, save_as: str | None = None) -> WholeFile:
     if scan.state in ACTIVE_STATES:
         raise ProblemError(409, "result-not-ready", f"scan {scan.id} is {scan.state}; wait for its end")
     if scan.state not in RESULT_STATES:

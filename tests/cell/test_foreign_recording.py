@@ -286,9 +286,7 @@ def test_no_complete_view_tells_why(tmp_path: Path, topic: str, message: str) ->
 
 @pytest.mark.parametrize("encoding", ["json", "cdr"])
 def test_other_encodings_are_named(tmp_path: Path, encoding: str) -> None:
-    message = (
-        f"/tf has .* encoding '{encoding}'; only 'foxglove.FrameTransform' in encoding 'protobuf' is read"
-    )
+    message = f"/tf has .* encoding '{encoding}'; only 'foxglove.FrameTransform' in encoding 'protobuf' is read"
     assert_error(refused(Foreign(encoding=encoding), tmp_path), RecordingContentError, message)
 
 
@@ -311,9 +309,7 @@ def test_views_beyond_what_a_scan_has_are_refused(
 
 def test_parts_of_different_moments_or_types_are_refused(tmp_path: Path) -> None:
     error = refused(Foreign(times={5: 10**18 + 50}), tmp_path)
-    assert_error(
-        error, RecordingContentError, "^view 1: its messages are of different moments.*/camera/depth"
-    )
+    assert_error(error, RecordingContentError, "^view 1: its messages are of different moments.*/camera/depth")
     error = refused(Foreign(messages=[(0, "/camera/depth", pose(0))]), tmp_path)
     assert_error(error, RecordingContentError, "/camera/depth has messages of type 'foxglove.FrameTransform'")
 

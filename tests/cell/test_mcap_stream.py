@@ -140,9 +140,7 @@ def lz4_bomb() -> bytes:
     """An LZ4 frame that grows to 512 MiB."""
     compressor = lz4.frame.LZ4FrameCompressor()
     zeros = bytes(16 << 20)
-    return b"".join(
-        [compressor.begin(), *(compressor.compress(zeros) for _ in range(32)), compressor.flush()]
-    )
+    return b"".join([compressor.begin(), *(compressor.compress(zeros) for _ in range(32)), compressor.flush()])
 
 
 MEASURE = """

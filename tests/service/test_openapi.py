@@ -31,9 +31,7 @@ def test_every_operation_says_what_it_does_and_how_it_refuses(
     path: str, method: str, operation: dict[str, Any]
 ) -> None:
     assert operation["description"]
-    refusals = {
-        status: answer for status, answer in operation["responses"].items() if not status.startswith("2")
-    }
+    refusals = {status: answer for status, answer in operation["responses"].items() if not status.startswith("2")}
     assert "default" in refusals
     # Whatever has an input can refuse it.
     assert ("422" in refusals) == bool(operation.get("parameters") or operation.get("requestBody"))
@@ -50,9 +48,7 @@ def test_every_operation_says_what_it_does_and_how_it_refuses(
 def test_the_page_of_the_api_needs_no_other_host(client: httpx.Client) -> None:
     page = client.get("/docs").text
     assert not re.findall(r"""(?:src|href)\s*=\s*["'](?:https?:)?//""", page)
-    assets = [
-        a for a in re.findall(r"""(?:src|href)\s*=\s*["']([^"']+)["']""", page) if not a.startswith("data:")
-    ]
+    assets = [a for a in re.findall(r"""(?:src|href)\s*=\s*["']([^"']+)["']""", page) if not a.startswith("data:")]
     assert len(assets) >= 3
     for asset in assets:
         assert client.get(asset).status_code == 200, asset

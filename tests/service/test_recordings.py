@@ -109,9 +109,7 @@ def test_an_unknown_recording_is_said_to_be_unknown(
     assert_problem(client.get(path), 404, "recording-not-found")
 
 
-@pytest.mark.parametrize(
-    "bad", ["..", "%2e%2e", "..%2f..%2fpointchain.sqlite3", "A", "a" * 65, "a.mcap", "a%00b"]
-)
+@pytest.mark.parametrize("bad", ["..", "%2e%2e", "..%2f..%2fpointchain.sqlite3", "A", "a" * 65, "a.mcap", "a%00b"])
 @pytest.mark.parametrize("kind", ["recordings", "scans"])
 def test_no_id_is_a_path(client: httpx.Client, kind: str, bad: str) -> None:
     for path in (f"/api/{kind}/{bad}", f"/api/{kind}/{bad}/file", f"/api/{kind}/{bad}/model"):

@@ -100,9 +100,7 @@ def test_killed_in_the_middle_of_a_scan(recording_file: Path, tmp_path: Path) ->
 def child_processes(pid: int) -> list[int]:
     """The recognition process, and what Python keeps beside it."""
     return [int(child) for child in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()] or [
-        int(child)
-        for task in Path(f"/proc/{pid}/task").iterdir()
-        for child in (task / "children").read_text().split()
+        int(child) for task in Path(f"/proc/{pid}/task").iterdir() for child in (task / "children").read_text().split()
     ]
 
 

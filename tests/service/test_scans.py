@@ -38,9 +38,7 @@ def upload(client: httpx.Client, path: Path) -> str:
 
 
 @pytest.mark.parametrize("method", ["matching", "enhanced"])
-def test_a_recording_becomes_a_model(
-    client: httpx.Client, recording: str, finished: Finished, method: str
-) -> None:
+def test_a_recording_becomes_a_model(client: httpx.Client, recording: str, finished: Finished, method: str) -> None:
     scan = finished(client, start(client, recording, method=method))
     assert scan["state"] == "succeeded", scan["problem"]
     assert (scan["method"], scan["string_radius_m"]) == (method, 0.0042)
@@ -86,9 +84,7 @@ def rewritten(source: Path, target: Path, radius_m: float | None, change: Callab
     return target
 
 
-def test_no_string_in_view_is_a_result_with_a_reason(
-    client: httpx.Client, finished: Finished, tmp_path: Path
-) -> None:
+def test_no_string_in_view_is_a_result_with_a_reason(client: httpx.Client, finished: Finished, tmp_path: Path) -> None:
     K = np.array([[100.0, 0, 32], [0, 100, 20], [0, 0, 1]])
     T_base_flange = from_rotation_vector((0.0, 0.0, 0.3), (math.pi, 0.0, 0.0))
     header = RecordingHeader(depth_unit_m=1e-4, string_radius_m=0.004, T_flange_camera=np.eye(4))

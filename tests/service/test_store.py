@@ -104,9 +104,7 @@ def test_a_final_state_is_final(store: Store) -> None:
 
 
 @pytest.mark.parametrize("state", ACTIVE_STATES)
-def test_unfinished_scans_become_interrupted_and_lose_results_without_a_row(
-    store: Store, state: ScanState
-) -> None:
+def test_unfinished_scans_become_interrupted_and_lose_results_without_a_row(store: Store, state: ScanState) -> None:
     add_recording(store)
     store.add_scan(scan_row("s1", state))
     store.add_scan(scan_row("s2", "succeeded"))

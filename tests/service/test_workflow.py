@@ -94,9 +94,7 @@ def crossed_model() -> PointChainModel:
     sure, seen = np.full(n, 1e-4), np.full(n, 4)
     under = Chain(0, False, 0.004, np.column_stack([line, flat, flat + 0.004]), sure, seen, ("free", "free"))
     over = Chain(1, False, 0.004, np.column_stack([flat, line, flat + 0.012]), sure, seen, ("free", "free"))
-    crossing = Crossing(
-        0, np.array([0, 0, 0.008]), StrandPoint(1, 0.1), StrandPoint(0, 0.1), 0.008, np.pi / 2, 1, 0.9
-    )
+    crossing = Crossing(0, np.array([0, 0, 0.008]), StrandPoint(1, 0.1), StrandPoint(0, 0.1), 0.008, np.pi / 2, 1, 0.9)
     return PointChainModel("enhanced", ChainParameters.for_radius(0.004), (under, over), (crossing,))
 
 
@@ -112,9 +110,7 @@ def test_the_preview_breaks_the_strand_below() -> None:
     # The strands cross in the middle of the coloured area. Neither the label nor the dot is near there.
     row, column = (rows.min() + rows.max()) // 2, (columns.min() + columns.max()) // 2
     gap = slice(column - 11, column - 6)
-    assert coloured[row - 40 : row - 20, column - 5 : column + 5].any(), (
-        "the over strand runs up to the crossing"
-    )
+    assert coloured[row - 40 : row - 20, column - 5 : column + 5].any(), "the over strand runs up to the crossing"
     assert not coloured[row - 3 : row + 4, gap].any(), "the under strand is broken beside it"
     assert coloured[row - 3 : row + 4, column - 80 : column - 60].any(), "and goes on further away"
 
