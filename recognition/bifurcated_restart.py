@@ -42,9 +42,7 @@ def approach(
     Ours: a turn that no string makes (`sharp_turn`) is an intersection too, at which the sequence has gone over
     to the other strand; the turning point is the bifurcation centre.
 
-    The paper takes the point before R_c first exceeds R_t for the segment's end. Here the segment also ends
-    outside r_cn, the intersection's extent, as those do that restart from it: nearer, its points are drawn
-    towards the other strand.
+    The point before R_c first exceeds R_t, or before the turn, is the segment's end.
     """
     segment = list(segment)
     while True:
@@ -60,8 +58,6 @@ def approach(
         if following is None:
             return Approach(segment, None)
         segment.append(following)
-    while segment and np.linalg.norm(search.points[segment[-1]] - centre) < parameters.r_cn:
-        segment.pop()
     return Approach(segment, centre)
 
 

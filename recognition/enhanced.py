@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import KDTree
 
 from recognition.bifurcated_restart import approach, find_restarts, intersection_ratios
 from recognition.contribution_rate import contribution_rates, intersection_points
@@ -53,4 +54,28 @@ def match_enhanced(thinned: NDArray[np.float64], parameters: ChainParameters) ->
         if found.bifurcation_centre is not None:
             centres.append(found.bifurcation_centre)
             pending.extend(find_restarts(search, found.bifurcation_centre, parameters))
-    return EnhancedMatching(segments, np.array(centres).reshape(-1, 3), rho, in_intersection, R_c)
+    bifurcation_centres = np.array(centres).reshape(-1, 3)
+    segments = outside(thinned, segments, bifurcation_centres, parameters)
+    return EnhancedMatching(segments, bifurcation_centres, rho, in_intersection, R_c)
+
+
+def outside(
+    points: NDArray[np.float64],
+    segments: list[Segment],
+    bifurcation_centres: NDArray[np.float64],
+    parameters: ChainParameters,
+) -> list[Segment]:
+    """The segments without the points at their ends that lie within r_cn of a bifurcation centre.
+
+    "Points around an intersection are eliminated from shape recognition" (III.D): also those that a sequence took
+    before the intersection was found. A strand that passes through whole is left whole.
+    """
+    if len(bifurcation_centres) == 0:
+        return segments
+    distance, _ = KDTree(bifurcation_centres).query(points)
+    kept = []
+    for segment in segments:
+        clear = np.flatnonzero(distance[segment] >= parameters.r_cn)
+        if len(clear):
+            kept.append(segment[clear[0] : clear[-1] + 1])
+    return kept

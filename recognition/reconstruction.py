@@ -107,8 +107,8 @@ def connect_at_intersections(strands: Sequence[Strand], centres: Points, paramet
     ends = strand_ends(strands, parameters)
     where = gathering(ends, centres, parameters)
     same = (where[:, None] == where[None]) & (where >= 0)[:, None]
-    opposite = inner_products(ends) < 0
-    return join(strands, ends, least_bending_pairs(ends, same & opposite, strands, parameters), parameters)
+    onward = inner_products(ends) < -OPPOSITE
+    return join(strands, ends, least_bending_pairs(ends, same & onward, strands, parameters), parameters)
 
 
 def gathering(ends: Sequence[End], centres: Points, parameters: ChainParameters) -> NDArray[np.int64]:
@@ -176,8 +176,8 @@ def least_bending_pairs(
     """The couples of ends with the least total of eq. (8) among the `allowed` ones ((N, N), symmetric).
 
     Eq. (8) adds v_j . v_k over the two couples of four ends. Here it adds them over the couples of any number
-    of ends: each end is in one couple at most, and a couple that does not lower the total is left apart, so
-    that odd ends stay over. Solved exactly as a small integer programme.
+    of ends, each in one couple at most: as many couples as can be, and among those sets the one of the least
+    total, so that only odd ends stay over. Solved exactly as a small integer programme.
     """
     b = inner_products(ends)
     j, k = np.nonzero(np.triu(allowed, 1))
@@ -190,7 +190,8 @@ def least_bending_pairs(
     for column, couple in enumerate(couples):
         each_end_once[list(couple), column] = 1.0
     best = milp(
-        c=[b[couple] for couple in couples],
+        # A couple less by 3 than its inner product (at least -1): no total makes up for a couple missing.
+        c=[b[couple] - 3.0 for couple in couples],
         integrality=np.ones(len(couples)),
         bounds=Bounds(0, 1),
         constraints=LinearConstraint(each_end_once, ub=1),

@@ -13,13 +13,13 @@ BEND_RADIUS = 4.5
 """Tightest bend on the table, in string radii."""
 
 _STEP_M = 0.003
-_CHUNK_STEPS = 45
+_CHUNK_STEPS = 70
 _BENDS_PER_M = 25.0
 """How often a string changes its curvature."""
 _EASE_M = 0.009
 """Length over which the curvature goes to a new one."""
-_TRIES = 40
-_SETBACKS = 6
+_TRIES = 100
+_SETBACKS = 4
 _ATTEMPTS = 80
 
 Plan = NDArray[np.float64]

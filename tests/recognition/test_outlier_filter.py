@@ -45,3 +45,9 @@ def test_too_small_a_cloud_is_kept_whole() -> None:
     scattered = np.random.default_rng(2).uniform(size=(NEIGHBOURS, 3)) ** 5
     assert inliers(scattered).tolist() == [True] * NEIGHBOURS
     assert inliers(np.empty((0, 3))).shape == (0,)
+
+
+def test_points_in_one_place_are_not_outliers() -> None:
+    # Centre points of an exact cylinder fall together ring by ring: their neighbours could not be nearer.
+    rings = np.repeat(np.column_stack([np.arange(50) * 0.001, np.zeros((50, 2))]), 24, axis=0)
+    assert inliers(rings).all()
