@@ -20,6 +20,7 @@ from recognition.preprocess import DepthView, Scene, TargetCloud, preprocess
 from recognition.reconstruction import Reconstruction, Strand, reconstruct
 from recognition.registration import Registration, register
 from recognition.thinning import thin
+from recognition.unexplained import unexplained
 from recognition.usable_views import usable_views
 
 STAGES = ("preprocess", "registration", "centre_line", "matching", "reconstruction", "topology")
@@ -113,10 +114,11 @@ def recognise(
     clock.begin("topology")
     strands, chains, warnings = make_chains(strands, centre_line.single, registration.clouds, scene, parameters)
     crossings, ambiguities = find_crossings(strands, registration.points, parameters)
+    ambiguities = [*ambiguities, *sharp_bends(chains)]
+    warnings = [*warnings, *unexplained(registration.points, chains, parameters)]
     clock.begin(None)
 
     view_quality = tuple(sorted(registration.views + left_out, key=lambda view: view.index))
-    ambiguities = [*ambiguities, *sharp_bends(chains)]
     quality = Quality(view_quality, tuple(ambiguities), tuple(warnings))
     model = PointChainModel(method, parameters, chains, tuple(crossings), quality, clock.timing_s)
     return Recognition(model, targets, clouds, registration, centre_line, thinned, enhanced, segments, reconstruction)

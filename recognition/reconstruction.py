@@ -67,7 +67,8 @@ def reconstruct(
     """
     strands = [Strand(points, np.zeros(len(points), dtype=bool)) for points in segments if len(points)]
     reconnected = reconnect_close_ends(strands, centres, parameters)
-    at_centres = connect_at_intersections(reconnected, centres, parameters)
+    opened, centres = open_side_contacts(reconnected, centres, parameters)
+    at_centres = connect_at_intersections(opened, centres, parameters)
     return Reconstruction(reconnected, connect_across_gaps(at_centres, surface, parameters))
 
 
@@ -100,6 +101,49 @@ def reconnect_close_ends(strands: Sequence[Strand], centres: Points, parameters:
         pairs.append((first, second))
         taken |= {first, second}
     return join(strands, ends, pairs, parameters)
+
+
+def open_side_contacts(
+    strands: Sequence[Strand], centres: Points, parameters: ChainParameters
+) -> tuple[list[Strand], Points]:
+    """Strands cut where another's end runs into their side, and `centres` (M, 3) with these places added.
+
+    Ours: such an end is an intersection that R_c did not show, at which a sequence has turned from one strand into
+    the other and left the rest of both. The strand that passes is opened over r_cn, so that eq. (8) can say which
+    of the ends belong together; where a string truly ends on another, it closes the opening again.
+    """
+    ends = strand_ends(strands, parameters)
+    loose = gathering(ends, centres, parameters) < 0
+    contacts = []
+    for end, is_loose in zip(ends, loose, strict=True):
+        if not is_loose:
+            continue
+        for index, strand in enumerate(strands):
+            way = strand.points - end.point
+            distance = np.linalg.norm(way, axis=1)
+            inside = _away_from_ends(strand, end if index == end.strand else None, parameters)
+            near = inside & (distance < parameters.r_f) & (way @ end.direction > FACING * distance)
+            if near.any():
+                contacts.append(strand.points[np.where(near, distance, np.inf).argmin()])
+    if not contacts:
+        return list(strands), centres
+    tree = KDTree(np.array(contacts))
+    opened = []
+    for strand in strands:
+        clear = tree.query(strand.points)[0] >= parameters.r_cn
+        for run in np.split(np.arange(len(clear)), np.flatnonzero(np.diff(clear)) + 1):
+            if clear[run[0]]:
+                opened.append(Strand(strand.points[run], strand.bridged[run], strand.closed and len(run) == len(clear)))
+    return opened, np.vstack([centres, contacts])
+
+
+def _away_from_ends(strand: Strand, own: End | None, parameters: ChainParameters) -> NDArray[np.bool_]:
+    """(N,) points of the strand farther than r_f along it from its ends, and farther than r_cn from its end `own`."""
+    s = arc_length(strand.points)
+    inside = (s > parameters.r_f) & (s < s[-1] - parameters.r_f) | strand.closed
+    if own is not None:
+        inside &= (s if own.at_start else s[-1] - s) > parameters.r_cn
+    return inside
 
 
 def connect_at_intersections(strands: Sequence[Strand], centres: Points, parameters: ChainParameters) -> list[Strand]:

@@ -68,6 +68,9 @@ def _parser() -> argparse.ArgumentParser:
     )
     simulate.add_argument("--crossings", type=int, metavar="N", help="for coil, several and random")
     simulate.add_argument("--strings", type=int, metavar="N", help="for several and random")
+    simulate.add_argument(
+        "--clearance", type=float, default=4.5, metavar="R", help="least distance of strands / r (%(default)s)"
+    )
     simulate.add_argument("--clutter", type=int, default=0, metavar="N", help="boxes beside the strings (%(default)s)")
     simulate.add_argument("--views", type=int, default=8, metavar="N", help="default: %(default)s")
     simulate.add_argument("--resolution", type=_resolution, metavar="WxH", help="of the depth image (the camera's)")
@@ -125,6 +128,7 @@ def _simulate(options: argparse.Namespace) -> int:
             crossings=options.crossings,
             clutter=options.clutter,
             strings=options.strings,
+            clearance=options.clearance,
         )
         truth = write_simulation(simulate(scene, camera, options.seed, views=options.views), options.out)
     except (ValueError, OSError) as error:

@@ -12,14 +12,18 @@ END_CLEARANCE = 6.0
 """Least distance of a crossing from a string's end, along the string, in radii."""
 CROSSING_CLEARANCE = 6.0
 """Least distance of two crossings from one another, in radii."""
-SIDE_CLEARANCE = 2.4
-"""Least distance of the centre lines of two strands that do not cross there, in radii."""
+MIN_SIDE_CLEARANCE = 2.4
+"""Least distance of the centre lines of two strands that do not cross there, in radii: just not touching."""
+SIDE_CLEARANCE = 4.5
+"""The same where nothing else is wished: a string's width and more of table between, as in a simply laid string."""
 
 
-def clear(plan: Curves, crossings: Sequence[PlanCrossing], radius_m: float, growing: bool = False) -> bool:
+def clear(
+    plan: Curves, crossings: Sequence[PlanCrossing], radius_m: float, clearance: float, growing: bool = False
+) -> bool:
     """Whether crossings are steep enough, away from ends and from one another, and other strands apart.
 
-    `plan` holds the strings' courses (N, 2) in even steps, `crossings` all their crossings. With `growing` the
+    Apart is `clearance` radii. `plan` holds the strings' courses (N, 2) in even steps, `crossings` all their crossings. With `growing` the
     end of the last string is not its end yet: it may be near to another strand that it is about to cross.
     """
     last = len(plan) - 1
@@ -36,7 +40,7 @@ def clear(plan: Curves, crossings: Sequence[PlanCrossing], radius_m: float, grow
         apart = np.linalg.norm(points[:, None] - points[None], axis=2)
         if apart[np.triu_indices(len(points), 1)].min() < CROSSING_CLEARANCE * radius_m:
             return False
-    return strands_apart(plan, crossings, SIDE_CLEARANCE * radius_m, growing)
+    return strands_apart(plan, crossings, clearance * radius_m, growing)
 
 
 def strands_apart(plan: Curves, crossings: Sequence[PlanCrossing], apart_m: float, growing: bool = False) -> bool:

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cell.simulation import shapes
-from cell.simulation.clearance import CROSSING_CLEARANCE, SIDE_CLEARANCE, strands_apart
+from cell.simulation.clearance import CROSSING_CLEARANCE, MIN_SIDE_CLEARANCE, SIDE_CLEARANCE, strands_apart
 from cell.simulation.clutter import Box, place_boxes
 from cell.simulation.crossings import PlanCrossing, plan_crossings
 from cell.simulation.heights import HeightsError, lay
@@ -35,7 +35,11 @@ class StringScene:
 SCENES = ("straight", "arc", "loop", "figure-eight", "overhand-knot", "coil", "several", "random")
 """The names that `make_scene` knows."""
 
+MIN_BEND = 2.5
+"""No string is bent tighter than this many radii: it would buckle."""
+
 _DRAWS = 12
+"""Drafts of a scene before it is given up."""
 
 
 def make_scene(
@@ -47,11 +51,12 @@ def make_scene(
     crossings: int | None = None,
     clutter: int = 0,
     strings: int | None = None,
+    clearance: float = SIDE_CLEARANCE,
 ) -> StringScene:
     """The scene of that name and seed; the same arguments give the same arrays.
 
     straight, arc: no crossing. loop, figure-eight: one. overhand-knot: three, alternating, of equal sign.
-    coil: `crossings` turns (3 unless said), each over the one before. several: `strings` (2 or 3) strings
+    coil: `crossings` turns (2 unless said), each over the one before. several: `strings` (2 or 3) strings
     with 1 to 4 crossings or as many as wished. random: one string (or `strings`) with 0 to 2 or as many as wished.
 
     Args:
@@ -60,13 +65,16 @@ def make_scene(
         softness: 1.0: centre lines are 2 r apart where strands cross; 0.6: pressed together to 0.6 of that.
         crossings: how many, for coil, several and random.
         clutter: number of boxes beside the strings.
+        strings: how many, for several and random.
+        clearance: least distance of strands that do not cross, in radii, for several and random; 2.4 lets them lie
+            side by side all but touching.
 
     Raises:
         SceneError: an unknown name, values out of range, or no such scene can be laid.
     """
-    _check(name, seed, radius_m, length_m, softness, crossings, clutter, strings)
+    _check(name, seed, radius_m, length_m, softness, crossings, clutter, strings, clearance)
     rng = np.random.default_rng([SCENES.index(name), seed])
-    plan, heights = _lay(name, rng, radius_m, length_m, softness, crossings, strings)
+    plan, heights = _lay(name, rng, radius_m, length_m, softness, crossings, strings, clearance)
     curves = tuple(_cut(np.column_stack([xy, z]), length_m) for xy, z in zip(plan, heights, strict=True))
     boxes = place_boxes(rng, curves, radius_m, clutter)
     if boxes is None:
@@ -82,13 +90,17 @@ def _lay(
     softness: float,
     crossings: int | None,
     strings: int | None,
+    clearance: float,
 ) -> tuple[list[NDArray[np.float64]], list[NDArray[np.float64]]]:
     """Courses (N, 2) and heights (N,) of the strings, drawn again where strands touch or can't pass one another."""
     reason = ""
     for _ in range(_DRAWS):
-        plan = _plan(name, rng, radius_m, length_m, crossings, strings)
+        plan = _plan(name, rng, radius_m, length_m, crossings, strings, clearance)
         found = plan_crossings(plan)
-        if not strands_apart(plan, found, SIDE_CLEARANCE * radius_m):
+        if min(shapes.tightest_bend(curve) for curve in plan) < MIN_BEND * radius_m:
+            reason = "bends get too tight"
+            continue
+        if not strands_apart(plan, found, MIN_SIDE_CLEARANCE * radius_m):
             reason = "strands touch side by side"
             continue
         try:
@@ -108,6 +120,7 @@ def _plan(
     length_m: float,
     crossings: int | None,
     strings: int | None,
+    clearance: float,
 ) -> list[NDArray[np.float64]]:
     """The courses of the scene's strings on the table."""
     match name:
@@ -122,7 +135,7 @@ def _plan(
         case "overhand-knot":
             return [shapes.overhand_knot(rng, length_m)]
         case "coil":
-            return [shapes.coil(rng, length_m, 3 if crossings is None else crossings)]
+            return [shapes.coil(rng, length_m, 2 if crossings is None else crossings)]
         case "several":
             count = int(rng.integers(2, 4)) if strings is None else strings
             wished = int(rng.integers(1, 5)) if crossings is None else crossings
@@ -133,7 +146,7 @@ def _plan(
     if count * length_m < CROSSING_CLEARANCE * radius_m * (2 * wished + count):
         plan = None
     else:
-        plan = wander(rng, count, length_m, radius_m, wished)
+        plan = wander(rng, count, length_m, radius_m, wished, clearance)
     if plan is None:
         raise SceneError(
             f"{name}: found no way to lay {count} string(s) of {length_m:g} m and radius {radius_m:g} m with "
@@ -171,6 +184,7 @@ def _check(
     crossings: int | None,
     clutter: int,
     strings: int | None,
+    clearance: float,
 ) -> None:
     if name not in SCENES:
         raise SceneError(f"there is no scene {name!r}; known are {', '.join(SCENES)}")
@@ -182,6 +196,7 @@ def _check(
         ("clutter", clutter, 0, 20),
         ("crossings", 0 if crossings is None else crossings, 0, 40),
         ("strings", 1 if strings is None else strings, 1, 6),
+        ("clearance", clearance, MIN_SIDE_CLEARANCE, 20.0),
     ):
         if not low <= value <= high:
             raise SceneError(f"{name}: {what} is {value!r}; from {low:g} to {high:g} is taken")

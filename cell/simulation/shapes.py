@@ -52,10 +52,10 @@ def overhand_knot(rng: np.random.Generator, length_m: float) -> Plan:
 
 
 def coil(rng: np.random.Generator, length_m: float, turns: int) -> Plan:
-    """Loops laid side by side in a row, each crossing itself once (a prolate trochoid)."""
-    t = np.linspace(-0.75 * np.pi, (2 * turns - 1 + 0.75) * np.pi, 1500 * turns)
-    advance = rng.uniform(0.38, 0.44)
-    return turned(np.column_stack([advance * t - np.sin(t), -np.cos(t)]), length_m, rng)
+    """Loops laid side by side in a row, each crossing itself once: a curvature that swells once a turn."""
+    s = np.linspace(-np.pi, (2 * turns - 1) * np.pi, 1500 * turns)
+    heading = s + rng.uniform(0.75, 0.9) * np.sin(s)
+    return turned(np.cumsum(np.column_stack([np.cos(heading), np.sin(heading)]), axis=0), length_m, rng)
 
 
 def turned(plan: Plan, length_m: float, rng: np.random.Generator) -> Plan:
@@ -81,3 +81,11 @@ def arc_length(curve: NDArray[np.float64]) -> NDArray[np.float64]:
 def polyline_length(curve: NDArray[np.float64]) -> float:
     """Length of the polyline `curve` (N, d)."""
     return float(arc_length(curve)[-1])
+
+
+def tightest_bend(plan: Plan) -> float:
+    """The least radius of curvature, over 5 points, of the polyline `plan` (N, 2) in even steps."""
+    step = plan[2:] - plan[:-2]
+    heading = np.unwrap(np.arctan2(step[:, 1], step[:, 0]))
+    turn = float(np.abs(heading[2:] - heading[:-2]).max(initial=0.0))
+    return float(np.linalg.norm(step, axis=1).mean()) / turn if turn > 0 else float("inf")

@@ -18,17 +18,19 @@ _BENDS_PER_M = 25.0
 """How often a string changes its curvature."""
 _EASE_M = 0.009
 """Length over which the curvature goes to a new one."""
-_TRIES = 100
-_SETBACKS = 4
-_ATTEMPTS = 80
+_TRIES = 40
+_SETBACKS = 2
+_ATTEMPTS = 150
 
 Plan = NDArray[np.float64]
 
 
 def wander(
-    rng: np.random.Generator, strings: int, length_m: float, radius_m: float, crossings: int
+    rng: np.random.Generator, strings: int, length_m: float, radius_m: float, crossings: int, clearance: float
 ) -> list[Plan] | None:
     """Courses (N, 2) of `strings` strings with so many crossings in all; None if none was found.
+
+    Strands that do not cross stay `clearance` radii apart.
 
     Each grows by short pieces, steered at random with bounded curvature and turned back where it leaves a
     circle; a piece that would touch another strand, or cross it too flatly, is drawn again, and where none
@@ -38,12 +40,12 @@ def wander(
     # Random lines of this length cross about total^2 / (pi area) times.
     area_m = min(total_m / (np.pi * np.sqrt(crossings + 0.3)), max(0.1, 0.16 * np.sqrt(total_m)))
     for _ in range(_ATTEMPTS):
-        grown = _grow(rng, strings, length_m, radius_m, crossings, area_m * rng.uniform(0.8, 1.25))
+        grown = _grow(rng, strings, length_m, radius_m, crossings, clearance, area_m * rng.uniform(0.8, 1.25))
         if grown is None:
             continue
         plan = [_smooth(curve, length_m) for curve in grown]
         exact = plan_crossings(plan)
-        if len(exact) == crossings and clear(plan, exact, radius_m):
+        if len(exact) == crossings and clear(plan, exact, radius_m, clearance):
             corners = np.vstack(plan)
             middle = (corners.max(axis=0) + corners.min(axis=0)) / 2
             return [curve - middle for curve in plan]
@@ -68,6 +70,7 @@ class _Ground:
     """What a string grows on."""
 
     radius_m: float
+    clearance: float
     area_m: float
     """Radius of the circle that it turns back to."""
     crossings: int
@@ -86,16 +89,22 @@ class _Ground:
         expected = self.crossings * min((low + progress * (high - low)) / 0.9, 1.0) ** 1.5
         if len(found) > self.crossings or abs(len(found) - expected) > slack:
             return False
-        return clear(plan, found, self.radius_m, growing=progress < 1)
+        return clear(plan, found, self.radius_m, self.clearance, growing=progress < 1)
 
 
 def _grow(
-    rng: np.random.Generator, strings: int, length_m: float, radius_m: float, crossings: int, area_m: float
+    rng: np.random.Generator,
+    strings: int,
+    length_m: float,
+    radius_m: float,
+    crossings: int,
+    clearance: float,
+    area_m: float,
 ) -> list[Plan] | None:
     """Coarse courses in steps of `_STEP_M`, or None when one got stuck."""
     plan: list[Plan] = []
     for k in range(strings):
-        ground = _Ground(radius_m, area_m, crossings, (k / strings, (k + 1) / strings))
+        ground = _Ground(radius_m, clearance, area_m, crossings, (k / strings, (k + 1) / strings))
         curve = _grow_string(rng, plan, int(np.ceil(length_m / _STEP_M)), ground)
         if curve is None:
             return None

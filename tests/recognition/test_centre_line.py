@@ -8,7 +8,6 @@ from recognition.outlier_filter import NEIGHBOURS
 from recognition.parameters import ChainParameters
 
 
-
 @pytest.fixture(scope="module")
 def cylinder(table_1: ChainParameters) -> tuple[np.ndarray, np.ndarray]:
     """2400 points and normals of a cylinder 10 cm long about x at z = 20 mm, wound around it at the golden angle."""

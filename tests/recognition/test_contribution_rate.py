@@ -19,7 +19,7 @@ def along(*directions: tuple[float, float, float]) -> np.ndarray:
     return np.vstack([np.zeros((1, 3)), arms])
 
 
-ROTATIONS = st.integers(0, 2**32 - 1).map(lambda seed: Rotation.random(rng=seed).as_matrix())
+ROTATIONS = st.integers(0, 2**32 - 1).map(lambda seed: Rotation.random(rng=np.random.default_rng(seed)).as_matrix())
 PLACES = st.tuples(*[st.floats(-1, 1)] * 3).map(np.array)
 
 
@@ -27,14 +27,13 @@ PLACES = st.tuples(*[st.floats(-1, 1)] * 3).map(np.array)
 @given(ROTATIONS, PLACES)
 def test_known_shapes_have_known_rates_wherever_they_lie(turn: np.ndarray, place: np.ndarray) -> None:
     # Covariances of millimetres are 1e-5 m^2; metres away from the origin they keep ten digits.
-    near = {"rel": 1e-7}
     line, cross, star = (
         along((1, 0, 0)),
         along((1, 0, 0), (0, 1, 0)),
         along((1, 0, 0), (0, 1, 0), (0, 0, 1)),
     )
     for points, rate in ((line, 1.0), (cross, 1 / 2), (star, 1 / 3)):
-        assert contribution_rates(points @ turn.T + place, R)[0] == pytest.approx(rate, **near)
+        assert contribution_rates(points @ turn.T + place, R)[0] == pytest.approx(rate, rel=1e-7)
 
 
 def test_every_point_of_a_line_has_rate_1() -> None:
@@ -57,7 +56,7 @@ def test_an_acute_cross_by_hand() -> None:
 
 
 def test_random_points_by_brute_force() -> None:
-    points = np.random.default_rng(1).uniform(0, 0.015, (150, 3)) + (0.5, -0.3, 0.01)
+    points = np.random.default_rng(1).uniform(0, 0.015, (150, 3)) + np.array([0.5, -0.3, 0.01])
     rates = contribution_rates(points, R)
     compared = 0
     for p, rate in zip(points, rates, strict=True):
@@ -85,7 +84,7 @@ def test_no_points() -> None:
 
 def test_a_neighbourhood_below_the_threshold_makes_all_its_points_an_intersection(table_1: ChainParameters) -> None:
     # On a line every 2 mm: neighbours within r_s = 4.2 mm are two to either side.
-    points = np.column_stack([np.arange(9) * 0.002, np.zeros(9), np.zeros(9)])
+    points = np.linspace((0.0, 0.0, 0.0), (0.016, 0.0, 0.0), 9)
     rho = np.ones(9)
     rho[4] = 0.89
     found = intersection_points(points, rho, table_1)
@@ -96,8 +95,10 @@ def test_a_neighbourhood_below_the_threshold_makes_all_its_points_an_intersectio
 
 
 def test_a_cross_is_an_intersection_in_its_middle_and_not_in_its_arms(table_1: ChainParameters) -> None:
-    reach = np.arange(-40, 41)[:, None] * 0.0005
-    points = np.vstack([reach * (1, 0, 0), reach * (0, 1, 0)])
+    # Two lines of points every 0.5 mm.
+    points = np.vstack(
+        [np.linspace((-0.02, 0.0, 0.0), (0.02, 0.0, 0.0), 81), np.linspace((0.0, -0.02, 0.0), (0.0, 0.02, 0.0), 81)]
+    )
     found = intersection_points(points, contribution_rates(points, table_1.r_s), table_1)
     distance = np.linalg.norm(points, axis=1)
     assert found[distance <= table_1.r_s].all()

@@ -49,5 +49,5 @@ def test_too_small_a_cloud_is_kept_whole() -> None:
 
 def test_points_in_one_place_are_not_outliers() -> None:
     # Centre points of an exact cylinder fall together ring by ring: their neighbours could not be nearer.
-    rings = np.repeat(np.column_stack([np.arange(50) * 0.001, np.zeros((50, 2))]), 24, axis=0)
+    rings = np.repeat(np.linspace((0.0, 0.0, 0.0), (0.049, 0.0, 0.0), 50), 24, axis=0)
     assert inliers(rings).all()

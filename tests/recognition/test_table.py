@@ -9,7 +9,9 @@ from recognition.parameters import ChainParameters
 from recognition.table import levelling
 
 
-def table_points(height_m: float, slope_x: float, slope_y: float, half_m: tuple[float, float] = (0.2, 0.15)) -> np.ndarray:
+def table_points(
+    height_m: float, slope_x: float, slope_y: float, half_m: tuple[float, float] = (0.2, 0.15)
+) -> np.ndarray:
     """(4000, 3) points of the plane z = height + slope_x x + slope_y y."""
     rng = np.random.default_rng(5)
     xy = rng.uniform(-1, 1, (4000, 2)) * half_m
@@ -18,7 +20,8 @@ def table_points(height_m: float, slope_x: float, slope_y: float, half_m: tuple[
 
 @pytest.mark.parametrize("table_z_m", [0.0, -0.35])
 @pytest.mark.parametrize(
-    ("height_m", "slope_x", "slope_y"), [(0.0, 0.0, 0.0), (0.0025, 0.0, 0.0), (-0.003, 0.008, -0.005), (0.001, -0.012, 0.0)]
+    ("height_m", "slope_x", "slope_y"),
+    [(0.0, 0.0, 0.0), (0.0025, 0.0, 0.0), (-0.003, 0.008, -0.005), (0.001, -0.012, 0.0)],
 )
 def test_known_height_and_tilt_are_recovered(
     table_1: ChainParameters, table_z_m: float, height_m: float, slope_x: float, slope_y: float
@@ -57,15 +60,16 @@ def test_noise_averages_out(table_1: ChainParameters) -> None:
 def test_untouched_when_no_table_is_seen(table_1: ChainParameters) -> None:
     points = table_points(0.001, 0.0, 0.0)
     few = points[:80]
-    string_only = points + (0.0, 0.0, 0.008)
-    mostly_else = np.vstack([points[:500], points + (0.0, 0.0, 0.05)])
+    string_only = points + np.array([0.0, 0.0, 0.008])
+    mostly_else = np.vstack([points[:500], points + np.array([0.0, 0.0, 0.05])])
     narrow = table_points(0.001, 0.0, 0.0, half_m=(0.2, 0.01))
     for cloud in (np.empty((0, 3)), few, string_only, mostly_else, narrow):
         np.testing.assert_array_equal(levelling(cloud, 0.0, table_1), np.eye(4))
 
 
 @pytest.mark.parametrize(
-    ("height_m", "slope_x", "slope_y"), [(0.0048, 0.0, 0.0), (-0.006, 0.0, 0.0), (0.0, 0.025, 0.0), (0.0, 0.016, -0.016)]
+    ("height_m", "slope_x", "slope_y"),
+    [(0.0048, 0.0, 0.0), (-0.006, 0.0, 0.0), (0.0, 0.025, 0.0), (0.0, 0.016, -0.016)],
 )
 def test_untouched_when_the_plane_is_farther_off_than_a_pose_can_be(
     table_1: ChainParameters, height_m: float, slope_x: float, slope_y: float

@@ -37,8 +37,8 @@ def test_exact_depth_lies_on_string_and_table(azimuth: float, elevation: float) 
     table = points[(string < 0) & (counts > 0)]
     # Half a depth unit, 0.05 mm.
     assert np.abs(table[:, 2]).max() < 6e-5
-    on_string = points[string == 0]
-    assert len(on_string) > 1000
+    on_string = points[string == 0][::5]
+    assert len(on_string) > 200
     inside_ends = (
         np.linalg.norm(on_string[:, None] - scene.curves[0][[0, -1]], axis=2).min(axis=1) > scene.radius_m * 1.5
     )

