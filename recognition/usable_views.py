@@ -32,7 +32,7 @@ def usable_views(
         for target in targets
         if (reason := reasons[target.view]) is not None
     )
-    looking = [target for target in targets if target.in_workspace >= MIN_POINTS and not target.constant]
+    looking = [target for target in targets if target.in_workspace >= MIN_POINTS and not _broken(target)]
     if not looking:
         said = "; ".join(f"view {view}: {reason}" for view, reason in reasons.items())
         raise NoDepthError(
@@ -60,10 +60,15 @@ def usable_views(
 def _reason(target: TargetCloud) -> str | None:
     if target.measured == 0:
         return "no pixel has a depth"
-    if target.constant:
-        return "every pixel has the same depth: not a picture of anything"
     if target.in_workspace < MIN_POINTS:
         return "nothing measured in the workspace"
+    if _broken(target):
+        return "every pixel has the same depth, and not the table's: not a picture of anything"
     if len(target.points) < MIN_POINTS:
         return f"only {len(target.points)} points are higher above the table than the threshold z_t"
     return None
+
+
+def _broken(target: TargetCloud) -> bool:
+    """One depth all over, as from a stuck sensor. An empty table seen straight from above is no such thing."""
+    return target.constant and len(target.points) >= MIN_POINTS
