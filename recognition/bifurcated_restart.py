@@ -31,9 +31,7 @@ def intersection_ratios(
     return (A @ in_intersection.astype(np.float64)) / np.asarray(A.sum(axis=1))
 
 
-def approach(
-    search: SearchField, R_c: NDArray[np.float64], segment: Segment, parameters: ChainParameters
-) -> Approach:
+def approach(search: SearchField, R_c: NDArray[np.float64], segment: Segment, parameters: ChainParameters) -> Approach:
     """Continues `segment` by the matching method until it ends or meets an intersection (III.D.1).
 
     That is where R_c of a target exceeds R_t. The search walks on while R_c does not fall; where it is largest is

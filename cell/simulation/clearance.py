@@ -23,8 +23,9 @@ def clear(
 ) -> bool:
     """Whether crossings are steep enough, away from ends and from one another, and other strands apart.
 
-    Apart is `clearance` radii. `plan` holds the strings' courses (N, 2) in even steps, `crossings` all their crossings. With `growing` the
-    end of the last string is not its end yet: it may be near to another strand that it is about to cross.
+    Apart is `clearance` radii. `plan` holds the strings' courses (N, 2) in even steps, `crossings` all their
+    crossings. With `growing` the end of the last string is not its end yet: it may be near to another strand that
+    it is about to cross.
     """
     last = len(plan) - 1
     for crossing in crossings:

@@ -77,11 +77,14 @@ def test_strands_without_a_partner_stay_as_they_are() -> None:
     assert [s is t for s, t in zip(joined, strands, strict=True)] == [True, True]
 
 
-def test_what_was_bridged_before_stays_marked() -> None:
-    first = Strand(piece(0, 4).points, np.array([False, False, True, False, False]))
-    strands = [first, piece(6, 10)]
-    (joined,) = join(strands, strand_ends(strands, PARAMETERS), [(1, 2)], PARAMETERS)
-    np.testing.assert_allclose(np.sort(joined.points[joined.bridged, 0]), (0.02, 0.05), rtol=0, atol=1e-15)
+@pytest.mark.parametrize("turned", [False, True])
+def test_what_was_bridged_before_stays_marked(turned: bool) -> None:
+    second = Strand(piece(6, 10).points, np.array([False, True, False, False, False]))
+    if turned:
+        second = Strand(second.points[::-1], second.bridged[::-1])
+    strands = [piece(0, 4), second]
+    (joined,) = join(strands, strand_ends(strands, PARAMETERS), [(1, 3 if turned else 2)], PARAMETERS)
+    np.testing.assert_allclose(np.sort(joined.points[joined.bridged, 0]), (0.05, 0.07), rtol=0, atol=1e-15)
 
 
 def circle(start_deg: float, stop_deg: float, radius_m: float = 0.06) -> Strand:

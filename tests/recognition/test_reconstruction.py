@@ -157,10 +157,9 @@ def test_ends_far_from_the_centre_or_pointing_away_do_not_gather() -> None:
     # r_cf + r_n = 45 mm.
     strands = [arm(0, inner_mm=46), arm(180, inner_mm=46)]
     assert len(connect_at_intersections(strands, np.zeros((1, 3)), PARAMETERS)) == 2
-    # Outer ends within reach of a centre behind them.
-    strands = [strand((-40, 0), (-10, 0)), strand((10, 0), (40, 0))]
-    joined = connect_at_intersections(strands, np.array([[-0.08, 0.0, 0.0]]), PARAMETERS)
-    assert len(joined) == 2
+    # The end at 40 mm faces the other strand, but away from the centre.
+    strands = [strand((20, 0), (40, 0)), strand((44, 0), (110, 0))]
+    assert len(connect_at_intersections(strands, np.zeros((1, 3)), PARAMETERS)) == 2
 
 
 def test_two_centres_of_one_intersection_are_one() -> None:

@@ -47,6 +47,13 @@ def test_a_table_without_a_string_is_a_valid_answer() -> None:
     assert empty_because.startswith("no string in view")
 
 
+def test_an_empty_table_seen_straight_from_above_is_no_broken_sensor() -> None:
+    seen, _, empty_because = usable_views([target(0, points=0, constant=True), target(1, points=0)])
+    assert seen == []
+    assert empty_because is not None
+    assert empty_because.startswith("no string in view")
+
+
 @pytest.mark.parametrize(("count", "said"), [(0, "0 views given"), (1, "1 view given")])
 def test_too_few_views_are_refused(count: int, said: str) -> None:
     with pytest.raises(InsufficientViewsError, match=f"{said}; at least 2 are needed"):
