@@ -14,6 +14,12 @@ from recognition.reconstruction import Strand
 
 TOP_PERCENTILE = 90.0
 """Of the points beside a strand's middle, the height taken as its top: above most noise, below flying pixels."""
+PARALLEL = 1e-6
+"""Sine of the angle under which links count as parallel: where such meet is rounding."""
+ROUNDING = 1e-9
+"""Share of a link within which rounding may put a crossing beyond its end."""
+SAME_PLACE_M = 1e-6
+"""Crossings closer than this along both strands are one, found in two links."""
 HEIGHT_SIGMA_M = 0.0005
 """One sigma of a strand's measured height: depth noise averaged over a patch of r."""
 
@@ -78,22 +84,26 @@ def _intersections(strands: Sequence[Strand], i: int, j: int) -> list[Meeting]:
     u, v = np.diff(P[:, :2], axis=0)[:, None], np.diff(Q[:, :2], axis=0)[None]
     determinant = u[..., 0] * v[..., 1] - u[..., 1] * v[..., 0]
     w = q - p
+    parallel = np.abs(determinant) <= PARALLEL * np.linalg.norm(u, axis=-1) * np.linalg.norm(v, axis=-1)
     with np.errstate(divide="ignore", invalid="ignore"):
         a = (w[..., 0] * v[..., 1] - w[..., 1] * v[..., 0]) / determinant
         b = (w[..., 0] * u[..., 1] - w[..., 1] * u[..., 0]) / determinant
-        # Half open, so that a crossing in a point of the chain is found once.
-        hit = (a >= 0) & (a < 1) & (b >= 0) & (b < 1)
+        # A little beyond the links' ends, so that no crossing in a point of the chain falls between two of them.
+        hit = ~parallel & (np.abs(a - 0.5) <= 0.5 + ROUNDING) & (np.abs(b - 0.5) <= 0.5 + ROUNDING)
     if i == j:
         m, n = np.indices(hit.shape)
         # Neighbouring links share a point and do not cross; in a closed strand also the last and the first.
         hit &= (n > m + 1) & ~(strands[i].closed & (m == 0) & (n == hit.shape[1] - 1))
-    meetings = []
+    meetings: list[Meeting] = []
     for m, n in zip(*np.nonzero(hit), strict=True):
+        places = (float(s[m] + a[m, n] * (s[m + 1] - s[m])), float(t[n] + b[m, n] * (t[n + 1] - t[n])))
+        if any(np.allclose(places, known.s_m, rtol=0, atol=SAME_PLACE_M) for known in meetings):
+            continue
         directions = tuple(d / np.linalg.norm(d) for d in (u[m, 0], v[0, n]))
         meetings.append(
             Meeting(
                 strands=(i, j),
-                s_m=(float(s[m] + a[m, n] * (s[m + 1] - s[m])), float(t[n] + b[m, n] * (t[n + 1] - t[n]))),
+                s_m=places,
                 heights_m=(
                     float(P[m, 2] + a[m, n] * (P[m + 1, 2] - P[m, 2])),
                     float(Q[n, 2] + b[m, n] * (Q[n + 1, 2] - Q[n, 2])),
@@ -115,11 +125,12 @@ def _height(
     """z of a strand's centre line at the crossing, from the tops seen on both sides of the other strand.
 
     Its own ridge is looked at, within r / 2 of its line, at distances at which the other strand (r wide on its
-    side) no longer hides it, up to 2 r farther. Where nothing is seen there, the chain's own height counts.
+    side, and r / 2 to clear its flank) is out of the way, up to 2 r farther. Where nothing is seen there, the
+    chain's own height counts.
     """
     own, other = meeting.directions[side], meeting.directions[1 - side]
     sine = max(abs(float(own[0] * other[1] - own[1] * other[0])), 0.3)
-    hidden = parameters.r * 1.2 / sine
+    hidden = parameters.r * 1.5 / sine
     line = _closed_up(strands[meeting.strands[side]])
     s = arc_length(line)
     tops = []

@@ -19,6 +19,12 @@ class InsufficientViewsError(RecognitionError):
     slug = "insufficient-views"
 
 
+class TooCrowdedError(RecognitionError):
+    """More above the table than strings and a few things beside them: the table's height or the workspace is wrong."""
+
+    slug = "too-crowded"
+
+
 class NoDepthError(RecognitionError):
     """No view holds a single depth measurement in the workspace: the camera or the setup is at fault."""
 

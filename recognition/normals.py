@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from recognition.errors import TooCrowdedError
 from recognition.outlier_filter import inliers
 from recognition.parameters import ChainParameters
 from recognition.point_cloud import as_open3d
@@ -15,6 +16,8 @@ RADIUS_SHARE = 0.6
 own curvature flattens the normals and the centre line comes out 0.4 mm low; much less than this and noise rules."""
 MAX_NEIGHBOURS = 60
 """More neighbours than this change a normal no further and only cost time."""
+MAX_POINTS = 100_000
+"""Evenly spread points that one view may have; a metre of string has about 8,000."""
 VOXEL_SHARE = 1 / 4
 """Points are averaged in voxels of this share of r: pixels that fall closer together repeat one another's error."""
 
@@ -37,10 +40,18 @@ def estimate_normals(target: TargetCloud, parameters: ChainParameters) -> Normal
     """The points of `target`, evenly spread and without outliers, with normals turned to the camera.
 
     Normals are by PCA over the neighbours within 0.6 r, on the camera's side.
+
+    Raises:
+        TooCrowdedError: more points than strings have.
     """
     import open3d as o3d
 
     points = np.asarray(as_open3d(target.points).voxel_down_sample(parameters.r * VOXEL_SHARE).points)
+    if len(points) > MAX_POINTS:
+        raise TooCrowdedError(
+            f"view {target.view} has {len(points)} points above the table, more than {MAX_POINTS}: "
+            "check the camera, the table's height, the workspace and the string's radius"
+        )
     points = points[inliers(points)]
     cloud = as_open3d(points)
     cloud.estimate_normals(

@@ -2,11 +2,10 @@
 
 import numpy as np
 from numpy.typing import NDArray
-
-from recognition.point_cloud import as_open3d
+from scipy.spatial import KDTree
 
 NEIGHBOURS = 16
-"""Neighbours whose mean distance is looked at."""
+"""Neighbours, the point itself among them, whose mean distance is looked at."""
 SURFACE_RATIO = 2.0
 """Standard deviations above the mean at which a point of a measured surface is an outlier."""
 LINE_RATIO = 6.0
@@ -20,9 +19,9 @@ def inliers(points: NDArray[np.float64], ratio: float = SURFACE_RATIO) -> NDArra
     A point is an outlier when the mean distance to its neighbours exceeds the cloud's mean of that by `ratio`
     standard deviations. The paper gives no figures. Clouds too small for the statistic are kept whole.
     """
-    mask = np.zeros(len(points), dtype=bool)
     if len(points) <= NEIGHBOURS:
-        return ~mask
-    _, kept = as_open3d(points).remove_statistical_outlier(NEIGHBOURS, ratio)
-    mask[np.asarray(kept, dtype=np.int64)] = True
-    return mask
+        return np.ones(len(points), dtype=bool)
+    # Open3D's filter has the same rule but takes points that coincide for outliers.
+    distances, _ = KDTree(points).query(points, NEIGHBOURS)
+    mean = distances.mean(axis=1)
+    return mean <= mean.mean() + ratio * mean.std(ddof=1)

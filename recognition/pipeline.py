@@ -76,6 +76,7 @@ def recognise(
     Raises:
         InsufficientViewsError: fewer than two views, or fewer that can be used.
         NoDepthError: no view measured anything in the workspace.
+        TooCrowdedError: far more is above the table than strings.
     """
     scene = scene or Scene()
     clock = _Clock(on_stage)

@@ -10,6 +10,7 @@ from scipy.optimize import Bounds, LinearConstraint, milp
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import KDTree
 
+from recognition.errors import TooCrowdedError
 from recognition.model import arc_length
 from recognition.parameters import ChainParameters
 
@@ -19,6 +20,10 @@ OPPOSITE = -0.5
 """Ends whose directions have a larger inner product (angle under 120 degrees) do not continue one another."""
 FACING = 0.5
 """Cosine between an end's direction and the way to its partner: within 60 degrees it faces it."""
+MAX_SEGMENTS = 2000
+"""Pieces taken; a string of ten metres with a hundred crossings has a few hundred."""
+SOLVE_S = 5.0
+"""Longest search for the best couples; real scenes take milliseconds. What is found by then counts."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,7 +69,14 @@ def reconstruct(
 
     `centres` (M, 3) are the bifurcation centres, `surface` (K, 3) is the combined cloud, which tells what can
     hide a strand.
+
+    Raises:
+        TooCrowdedError: more segments than strings make.
     """
+    if len(segments) > MAX_SEGMENTS:
+        raise TooCrowdedError(
+            f"the points above the table fall into {len(segments)} pieces: check the string's radius and the workspace"
+        )
     strands = [Strand(points, np.zeros(len(points), dtype=bool)) for points in segments if len(points)]
     reconnected = reconnect_close_ends(strands, centres, parameters)
     opened, centres = open_side_contacts(reconnected, centres, parameters)
@@ -114,17 +126,25 @@ def open_side_contacts(
     """
     ends = strand_ends(strands, parameters)
     loose = gathering(ends, centres, parameters) < 0
+    owner = np.repeat(np.arange(len(strands)), [len(strand.points) for strand in strands])
+    points = np.vstack([np.empty((0, 3)), *(strand.points for strand in strands)])
+    s = np.concatenate([[], *(arc_length(strand.points) for strand in strands)])
+    length = np.array([arc_length(strand.points)[-1] for strand in strands])
+    closed = np.array([strand.closed for strand in strands], dtype=bool)
+    side = closed[owner] | ((s > parameters.r_f) & (s < length[owner] - parameters.r_f))
+    around = KDTree(points)
     contacts = []
-    for end, is_loose in zip(ends, loose, strict=True):
-        if not is_loose:
-            continue
-        for index, strand in enumerate(strands):
-            way = strand.points - end.point
-            distance = np.linalg.norm(way, axis=1)
-            inside = _away_from_ends(strand, end if index == end.strand else None, parameters)
-            near = inside & (distance < parameters.r_f) & (way @ end.direction > FACING * distance)
-            if near.any():
-                contacts.append(strand.points[np.where(near, distance, np.inf).argmin()])
+    for end in (end for end, is_loose in zip(ends, loose, strict=True) if is_loose):
+        near = np.asarray(around.query_ball_point(end.point, parameters.r_f, return_sorted=True), dtype=np.int64)
+        # A strand's own points behind its end are no other strand's side.
+        behind = (owner[near] == end.strand) & (
+            (s[near] if end.at_start else length[end.strand] - s[near]) <= parameters.r_cn
+        )
+        way = points[near] - end.point
+        distance = np.linalg.norm(way, axis=1)
+        hit = side[near] & ~behind & (way @ end.direction > FACING * distance)
+        if hit.any():
+            contacts.append(points[near[hit][distance[hit].argmin()]])
     if not contacts:
         return list(strands), centres
     tree = KDTree(np.array(contacts))
@@ -135,15 +155,6 @@ def open_side_contacts(
             if clear[run[0]]:
                 opened.append(Strand(strand.points[run], strand.bridged[run], strand.closed and len(run) == len(clear)))
     return opened, np.vstack([centres, contacts])
-
-
-def _away_from_ends(strand: Strand, own: End | None, parameters: ChainParameters) -> NDArray[np.bool_]:
-    """(N,) points of the strand farther than r_f along it from its ends, and farther than r_cn from its end `own`."""
-    s = arc_length(strand.points)
-    inside = (s > parameters.r_f) & (s < s[-1] - parameters.r_f) | strand.closed
-    if own is not None:
-        inside &= (s if own.at_start else s[-1] - s) > parameters.r_cn
-    return inside
 
 
 def connect_at_intersections(strands: Sequence[Strand], centres: Points, parameters: ChainParameters) -> list[Strand]:
@@ -239,7 +250,10 @@ def least_bending_pairs(
         integrality=np.ones(len(couples)),
         bounds=Bounds(0, 1),
         constraints=LinearConstraint(each_end_once, ub=1),
+        options={"time_limit": SOLVE_S},
     )
+    if best.x is None:
+        return []
     return [couple for couple, chosen in zip(couples, best.x, strict=True) if chosen > 0.5]
 
 

@@ -9,6 +9,7 @@ from scipy.spatial import KDTree
 from scipy.spatial.transform import Rotation
 
 from calibration.transforms import from_rotation_vector, inverse, rotation_angle, transform_points
+from recognition.errors import TooCrowdedError
 from recognition.model import ViewQuality
 from recognition.normals import NormalCloud
 from recognition.outlier_filter import inliers
@@ -25,6 +26,8 @@ INDEPENDENT_SHARE = 0.02
 """Depth errors are correlated over neighbouring pixels: of a hundred points about two speak for themselves."""
 MAX_CORRECTION_SIGMA = 4.0
 """A correction larger than this many sigma of the prior is not a correction but a wrong match."""
+MAX_POINTS = 150_000
+"""Merged points taken, of which a metre of string has about 10,000: what comes after grows with their neighbours."""
 VOXEL_SHARE = 1 / 3
 """The merged cloud is thinned to voxels of this share of r: eight views overlap and say the same many times."""
 
@@ -79,6 +82,11 @@ def merge(
     length = np.linalg.norm(normals, axis=1, keepdims=True)
     # Opposite normals in one voxel cancel: such a point has no side.
     sided = length[:, 0] > 0.1
+    if sided.sum() > MAX_POINTS:
+        raise TooCrowdedError(
+            f"the views together have {sided.sum()} points above the table, more than {MAX_POINTS}: "
+            "check the table's height, the workspace and the string's radius"
+        )
     return points[sided], normals[sided] / length[sided]
 
 
@@ -117,12 +125,26 @@ def correction_onto(
     J = np.hstack([np.cross(cloud.points[matches[:, 0]] - centre, matched_normals), matched_normals])
     H = J.T @ J * (INDEPENDENT_SHARE / SURFACE_SIGMA_M**2)
     x = np.linalg.solve(H + np.diag(POSE_SIGMA**-2.0), H @ x)
-    before = registration.evaluate_registration(source, target, parameters.r, np.eye(4))
-    after = registration.evaluate_registration(source, target, parameters.r, from_rotation_vector(x[3:], x[:3]))
-    closer = after.inlier_rmse <= before.inlier_rmse and after.fitness >= 0.99 * before.fitness
-    if not closer or (np.abs(x) / POSE_SIGMA).max() > MAX_CORRECTION_SIGMA:
+    surface = (KDTree(np.asarray(target.points)), normals)
+    before = _misfit(cloud.points - centre, *surface, parameters)
+    after = _misfit(transform_points(from_rotation_vector(x[3:], x[:3]), cloud.points - centre), *surface, parameters)
+    if after > before or (np.abs(x) / POSE_SIGMA).max() > MAX_CORRECTION_SIGMA:
         return np.zeros(6)
     return np.asarray(x, dtype=np.float64)
+
+
+def _misfit(
+    points: NDArray[np.float64], tree: KDTree, normals: NDArray[np.float64], parameters: ChainParameters
+) -> float:
+    """Mean distance of `points` (N, 3) from the planes of their nearest surface points, metres.
+
+    Points without a surface point within r count as r away, so that nothing is won by leaving the surface.
+    """
+    nearest = np.asarray(tree.query(points, distance_upper_bound=parameters.r)[1])
+    matched = nearest < tree.n
+    way = points[matched] - tree.data[nearest[matched]]
+    to_plane = np.abs((way * normals[nearest[matched]]).sum(axis=1))
+    return float((to_plane.sum() + parameters.r * (~matched).sum()) / len(points))
 
 
 def corrected(cloud: NormalCloud, twist: NDArray[np.float64], centre: NDArray[np.float64]) -> NormalCloud:

@@ -2,12 +2,14 @@
 
 from collections.abc import Sequence
 
-from recognition.errors import InsufficientViewsError, NoDepthError
+from recognition.errors import InsufficientViewsError, NoDepthError, TooCrowdedError
 from recognition.model import ViewQuality
 from recognition.preprocess import TargetCloud
 
 MIN_VIEWS = 2
 """One view sees one side of a string and nothing under a crossing; two are the least that can be merged."""
+CROWDED_SHARE = 0.8
+"""A larger share of a view's points above the table, and it is the table itself that stands too high."""
 MIN_POINTS = 50
 """Fewer points of string height than this are noise."""
 
@@ -21,6 +23,7 @@ def usable_views(
         InsufficientViewsError: fewer than two views were given, fewer than two saw the workspace, or the string
             is in one alone.
         NoDepthError: no view measured anything in the workspace.
+        TooCrowdedError: most views see little else than points above the table.
     """
     if len(targets) < MIN_VIEWS:
         raise InsufficientViewsError(
@@ -43,6 +46,13 @@ def usable_views(
             f"only view {looking[0].view} measured anything in the workspace; at least {MIN_VIEWS} are needed"
         )
     seen = [target for target in targets if reasons[target.view] is None]
+    crowded = [target for target in seen if len(target.points) > CROWDED_SHARE * target.in_workspace]
+    if len(crowded) > len(seen) / 2:
+        share = len(crowded[0].points) / crowded[0].in_workspace
+        raise TooCrowdedError(
+            f"{share:.0%} of what view {crowded[0].view} measured in the workspace is above the table, and it is not "
+            "alone: check the table's height and the workspace"
+        )
     if len(seen) >= MIN_VIEWS:
         return seen, left_out, None
     if seen:

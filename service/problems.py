@@ -43,6 +43,7 @@ TITLES = {
     "result-not-ready": "The scan has not ended",
     "scan-not-found": "No such scan",
     "storage-full": "The disk is full",
+    "too-crowded": "There is too much above the table",
     "too-large": "The request is too large",
 }
 """Titles do not change from one occurrence to the next; slugs without one are titled by their words."""

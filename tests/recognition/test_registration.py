@@ -73,8 +73,8 @@ def test_exact_poses_are_left_alone(table_1: ChainParameters, tube: Callable) ->
     for view in registration.views:
         assert view.correction_m is not None
         assert view.correction_rad is not None
-        # Noise of 0.1 mm over a thousand points.
-        assert view.correction_m < 0.00003
+        # A tenth of the poses' own sigma (1 mm): what noise of 0.1 mm and other samples of the surface may do.
+        assert view.correction_m < 0.0001
         assert view.correction_rad < 0.0005
         assert view.fitness == 1.0
 
