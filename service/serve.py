@@ -6,10 +6,17 @@ import uvicorn
 
 from service.app import create_app
 from service.config import ServiceConfig
+from service.data_folder import DataFolder, DataFolderError
 
 
 def serve(config: ServiceConfig) -> int:
     """Serves until SIGINT or SIGTERM; 0 when it ended in order, 1 when it could not start."""
+    try:
+        # Taken for a moment: inside the server the same refusal would come as a traceback.
+        DataFolder(config.data_dir).close()
+    except DataFolderError as error:
+        print(f"pointchain serve: {error}", file=sys.stderr)
+        return 1
     print(f"pointchain: http://{config.host}:{config.port}/docs, data in {config.data_dir}", file=sys.stderr)
     server = uvicorn.Server(
         uvicorn.Config(create_app(config), host=config.host, port=config.port, timeout_graceful_shutdown=5)

@@ -12,6 +12,7 @@ from cell.simulation.clutter import Box, place_boxes
 from cell.simulation.crossings import PlanCrossing, plan_crossings
 from cell.simulation.heights import HeightsError, lay
 from cell.simulation.wander import wander
+from recognition.model import arc_length
 
 
 class SceneError(ValueError):
@@ -169,7 +170,7 @@ def _over(name: str, rng: np.random.Generator, crossings: Sequence[PlanCrossing]
 
 def _cut(curve: NDArray[np.float64], length_m: float) -> NDArray[np.float64]:
     """`curve` (N, 3) cut at both ends to a length (lifting has made it longer), in even steps."""
-    s = shapes.arc_length(curve)
+    s = arc_length(curve)
     spare = (s[-1] - length_m) / 2
     even = np.linspace(spare, s[-1] - spare, int(np.ceil(length_m / shapes.STEP_M - 1e-9)) + 1)
     return np.column_stack([np.interp(even, s, curve[:, k]) for k in range(3)])

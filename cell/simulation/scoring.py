@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cell.simulation.shapes import arc_length, polyline_length
+from cell.simulation.shapes import polyline_length
+from recognition.model import arc_length
 
 DENSE_M = 0.0005
 """Lines are compared at points this far apart."""

@@ -3,6 +3,8 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from recognition.model import arc_length
+
 STEP_M = 0.001
 """Distance of the points of a scene's curves."""
 
@@ -71,11 +73,6 @@ def evenly(curve: NDArray[np.float64], step_m: float) -> NDArray[np.float64]:
     s = arc_length(curve)
     even = np.linspace(0.0, s[-1], max(int(np.ceil(s[-1] / step_m - 1e-9)), 2) + 1)
     return np.column_stack([np.interp(even, s, curve[:, k]) for k in range(curve.shape[1])])
-
-
-def arc_length(curve: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(N,) distances of the points of `curve` (N, d) from the first, along it."""
-    return np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(curve, axis=0), axis=1))])
 
 
 def polyline_length(curve: NDArray[np.float64]) -> float:

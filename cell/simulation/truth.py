@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from cell.simulation.crossings import at, plan_crossings
 from cell.simulation.scenes import StringScene
-from cell.simulation.shapes import arc_length
+from recognition.model import arc_length
 
 STEP_M = 0.002
 """Distance of the points of the written curves."""

@@ -11,6 +11,7 @@ import pytest
 from cell.recording import RecordingHeader, RecordingWriter, read_recording
 from service.app import openapi_document
 from service.cli import main
+from service.data_folder import DataFolder
 
 
 def run(capsys: pytest.CaptureFixture[str], *arguments: object) -> tuple[int, list[dict[str, Any]], str]:
@@ -250,3 +251,16 @@ def test_wrong_calls_exit_with_2(arguments: list[str]) -> None:
     with pytest.raises(SystemExit) as stop:
         main(arguments)
     assert stop.value.code == 2
+
+
+def test_serve_says_why_it_cannot_start(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    folder = DataFolder(tmp_path / "data")
+    try:
+        assert main(["serve", "--data-dir", str(tmp_path / "data")]) == 1
+        assert "another service uses this data folder" in capsys.readouterr().err
+    finally:
+        folder.close()
+    config = tmp_path / "cell.toml"
+    config.write_text("prot = 8000\n")
+    assert main(["serve", "--config", str(config)]) == 1
+    assert "prot" in capsys.readouterr().err
