@@ -131,8 +131,11 @@ def _simulate(options: argparse.Namespace) -> int:
             clearance=options.clearance,
         )
         truth = write_simulation(simulate(scene, camera, options.seed, views=options.views), options.out)
-    except (ValueError, OSError) as error:
+    except ValueError as error:
         print(f"pointchain simulate: {error}", file=sys.stderr)
+        return 1
+    except OSError as error:
+        print(f"pointchain simulate: {options.out} cannot be written: {error.strerror}", file=sys.stderr)
         return 1
     print(f"wrote {options.out} and {truth}", file=sys.stderr)
     return 0

@@ -44,7 +44,7 @@ def _recognise_file(
     except INPUT_ERRORS as error:
         slug, reason = error.slug, str(error)
     except OSError as error:
-        slug, reason = "file", str(error)
+        slug, reason = "file", f"{error.filename or file}: {error.strerror or error}"
     else:
         return recognition.model.to_json(), None
     return {"schema": SCHEMA, "error": problem_document(422, slug, reason, file=str(file))}, reason

@@ -196,6 +196,7 @@ def test_simulate_writes_the_same_file_for_the_same_seed(capsys: pytest.CaptureF
         (("--radius", "1"), "radius"),
         (("--softness", "0.1"), "softness"),
         (("--views", "0"), "views"),
+        (("--seed", "-1"), "seed"),
     ],
 )
 def test_simulate_says_what_is_wrong(
@@ -213,6 +214,12 @@ def test_simulate_never_overwrites(capsys: pytest.CaptureFixture[str], recording
     assert code == 1
     assert recording_file.name in err
     assert recording_file.read_bytes() == before
+
+
+def test_simulate_into_a_folder_that_is_not_there(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    code, _, err = run(capsys, "simulate", tmp_path / "none" / "x.mcap", "--resolution", "160x100", "--views", "2")
+    assert code == 1
+    assert "x.mcap cannot be written: No such file or directory" in err
 
 
 def test_demo_tells_the_truth_and_can_be_repeated(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
