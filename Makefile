@@ -5,9 +5,9 @@
 help:
 	@echo 'make demo    simulate a scan, recognise the string in it, show the result'
 	@echo 'make test    run all tests'
-	@echo 'make serve   start the service with the simulated cell'
+	@echo 'make serve   start the HTTP service'
 	@echo 'make lint    check style, types and the direction of imports'
-	@echo 'make bench   measure speed and accuracy on simulated scans'
+	@echo 'make bench   measure accuracy on simulated scans'
 	@echo 'make setup   make .venv; what the others do first when it is missing or out of date'
 	@echo 'make lock    renew requirements.lock from pyproject.toml; UPGRADE=1 takes newer versions'
 	@echo 'make clean   remove what these commands made'

@@ -22,7 +22,7 @@ def evidence(
     """(N,) one sigma across the string, metres, and (N,) number of views, for each point of the strand.
 
     Each view has its own opinion of the centre line: the mean of its c_i (eq. 1) within r. Sigma is the spread of
-    these opinions about the point. Where no view saw the string (bridged points), sigma grows with the square of
+    these opinions about the point. Where no view saw the string (under a crossing), sigma grows with the square of
     the way to the next seen point, as a string's sideways bend of radius 5 r would carry it.
     """
     points = strand.points
@@ -36,7 +36,7 @@ def evidence(
         offset -= (offset * tangent).sum(axis=1, keepdims=True) * tangent
         offsets.append(np.linalg.norm(offset, axis=1))
     distance = np.array(offsets).reshape(-1, len(points))
-    seen = np.isfinite(distance) & ~strand.bridged
+    seen = np.isfinite(distance) & ~_hidden(strand, clouds, parameters)
     views = seen.sum(axis=0)
     square = (np.where(seen, distance, 0.0) ** 2).sum(axis=0) / np.maximum(views, 1)
     sigma = np.hypot(np.sqrt(square), SIGMA_FLOOR_M)
@@ -47,3 +47,18 @@ def evidence(
     gap, nearest = KDTree(s[~unseen, None]).query(s[unseen, None])
     sigma[unseen] = sigma[~unseen][nearest] + gap**2 / (10 * parameters.r)
     return sigma, views.astype(np.int64)
+
+
+def _hidden(strand: Strand, clouds: Sequence[NormalCloud], parameters: ChainParameters) -> NDArray[np.bool_]:
+    """(N,) bridged points that another strand covers: there the surface's top is not this strand's own, r above it.
+
+    Both strands of an intersection are bridged, but the over one was seen all the same.
+    """
+    hidden = strand.bridged.copy()
+    surface = np.vstack([np.empty((0, 3)), *(cloud.points for cloud in clouds)])
+    from_above = KDTree(surface[:, :2])
+    for i in np.flatnonzero(strand.bridged):
+        near = from_above.query_ball_point(strand.points[i, :2], parameters.r / 2)
+        if near and np.percentile(surface[near, 2], 90) < strand.points[i, 2] + 1.5 * parameters.r:
+            hidden[i] = False
+    return hidden

@@ -1,6 +1,7 @@
 """How many views saw each point, and how far they agree."""
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
@@ -60,12 +61,29 @@ def test_bridged_points_have_no_views_and_a_larger_sigma_towards_their_middle(
     table_1: ChainParameters, tube: Callable
 ) -> None:
     bridged = (X > 0.0399) & (X < 0.0601)
-    sigma, views = evidence(strand(bridged), [seen_from(tube, table_1.r, 0, -0.01, 0.11)], table_1)
+    # A thing that lies 2 r above the string all along the bridged part.
+    x, y = np.meshgrid(np.arange(0.038, 0.0621, 0.0005), np.arange(-0.006, 0.0061, 0.0005))
+    lid = np.column_stack([x.ravel(), y.ravel(), np.full(x.size, 4 * table_1.r)])
+    cloud = seen_from(tube, table_1.r, 0, -0.01, 0.11)
+    covered = replace(
+        cloud,
+        points=np.vstack([cloud.points, lid]),
+        normals=np.vstack([cloud.normals, np.tile((0.0, 0.0, 1.0), (len(lid), 1))]),
+    )
+    sigma, views = evidence(strand(bridged), [covered], table_1)
     np.testing.assert_array_equal(views, np.where(bridged, 0, 1))
     # 36 and 64 mm are the last seen points on either side.
     gap = np.minimum(X - 0.036, 0.064 - X)[bridged]
     np.testing.assert_allclose(sigma[bridged], SIGMA_FLOOR_M + gap**2 / (10 * table_1.r), rtol=0, atol=1e-9)
     assert sigma[bridged].min() > sigma[~bridged].max()
+
+
+def test_a_bridge_that_nothing_covers_was_seen(table_1: ChainParameters, tube: Callable) -> None:
+    # The over strand of an intersection: bridged there like the other, but in plain sight.
+    bridged = (X > 0.0399) & (X < 0.0601)
+    sigma, views = evidence(strand(bridged), [seen_from(tube, table_1.r, 0, -0.01, 0.11)], table_1)
+    np.testing.assert_array_equal(views, 1)
+    np.testing.assert_allclose(sigma[bridged], SIGMA_FLOOR_M, rtol=0, atol=1e-9)
 
 
 def test_points_that_no_view_saw_are_known_to_r_only(table_1: ChainParameters, tube: Callable) -> None:
