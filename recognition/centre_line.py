@@ -1,6 +1,7 @@
 """Centre line estimation (section II.F)."""
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,10 +15,17 @@ from recognition.parameters import ChainParameters
 class CentreLine:
     """The centre line point cloud."""
 
+    surface: NDArray[np.float64]
+    """(N, 3) points it lies under."""
     single: NDArray[np.float64]
     """(N, 3) c_i of eq. (1): noisy, but not drawn inwards at the string's ends."""
-    points: NDArray[np.float64]
-    """(M, 3) means of eq. (2), outliers removed."""
+    r: float
+
+    @cached_property
+    def points(self) -> NDArray[np.float64]:
+        """(M, 3) means of eq. (2), over the points within 2 r of p_i, outliers removed. Made when first asked for."""
+        means = neighbourhood_means(self.surface, self.surface, self.single, 2 * self.r)
+        return means[inliers(means, LINE_RATIO)]
 
 
 def estimate_centre_line(
@@ -27,6 +35,4 @@ def estimate_centre_line(
 
     c_i = p_i - r n_i (eq. 1), then the mean over the points within 2 r of p_i (eq. 2).
     """
-    single = points - parameters.r * normals
-    means = neighbourhood_means(points, points, single, 2 * parameters.r)
-    return CentreLine(single=single, points=means[inliers(means, LINE_RATIO)])
+    return CentreLine(points, points - parameters.r * normals, parameters.r)

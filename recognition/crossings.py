@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations_with_replacement
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,7 +50,7 @@ def find_crossings(
     seen right at the crossing, the under one as near to it as the over one lets it be seen.
     """
     crossings, ambiguities = [], []
-    for number, meeting in enumerate(_meetings(strands)):
+    for number, meeting in enumerate(meetings(strands)):
         heights = np.array([_height(strands, meeting, side, surface, parameters) for side in (0, 1)])
         over = int(heights.argmax())
         gap = float(heights[over] - heights[1 - over])
@@ -69,14 +70,24 @@ def find_crossings(
     return crossings, ambiguities
 
 
-def _meetings(strands: Sequence[Strand]) -> list[Meeting]:
+class Line(Protocol):
+    """What can cross: strands and chains."""
+
+    @property
+    def points(self) -> NDArray[np.float64]: ...
+    @property
+    def closed(self) -> bool: ...
+
+
+def meetings(strands: Sequence[Line]) -> list[Meeting]:
+    """Where the strands cross one another or themselves, as seen from above."""
     found = []
     for i, j in combinations_with_replacement(range(len(strands)), 2):
         found += _intersections(strands, i, j)
     return found
 
 
-def _intersections(strands: Sequence[Strand], i: int, j: int) -> list[Meeting]:
+def _intersections(strands: Sequence[Line], i: int, j: int) -> list[Meeting]:
     """Where strand i crosses strand j in the xy plane: every pair of links at once."""
     P, Q = (_closed_up(strands[k]) for k in (i, j))
     s, t = arc_length(P), arc_length(Q)
@@ -147,5 +158,5 @@ def _height(
     return float(np.mean(tops)) if tops else meeting.heights_m[side]
 
 
-def _closed_up(strand: Strand) -> NDArray[np.float64]:
+def _closed_up(strand: Line) -> NDArray[np.float64]:
     return np.vstack([strand.points, strand.points[:1]]) if strand.closed else strand.points

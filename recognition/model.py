@@ -8,11 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recognition.parameters import ChainParameters
+from recognition.topology import PData, gauss_code, p_data
 
 SCHEMA = "pointchain/1"
 
-Method = Literal["matching", "enhanced"]
-METHODS: tuple[Method, ...] = ("matching", "enhanced")
+Method = Literal["matching", "enhanced", "graph"]
+METHODS: tuple[Method, ...] = ("matching", "enhanced", "graph")
 
 End = Literal["free", "unseen"]
 
@@ -75,6 +76,29 @@ class Crossing:
     """That over and under are the right way round, 0.5 to 1."""
 
 
+@dataclass(frozen=True, eq=False)
+class Grasp:
+    """A place where a parallel gripper can take a string."""
+
+    chain: int
+    """The chain's id."""
+    s_m: float
+    """Arc length along it."""
+    T_base_grasp: NDArray[np.float64]
+    """(4, 4): z = approach, x = closing direction (across the string, to the left of the chain's direction), origin
+    on the centre line. Turned by pi about z it is the same grasp."""
+    opening_m: float
+    """Between the fingers before they close."""
+    reach_m: float
+    """How far the fingertips go beyond the origin, along z."""
+    clearance_m: float
+    """Least distance of fingers and palm on their way from other strands and things; at most 30 mm is told."""
+    table_clearance_m: float
+    """Least distance of the fingertips from the table."""
+    score: float
+    """0 to 1, the best 1."""
+
+
 @dataclass(frozen=True)
 class ViewQuality:
     """What became of one view."""
@@ -115,6 +139,8 @@ class PointChainModel:
     quality: Quality = field(default_factory=Quality)
     timing_s: Mapping[str, float] = field(default_factory=dict)
     frame: str = "base"
+    grasps: tuple[Grasp, ...] = ()
+    """The best first."""
 
     def to_json(self) -> dict[str, Any]:
         """The model as the JSON document of schema `pointchain/1`: only finite numbers, lengths to a micrometre."""
@@ -125,23 +151,19 @@ class PointChainModel:
             "parameters": {_parameter_key(name): value for name, value in asdict(self.parameters).items()},
             "chains": [_chain_json(chain) for chain in self.chains],
             "crossings": [_crossing_json(crossing) for crossing in self.crossings],
-            "topology": {"gauss_code": self.gauss_code()},
+            "topology": {"gauss_code": self.gauss_code(), "p_data": self.p_data().to_json()},
+            "grasps": [_grasp_json(grasp) for grasp in self.grasps],
             "quality": asdict(self.quality),
             "timing_s": {stage: round(seconds, 6) for stage, seconds in self.timing_s.items()},
         }
 
     def gauss_code(self) -> list[list[list[Any]]]:
         """For each chain the crossings it meets in order: `[crossing id, "over" or "under", sign]`."""
-        code = []
-        for chain in self.chains:
-            met = [
-                (strand.s_m, [crossing.id, role, crossing.sign])
-                for crossing in self.crossings
-                for role, strand in (("over", crossing.over), ("under", crossing.under))
-                if strand.chain == chain.id
-            ]
-            code.append([entry for _, entry in sorted(met, key=lambda item: item[0])])
-        return code
+        return gauss_code(self.chains, self.crossings)
+
+    def p_data(self) -> PData:
+        """Ends, crossings and segments, and the matrix of which follows which."""
+        return p_data(self.chains, self.crossings)
 
 
 def arc_length(points: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -177,4 +199,20 @@ def _crossing_json(crossing: Crossing) -> dict[str, Any]:
         "angle_rad": round(crossing.angle_rad, 6),
         "sign": crossing.sign,
         "confidence": round(crossing.confidence, 4),
+    }
+
+
+def _grasp_json(grasp: Grasp) -> dict[str, Any]:
+    T = grasp.T_base_grasp.round(9)
+    T[:3, 3] = T[:3, 3].round(6)
+    T += 0.0  # no -0.0
+    return {
+        "chain": grasp.chain,
+        "s_m": round(grasp.s_m, 6),
+        "T_base_grasp": T.tolist(),
+        "opening_m": round(grasp.opening_m, 6),
+        "reach_m": round(grasp.reach_m, 6),
+        "clearance_m": round(grasp.clearance_m, 6),
+        "table_clearance_m": round(grasp.table_clearance_m, 6),
+        "score": round(grasp.score, 4),
     }

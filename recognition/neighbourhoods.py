@@ -1,4 +1,4 @@
-"""Sums over all points within a radius, for every point of a cloud at once."""
+"""Sums over neighbourhoods and groups of points, for all of them at once."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,3 +26,10 @@ def neighbourhood_means(
     A = within(centres, points, radius)
     with np.errstate(invalid="ignore"):
         return (A @ values) / np.asarray(A.sum(axis=1))[:, None]
+
+
+def group_sums(group: NDArray[np.int64], values: NDArray[np.float64], count: int) -> NDArray[np.float64]:
+    """(count,) or (count, K) sums of `values` (P,) or (P, K) over the rows of each `group` (P,), 0 to count - 1."""
+    if values.ndim == 1:
+        return np.bincount(group, values, count).astype(np.float64)
+    return np.column_stack([group_sums(group, column, count) for column in values.T])

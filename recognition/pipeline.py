@@ -2,29 +2,41 @@
 
 import time
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from recognition.arrival import receive
 from recognition.centre_line import CentreLine, estimate_centre_line
 from recognition.chains import make_chains, sharp_bends
 from recognition.crossings import find_crossings
 from recognition.ends import extend_ends
 from recognition.enhanced import EnhancedMatching, match_enhanced
+from recognition.fitted_chains import fitted_chains
+from recognition.fitted_crossings import fitted_crossings
+from recognition.graph import Graph, told_doubts, trace_strands
+from recognition.grasps import find_grasps
+from recognition.gripper import Gripper
 from recognition.matching import match
-from recognition.model import Method, PointChainModel, Quality
-from recognition.normals import NormalCloud, estimate_normals
+from recognition.model import Chain, Crossing, Method, PointChainModel, Quality
+from recognition.normals import NormalCloud
 from recognition.parameters import ChainParameters
-from recognition.preprocess import DepthView, Scene, TargetCloud, preprocess
+from recognition.preprocess import DepthView, Scene, TargetCloud
 from recognition.reconstruction import Reconstruction, Strand, reconstruct
+from recognition.refinement import Refinement, refine
 from recognition.registration import Registration, register
+from recognition.string_radius import measured_parameters
 from recognition.thinning import thin
 from recognition.unexplained import unexplained
-from recognition.usable_views import usable_views
 
-STAGES = ("preprocess", "registration", "centre_line", "matching", "reconstruction", "topology")
-"""The names that `on_stage` and `timing_s` use, in order."""
+STAGES = ("preprocess", "registration", "centre_line", "matching", "reconstruction", "refinement", "topology", "grasps")
+"""The names that `on_stage` and `timing_s` use, in order; a method has those of `stages_of`."""
+
+
+def stages_of(method: Method) -> tuple[str, ...]:
+    """The stages of one method: `graph` joins what the others reconstruct as it traces, and refines it."""
+    return tuple(stage for stage in STAGES if stage != ("reconstruction" if method == "graph" else "refinement"))
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,6 +53,18 @@ class Recognition:
     segments: Sequence[NDArray[np.float64]] = ()
     """(N, 3) each: the linked points before reconstruction."""
     reconstruction: Reconstruction | None = None
+    graph: Graph | None = None
+    refinement: Refinement | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class _Found:
+    """What a method made of the centre line."""
+
+    chains: tuple[Chain, ...]
+    crossings: Sequence[Crossing]
+    ambiguities: Sequence[str]
+    warnings: Sequence[str]
 
 
 @dataclass
@@ -63,38 +87,74 @@ class _Clock:
 
 def recognise(
     views: Iterable[DepthView],
-    parameters: ChainParameters,
+    parameters: ChainParameters | None = None,
     scene: Scene | None = None,
-    method: Method = "enhanced",
+    method: Method = "graph",
     on_stage: Callable[[str], None] | None = None,
+    gripper: Gripper | None = None,
 ) -> Recognition:
     """The point chain model of the strings in `views`.
 
+    Without `parameters` the string's radius is measured first, which needs all views at once and twice the time.
     `method`: "matching" is the previous method alone (II.G, on the centre line cloud), "enhanced" the paper's
-    (III). `on_stage` is called with the name of each stage (`STAGES`) as it begins.
+    (III), "graph" ours. Grasps are for `gripper`, the default one if None. `on_stage` is called with the name of
+    each stage (`STAGES`) as it begins.
 
     Raises:
         InsufficientViewsError: fewer than two views, or fewer that can be used.
+        ContradictingViewsError: no majority of the views shows the same scene.
         NoDepthError: no view measured anything in the workspace.
         TooCrowdedError: far more is above the table than strings.
+        RadiusUnknownError: no parameters, and nothing to measure a radius of.
     """
     scene = scene or Scene()
     clock = _Clock(on_stage)
 
     clock.begin("preprocess")
-    targets = [preprocess(view, parameters, scene) for view in views]
-    seen, left_out, empty_because = usable_views(targets)
-    if empty_because:
+    if parameters is None:
+        views = list(views)
+        parameters = measured_parameters(views, scene)
+    arrivals = receive(views, parameters, scene)
+    if arrivals.empty_because is not None:
         clock.begin(None)
-        quality = Quality(views=left_out, warnings=(empty_because,))
-        return Recognition(PointChainModel(method, parameters, quality=quality, timing_s=clock.timing_s), targets)
-    clouds = [estimate_normals(target, parameters) for target in seen]
+        quality = Quality(views=arrivals.left_out, warnings=(arrivals.empty_because,))
+        empty = PointChainModel(method, parameters, quality=quality, timing_s=clock.timing_s)
+        return Recognition(empty, arrivals.targets)
 
     clock.begin("registration")
-    registration = register(clouds, parameters)
+    registration = register(arrivals.clouds, parameters, arrivals.pairs)
 
     clock.begin("centre_line")
     centre_line = estimate_centre_line(registration.points, registration.normals, parameters)
+
+    stages = Recognition(
+        PointChainModel(method, parameters), arrivals.targets, arrivals.clouds, registration, centre_line
+    )
+    by_method = _by_graph if method == "graph" else _by_sequences
+    found, stages = by_method(stages, method, parameters, scene, clock)
+    warnings = [*registration.warnings, *found.warnings, *unexplained(registration.points, found.chains, parameters)]
+
+    clock.begin("grasps")
+    grasps, ungraspable = find_grasps(
+        found.chains, found.crossings, registration.points, scene, parameters, gripper or Gripper()
+    )
+    clock.begin(None)
+
+    view_quality = tuple(sorted(registration.views + arrivals.left_out, key=lambda view: view.index))
+    quality = Quality(view_quality, tuple(found.ambiguities), (*warnings, *ungraspable))
+    model = PointChainModel(
+        method, parameters, found.chains, tuple(found.crossings), quality, clock.timing_s, grasps=grasps
+    )
+    return replace(stages, model=model)
+
+
+def _by_sequences(
+    stages: Recognition, method: Method, parameters: ChainParameters, scene: Scene, clock: _Clock
+) -> tuple[_Found, Recognition]:
+    """The paper's methods: points linked one after the other (II.G and III)."""
+    registration, centre_line = stages.registration, stages.centre_line
+    assert registration is not None
+    assert centre_line is not None
 
     clock.begin("matching")
     thinned = enhanced = reconstruction = None
@@ -115,11 +175,26 @@ def recognise(
     clock.begin("topology")
     strands, chains, warnings = make_chains(strands, centre_line.single, registration.clouds, scene, parameters)
     crossings, ambiguities = find_crossings(strands, registration.points, parameters)
-    ambiguities = [*ambiguities, *sharp_bends(chains)]
-    warnings = [*warnings, *unexplained(registration.points, chains, parameters)]
-    clock.begin(None)
+    found = _Found(chains, crossings, [*ambiguities, *sharp_bends(chains)], warnings)
+    return found, replace(stages, thinned=thinned, enhanced=enhanced, segments=segments, reconstruction=reconstruction)
 
-    view_quality = tuple(sorted(registration.views + left_out, key=lambda view: view.index))
-    quality = Quality(view_quality, tuple(ambiguities), tuple(warnings))
-    model = PointChainModel(method, parameters, chains, tuple(crossings), quality, clock.timing_s)
-    return Recognition(model, targets, clouds, registration, centre_line, thinned, enhanced, segments, reconstruction)
+
+def _by_graph(
+    stages: Recognition, _method: Method, parameters: ChainParameters, scene: Scene, clock: _Clock
+) -> tuple[_Found, Recognition]:
+    """Our method: strands as paths in a graph, joined all at once, and fitted to the surface."""
+    registration, centre_line = stages.registration, stages.centre_line
+    assert registration is not None
+    assert centre_line is not None
+
+    clock.begin("matching")
+    graph = trace_strands(centre_line.single, registration.points, parameters)
+
+    clock.begin("refinement")
+    refinement = refine(graph.strands, registration.points, registration.normals, parameters, scene.table_z_m)
+
+    clock.begin("topology")
+    chains, warnings = fitted_chains(refinement, registration, scene, parameters)
+    crossings, ambiguities = fitted_crossings(chains)
+    ambiguities = [*ambiguities, *told_doubts(graph.pairing), *sharp_bends(chains)]
+    return _Found(chains, crossings, ambiguities, warnings), replace(stages, graph=graph, refinement=refinement)

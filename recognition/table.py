@@ -16,7 +16,7 @@ MIN_SHARE = 0.2
 """Share of the view's points in the workspace that must lie on the plane."""
 MIN_SPREAD_M = 0.02
 """Least standard deviation of the table's points in each direction: a narrow strip tells no tilt."""
-SAMPLE = 20_000
+SAMPLE = 10_000
 """Points are thinned evenly to about this many: a plane needs no more."""
 
 
@@ -42,7 +42,8 @@ def levelling(points: NDArray[np.float64], table_z_m: float, parameters: ChainPa
         on_plane = np.abs(near[:, 2] - A @ plane) < width
         if on_plane.sum() < max(MIN_SHARE * len(points), 100):
             return np.eye(4)
-        plane, *_ = np.linalg.lstsq(A[on_plane], near[on_plane, 2], rcond=None)
+        A_on = A[on_plane]
+        plane = np.linalg.lstsq(A_on.T @ A_on, A_on.T @ near[on_plane, 2], rcond=None)[0]
     slope_x, slope_y, height = plane
     spread = np.linalg.eigvalsh(np.cov(near[on_plane, :2].T)) ** 0.5
     too_far = abs(height - table_z_m) > MAX_HEIGHT_M or np.hypot(slope_x, slope_y) > MAX_TILT_RAD

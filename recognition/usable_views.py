@@ -29,7 +29,7 @@ def usable_views(
         raise InsufficientViewsError(
             f"{len(targets)} view{'s' * (len(targets) != 1)} given; at least {MIN_VIEWS} are needed"
         )
-    reasons = {target.view: _reason(target) for target in targets}
+    reasons = {target.view: unusable(target) for target in targets}
     left_out = tuple(
         ViewQuality(target.view, False, reason, len(target.points))
         for target in targets
@@ -67,7 +67,8 @@ def usable_views(
     )
 
 
-def _reason(target: TargetCloud) -> str | None:
+def unusable(target: TargetCloud) -> str | None:
+    """Why this view cannot be used whatever the others show, or None."""
     if target.measured == 0:
         return "no pixel has a depth"
     if target.in_workspace < MIN_POINTS:

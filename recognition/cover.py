@@ -1,0 +1,28 @@
+"""What the measured surface shows from above: where a strand lies over a place, and where nothing does."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from recognition.neighbourhoods import within
+
+ABOVE_SHARE = 1.5
+"""A strand's own top is r above its centre line, that of another on top of it at least 2.2 r: between the two."""
+NEAR_SHARE = 0.8
+"""How far beside a place, as a share of r, the surface is looked at."""
+COVERED_SHARE = 0.1
+"""Share of the points above a place that must be high for it to be covered: a single one is noise."""
+
+
+class Cover:
+    """Looks down on a surface (M, 3) of strings of radius `r`."""
+
+    def __init__(self, surface: NDArray[np.float64], r: float) -> None:
+        self.surface, self.r = surface, r
+
+    def over(self, places: NDArray[np.float64]) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+        """(N,) whether another strand lies over each of the centre line places (N, 3), and whether nothing does."""
+        A = within(places[:, :2], self.surface[:, :2], NEAR_SHARE * self.r)
+        counts = np.diff(A.indptr)
+        row = np.repeat(np.arange(len(places)), counts)
+        above = self.surface[A.indices, 2] > places[row, 2] + ABOVE_SHARE * self.r
+        return np.bincount(row, above, len(places)) > COVERED_SHARE * np.maximum(counts, 1), counts == 0

@@ -1,0 +1,120 @@
+"""Fragments of strings: nodes of the centre line linked in order, as far as the string is seen without a gap."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csr_array
+from scipy.spatial import KDTree
+
+from recognition.line_nodes import LineNodes
+from recognition.parameters import ChainParameters
+
+SPACING_SHARE = 0.7
+"""Nodes nearer than this share of r to a better borne one of the same strand stand for the same place."""
+ONWARD = np.cos(np.radians(35))
+"""A link leaves and enters its nodes within this angle of their directions."""
+REACH_SHARE = 2.2
+"""Longest link, as a share of r."""
+SUPPORTED = 0.45
+"""Nodes at a fragment's ends with less than this share of its usual support are drawn aside by another strand's
+flank: next to a strand that passes over, the corner between the two gives centre points of neither."""
+MIN_NODES = 3
+"""Fewer linked nodes show no direction."""
+MIN_RING = 12
+"""Fewer linked nodes don't go round a string's own thickness."""
+MIN_RHO = 0.66
+"""Median contribution rate of a fragment: that of lines on a flat surface is about 1/2, a string's above 0.8."""
+
+
+@dataclass(frozen=True, eq=False)
+class Fragment:
+    """Nodes of one strand in order."""
+
+    points: NDArray[np.float64]
+    """(N, 3)."""
+    support: NDArray[np.float64]
+    """(N,)."""
+    closed: bool = False
+    """The last node links to the first."""
+
+
+def link(nodes: LineNodes, parameters: ChainParameters) -> list[Fragment]:
+    """The strands as far as they can be followed from node to node.
+
+    Every node has two sides, one in its direction and one against it, and each side has one link at most: the
+    straightest and shortest first. Sides without a link are fragments' ends.
+    """
+    nodes = _representatives(nodes, parameters.r)
+    neighbours = _links(nodes, parameters.r)
+    fragments = []
+    for linked, closed in _paths(neighbours):
+        path = linked if closed else _supported(linked, nodes.support)
+        if np.median(nodes.rho[path]) < MIN_RHO:
+            continue
+        if len(path) >= (MIN_RING if closed else MIN_NODES):
+            fragments.append(Fragment(nodes.points[path], nodes.support[path], closed))
+    return fragments
+
+
+def _representatives(nodes: LineNodes, r: float) -> LineNodes:
+    """One node for each place of a strand: the best borne, in turn, keeps those beside it out."""
+    pairs = KDTree(nodes.points).query_pairs(2 * r, output_type="ndarray") if len(nodes.points) else np.empty((0, 2))
+    i, j = pairs.astype(np.int64).T
+    offset = nodes.points[j] - nodes.points[i]
+    along = np.abs((offset * nodes.directions[i]).sum(axis=1))
+    across = np.sqrt(np.maximum((offset**2).sum(axis=1) - along**2, 0.0))
+    parallel = np.abs((nodes.directions[i] * nodes.directions[j]).sum(axis=1)) > np.cos(np.radians(45))
+    same = (along < SPACING_SHARE * r) & (across < SPACING_SHARE * r) & parallel
+    i, j = np.concatenate([i[same], j[same]]), np.concatenate([j[same], i[same]])
+    beside = csr_array((np.ones(len(i), dtype=bool), (i, j)), shape=(len(nodes.points),) * 2)
+    kept, open_ = np.zeros(len(nodes.points), dtype=bool), np.ones(len(nodes.points), dtype=bool)
+    for node in np.argsort(-nodes.support, kind="stable"):
+        if open_[node]:
+            kept[node] = True
+            open_[beside.indices[beside.indptr[node] : beside.indptr[node + 1]]] = False
+    return nodes[kept]
+
+
+def _links(nodes: LineNodes, r: float) -> NDArray[np.int64]:
+    """(N, 2) the node linked to each node against and along its direction, -1 for none."""
+    neighbours = np.full((len(nodes.points), 2), -1)
+    if len(nodes.points) == 0:
+        return neighbours
+    a, b = KDTree(nodes.points).query_pairs(REACH_SHARE * r, output_type="ndarray").T
+    way = nodes.points[b] - nodes.points[a]
+    length = np.linalg.norm(way, axis=1)
+    way /= np.maximum(length, 1e-12)[:, None]
+    leaving, arriving = (way * nodes.directions[a]).sum(axis=1), (way * nodes.directions[b]).sum(axis=1)
+    possible = (np.abs(leaving) > ONWARD) & (np.abs(arriving) > ONWARD)
+    bend = 2 * (1 - leaving**2) + 2 * (1 - arriving**2)
+    order = np.argsort(length * (1 + bend), kind="stable")
+    sides = np.column_stack([leaving > 0, arriving < 0]).astype(np.int64)
+    for k in order[possible[order]]:
+        if neighbours[a[k], sides[k, 0]] < 0 and neighbours[b[k], sides[k, 1]] < 0:
+            neighbours[a[k], sides[k, 0]], neighbours[b[k], sides[k, 1]] = b[k], a[k]
+    return neighbours
+
+
+def _paths(neighbours: NDArray[np.int64]) -> list[tuple[list[int], bool]]:
+    """Nodes along the links from end to end, and whether they go round."""
+    links = [[int(k) for k in row if k >= 0] for row in neighbours]
+    seen = np.zeros(len(links), dtype=bool)
+    paths = []
+    # Open paths from their ends first; what is left goes round.
+    for ends_first in (True, False):
+        for start in range(len(links)):
+            if seen[start] or (ends_first and len(links[start]) == 2):
+                continue
+            path, following = [start], links[start][0] if links[start] else None
+            while following is not None and following != start:
+                path.append(following)
+                following = next((k for k in links[following] if k != path[-2]), None)
+            seen[path] = True
+            paths.append((path, following is not None))
+    return paths
+
+
+def _supported(path: list[int], support: NDArray[np.float64]) -> list[int]:
+    borne = np.flatnonzero(support[path] >= SUPPORTED * np.median(support[path]))
+    return path[borne[0] : borne[-1] + 1]

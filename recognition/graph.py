@@ -1,0 +1,61 @@
+"""The graph method: strands as paths through all nodes of the centre line, joined at all intersections at once."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from recognition.errors import TooCrowdedError
+from recognition.fragments import Fragment, link
+from recognition.line_nodes import LineNodes, line_nodes
+from recognition.pairing import Pairing, pair_ends
+from recognition.parameters import ChainParameters
+from recognition.reconstruction import End, Strand, join
+
+MAX_FRAGMENTS = 1000
+"""Fragments taken; ten metres of string with a hundred crossings have a few hundred."""
+
+
+@dataclass(frozen=True, eq=False)
+class Graph:
+    """Strands and what they were made of."""
+
+    nodes: LineNodes
+    fragments: list[Fragment]
+    pairing: Pairing
+    strands: list[Strand]
+
+
+def trace_strands(single: NDArray[np.float64], surface: NDArray[np.float64], parameters: ChainParameters) -> Graph:
+    """The strands in the centre points c_i (`single`, (N, 3), eq. 1) of the `surface` (N, 3).
+
+    The matching method walks from point to point and must know an intersection when it meets one. Here nothing is
+    walked: nodes know their direction, so that crossing strands keep apart even where they melt together; where a
+    strand dives under another, or the measurement has a hole, its fragments end; and which ends belong together is
+    decided for all of them at once.
+
+    Raises:
+        TooCrowdedError: more fragments than strings make.
+    """
+    nodes = line_nodes(single, parameters)
+    fragments = link(nodes, parameters)
+    if len(fragments) > MAX_FRAGMENTS:
+        raise TooCrowdedError(
+            f"what is above the table falls into {len(fragments)} pieces: check the string's radius and the workspace"
+        )
+    pairing = pair_ends(fragments, surface, parameters)
+    pieces = [Strand(f.points, np.zeros(len(f.points), dtype=bool), f.closed) for f in fragments]
+    ends = [
+        End(int(fragment), number % 2 == 0, pairing.ends.points[number], pairing.ends.directions[number])
+        for number, fragment in enumerate(pairing.ends.fragment)
+    ]
+    return Graph(nodes, fragments, pairing, join(pieces, ends, pairing.couples, parameters))
+
+
+def told_doubts(pairing: Pairing) -> list[str]:
+    """In words, where other couples of ends would be nearly as good."""
+    return [
+        f"at ({', '.join(f'{value * 1000:.0f}' for value in place)}) mm the strands may be connected differently: "
+        "which ends belong together is not certain"
+        for place in pairing.doubts
+    ]

@@ -1,0 +1,84 @@
+"""A parallel gripper as boxes, and how near to them a point lies while they come down on a string."""
+
+import math
+from dataclasses import asdict, dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from recognition.errors import RecognitionError
+
+LARGEST_M = 0.5
+"""No gripper's part is larger: such a figure is in millimetres."""
+
+
+class InvalidGripperError(RecognitionError):
+    """Dimensions that no gripper has."""
+
+    slug = "invalid-gripper"
+
+
+@dataclass(frozen=True)
+class Gripper:
+    """A parallel gripper in its own frame: x = closing direction, z = approach, from the palm to the fingertips.
+
+    The defaults are a common two-finger gripper of 85 mm stroke with slim fingertips.
+    Raises InvalidGripperError when a dimension cannot be.
+    """
+
+    finger_width_m: float = 0.010
+    """Of each finger along the string (y)."""
+    finger_thickness_m: float = 0.005
+    """Of each finger in the closing direction (x)."""
+    finger_depth_m: float = 0.040
+    """From the palm to the fingertips (z)."""
+    stroke_m: float = 0.085
+    """Widest opening between the fingers."""
+    palm_width_m: float = 0.075
+    """Of the body behind the fingers, along the string (y); across it is as wide as the open fingers."""
+    opening_margin_m: float = 0.004
+    """How much wider than the string the fingers open before they close on it, both sides together."""
+    clearance_m: float = 0.001
+    """Least distance that fingers and palm keep from whatever is not gripped, the table aside."""
+    table_clearance_m: float = 0.001
+    """Least distance that the fingertips keep from the table."""
+
+    def __post_init__(self) -> None:
+        may_be_zero = ("opening_margin_m", "clearance_m", "table_clearance_m")
+        for name, value in asdict(self).items():
+            if isinstance(value, bool) or not (isinstance(value, float | int) and math.isfinite(value)):
+                raise InvalidGripperError(f"{name} is {value!r}; a length in metres is needed")
+            if value < 0 or (value == 0 and name not in may_be_zero):
+                raise InvalidGripperError(f"{name} is {value:g} m; it must be positive")
+            if value > LARGEST_M:
+                raise InvalidGripperError(f"{name} is {value:g} m; up to {LARGEST_M:g} m is taken (metres, not mm)")
+
+
+def swept_distance(
+    points: NDArray[np.float64],
+    opening_m: NDArray[np.float64],
+    reach_m: NDArray[np.float64],
+    gripper: Gripper,
+    closing: NDArray[np.bool_],
+) -> NDArray[np.float64]:
+    """(N,) distances of `points` from what the gripper passes through on its way to the grasp, 0 inside.
+
+    Args:
+        points: (N, 3), each in its grasp's frame (z = approach, origin on the string's centre line).
+        opening_m: (N,), between the fingers.
+        reach_m: (N,), how far the fingertips go beyond the origin.
+        gripper: whose two fingers and palm are boxes, drawn out against the approach without end.
+        closing: (N,), count the room between the fingers too, as for what must not be gripped along with the string.
+    """
+    x, y, z = np.abs(points[:, 0]), np.abs(points[:, 1]), points[:, 2]
+    inner = np.where(closing, 0.0, opening_m / 2)
+    outer = opening_m / 2 + gripper.finger_thickness_m
+    fingers = _norm(np.maximum(inner - x, x - outer), y - gripper.finger_width_m / 2, z - reach_m)
+    widest = gripper.stroke_m / 2 + gripper.finger_thickness_m
+    palm = _norm(x - widest, y - gripper.palm_width_m / 2, z - (reach_m - gripper.finger_depth_m))
+    return np.minimum(fingers, palm)
+
+
+def _norm(*beyond: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Length of what lies beyond a box, given for each axis and negative inside."""
+    return np.sqrt(sum(np.maximum(part, 0.0) ** 2 for part in beyond))

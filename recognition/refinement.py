@@ -1,0 +1,176 @@
+"""Refinement: the centre line fitted so that the measured surface lies one radius from it."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from recognition.model import arc_length
+from recognition.parameters import ChainParameters
+from recognition.reconstruction import Strand
+from recognition.true_ends import to_true_end
+from recognition.tube_fit import Assigned, TubeFit
+
+STEP_SHARE = 0.7
+"""Distance of the fitted points as a share of r."""
+ROUNDS = 2
+"""How often the surface is assigned to the lines anew."""
+STEPS = 2
+"""Gauss-Newton steps in a round; from a line half a millimetre off, the last moves it by micrometres."""
+RADIUS_TIE_SHARE = 0.3
+"""One sigma by which a string's radius may differ from the one told, as a share of it."""
+SAME_RADIUS = 0.12
+"""A measured radius within this share of the told one does not contradict it, and the told one holds."""
+RESTING_PERCENTILE = 20.0
+"""Of the heights of a string's points, the one taken for where it rests on the table."""
+RESTING_AGREES = 0.2
+"""Share by which the radius from the height above the table and that of the fitted tube may differ."""
+BORNE_SHARE = 0.1
+"""A point of a line with less than this share of the usual surface is not seen but bridged."""
+FLANK = 0.4
+"""Sine of the angle from the top, seen along the string, beyond which a surface point lies on a flank."""
+OVERLAP = 8
+"""Points by which a closed strand is continued beyond its seam, so that it is fitted there like elsewhere."""
+
+
+@dataclass(frozen=True, eq=False)
+class FittedStrand:
+    """A strand whose tube fits the surface."""
+
+    points: NDArray[np.float64]
+    """(N, 3), `STEP_SHARE` r apart."""
+    closed: bool
+    bridged: NDArray[np.bool_]
+    """(N,) points at which no surface bears the line."""
+    support: NDArray[np.float64]
+    """(N,) weight of the surface points that bear each."""
+    radius_m: float
+    """Of the tube."""
+    measured_radius_m: float
+    """That fits the surface best."""
+    flank_share: float
+    """Share of its surface that lies on the lesser of its two flanks: a string shows both, an edge of a box one."""
+
+
+@dataclass(frozen=True, eq=False)
+class Refinement:
+    """All strands of a scene, fitted."""
+
+    strands: list[FittedStrand]
+    owner: NDArray[np.int64]
+    """(M,) for each surface point the strand on whose tube it lies, -1 for none."""
+    scatter_m: float
+    """One sigma of the surface's distance from the tubes."""
+
+
+def refine(
+    strands: Sequence[Strand],
+    surface: NDArray[np.float64],
+    normals: NDArray[np.float64],
+    parameters: ChainParameters,
+    table_z_m: float = 0.0,
+) -> Refinement:
+    """Strands fitted to the `surface` (M, 3) with outward `normals` (M, 3), above a table at `table_z_m`.
+
+    The means of eqs. (2) and (3) are drawn to where most of the surface was seen: upwards, away from the hidden
+    underside, and inwards in bends. Here each centre line is a polyline whose points minimise the squared distance
+    of the surface from the tube about it (robust weights), with a price on bending. Points that lie on no tube, as
+    those of other things, count nothing.
+
+    Each string's radius is measured along (`_measured_radii`); where it does not contradict the told one, the told
+    one is used.
+    """
+    r = parameters.r
+    strands = [strand for strand in strands if len(strand.points) > 1]
+    if not strands or len(surface) == 0:
+        return Refinement([], np.full(len(surface), -1), 0.0)
+    fit = TubeFit([_even(strand, r) for strand in strands], r, surface, normals)
+    assigned = _settle(fit, RADIUS_TIE_SHARE * r)
+    measured = _measured_radii(fit, table_z_m)
+    contradicts = np.abs(measured / r - 1) > SAME_RADIUS
+    radii = np.where(contradicts, measured, r)
+    lines = [
+        fit.points[fit.line(k)] if strand.closed else _to_both_ends(fit.points[fit.line(k)], surface, normals, radii[k])
+        for k, strand in enumerate(strands)
+    ]
+    fit = TubeFit(lines, r, surface, normals)
+    fit.radii = radii
+    assigned = _settle(fit, None)
+    support = fit.support(assigned)
+    owner = np.full(len(surface), -1)
+    owner[assigned.point] = fit.strand[assigned.link]
+    flanks = _flank_shares(fit, assigned)
+    fitted = [
+        FittedStrand(
+            *_once(strand, fit.points[rows], support[rows]), float(fit.radii[k]), float(measured[k]), float(flanks[k])
+        )
+        for k, strand in enumerate(strands)
+        for rows in [fit.line(k)]
+    ]
+    return Refinement(fitted, owner, assigned.sigma)
+
+
+def _measured_radii(fit: TubeFit, table_z_m: float) -> NDArray[np.float64]:
+    """(K,) radius of each line's string, metres.
+
+    A string rests on the table somewhere, and there its top is 2 r above it. The top is what the fit knows best:
+    flying pixels at the rims, and noise along the line of sight, make the fitted radius itself up to a tenth too
+    large or too small. Where the two differ by more, the string rests on something else, and the fit's counts.
+    """
+    measured = fit.radii.copy()
+    for k, radius in enumerate(fit.radii):
+        top = fit.points[fit.line(k), 2] + radius - table_z_m
+        resting = float(np.percentile(top, RESTING_PERCENTILE)) / 2
+        if abs(resting / radius - 1) < RESTING_AGREES:
+            measured[k] = resting
+    return measured
+
+
+def _settle(fit: TubeFit, radius_tie: float | None) -> Assigned:
+    assigned = fit.assign()
+    for round_ in range(ROUNDS):
+        for _ in range(STEPS):
+            fit.step(assigned, radius_tie)
+            assigned = fit.follow(assigned)
+        if round_ < ROUNDS - 1:
+            assigned = fit.assign()
+    return assigned
+
+
+def _to_both_ends(
+    line: NDArray[np.float64], surface: NDArray[np.float64], normals: NDArray[np.float64], r: float
+) -> NDArray[np.float64]:
+    line = to_true_end(line, surface, normals, r)
+    return to_true_end(line[::-1], surface, normals, r)[::-1]
+
+
+def _even(strand: Strand, r: float) -> NDArray[np.float64]:
+    """The strand's line in even steps; a closed one goes round and `OVERLAP` points on."""
+    points = np.vstack([strand.points, strand.points[:1]]) if strand.closed else strand.points
+    s = arc_length(points)
+    count = max(round(float(s[-1]) / (STEP_SHARE * r)), 2)
+    even = np.linspace(0.0, s[-1], count + 1)
+    line = np.column_stack([np.interp(even, s, points[:, k]) for k in range(3)])
+    return np.vstack([line, line[1 : OVERLAP + 1]]) if strand.closed else line
+
+
+def _once(
+    strand: Strand, line: NDArray[np.float64], support: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], bool, NDArray[np.bool_], NDArray[np.float64]]:
+    """The fitted points, whether they go round, which are bridged, and their support; once round if closed."""
+    if strand.closed:
+        # Cut in the middle of the overlap, where neither end of the fitted line is near.
+        once = slice(OVERLAP // 2, len(line) - 1 - OVERLAP + OVERLAP // 2)
+        line, support = line[once], support[once]
+    return line, strand.closed, support < BORNE_SHARE * np.median(support), support
+
+
+def _flank_shares(fit: TubeFit, assigned: Assigned) -> NDArray[np.float64]:
+    way = fit.points[assigned.link + 1] - fit.points[assigned.link]
+    left = np.column_stack([-way[:, 1], way[:, 0]])
+    left /= np.maximum(np.linalg.norm(left, axis=1, keepdims=True), 1e-12)
+    side = (assigned.outward[:, :2] * left).sum(axis=1)
+    strand, count = fit.strand[assigned.link], len(fit.radii)
+    of_left, of_right = (np.bincount(strand, flank, count) for flank in (side > FLANK, side < -FLANK))
+    return np.minimum(of_left, of_right) / np.maximum(np.bincount(strand, minlength=count), 1)

@@ -1,0 +1,258 @@
+"""How strings lie over and under one another, apart from their measures: Gauss code, P-data, signs.
+
+P-data is a form that planners of knots work on. The paper (section I, [5] and [6] there) calls it elements "such as
+end, node and segment", whose relations a matrix holds, and leaves the matrix open. Ours is explained at `PData`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+if TYPE_CHECKING:  # the model's document holds what is made here
+    from recognition.model import Chain, Crossing, End, StrandPoint
+
+Role = Literal["over", "under"]
+
+OVER, UNDER, JOINED = 1, -1, 2
+"""Entries of the matrix: at a crossing's over or under pass; at an end, or of a closed chain's segment with itself."""
+
+
+class TopologyError(ValueError):
+    """Chains and crossings that contradict one another, or a question that has no answer for them."""
+
+    slug = "topology"
+
+
+@dataclass(frozen=True)
+class EndElement:
+    """One end of an open chain."""
+
+    chain: int
+    which: Literal["first", "last"]
+    s_m: float
+    end: End
+    """`free` or `unseen`, as the chain says."""
+
+
+@dataclass(frozen=True)
+class CrossingElement:
+    """A crossing: the node in which two passes meet."""
+
+    crossing: int
+    """The crossing's id."""
+    sign: int
+    over: StrandPoint
+    under: StrandPoint
+
+
+@dataclass(frozen=True)
+class SegmentElement:
+    """The string from one end or crossing pass to the next."""
+
+    chain: int
+    s_m: tuple[float, float]
+    """Arc lengths where it begins and ends. In a closed chain the last one runs past the chain's first point, and
+    ends beyond the chain's length."""
+
+
+Element = EndElement | CrossingElement | SegmentElement
+
+
+@dataclass(frozen=True, eq=False)
+class PData:
+    """Ends, crossings and segments, and which follows which along the chains.
+
+    `matrix[i, j]` is not 0 where element j follows element i when a chain is walked from its first point to its
+    last: end to segment, segment to crossing, crossing to segment, segment to end. It says how:
+
+    - 1 (`OVER`): the segment arrives at, or leaves, the crossing's over pass;
+    - -1 (`UNDER`): the same of its under pass;
+    - 2 (`JOINED`): the segment begins or stops at the end; or it is a whole closed chain, and follows itself.
+
+    A segment's row holds its one successor, its column its one predecessor. A crossing's row and column hold one
+    1 and one -1 each: who arrives over leaves over. `(matrix != 0) | (matrix.T != 0)` is plain incidence. With
+    the sign, the order of the four segments around a crossing is known too: at a positive one, counter-clockwise
+    from above, over leaving, under leaving, over arriving, under arriving.
+    """
+
+    elements: tuple[Element, ...]
+    """Ends in the order of the chains, crossings as they are first met along the chains, then segments along the
+    chains. So neither this order nor the matrix depends on how crossings are numbered."""
+    matrix: NDArray[np.int8]
+    """(E, E)."""
+
+    def to_json(self) -> dict[str, Any]:
+        """`{"elements": [...], "matrix": [[...]]}`; lengths to a micrometre."""
+        elements = [{"id": number} | _element_json(element) for number, element in enumerate(self.elements)]
+        return {"elements": elements, "matrix": self.matrix.tolist()}
+
+
+def gauss_code(chains: Sequence[Chain], crossings: Sequence[Crossing]) -> list[list[list[Any]]]:
+    """For each chain the crossings that it meets, in order: `[crossing id, "over" or "under", sign]`.
+
+    Raises:
+        TopologyError: a crossing names a chain that is not there.
+    """
+    return [[[x.id, role, x.sign] for _, role, x in met] for met in _passes(chains, crossings)]
+
+
+def p_data(chains: Sequence[Chain], crossings: Sequence[Crossing]) -> PData:
+    """The P-data of chains and their crossings.
+
+    Raises:
+        TopologyError: a crossing names a chain that is not there.
+    """
+    passes = _passes(chains, crossings)
+    ends: list[Element] = []
+    for chain in chains:
+        if not chain.closed:
+            ends += [
+                EndElement(chain.id, "first", 0.0, chain.ends[0]),
+                EndElement(chain.id, "last", chain.length_m, chain.ends[1]),
+            ]
+    met = {x.id: x for along in passes for _, _, x in along}
+    place = {number: len(ends) + k for k, number in enumerate(met)}
+    elements = [*ends, *(CrossingElement(x.id, x.sign, x.over, x.under) for x in met.values())]
+    links: list[tuple[int, int, int]] = []
+    end = 0
+    for chain, along in zip(chains, passes, strict=True):
+        stops = [(s, place[x.id], OVER if role == "over" else UNDER) for s, role, x in along]
+        if not chain.closed:
+            stops = [(0.0, end, JOINED), *stops, (chain.length_m, end + 1, JOINED)]
+            end += 2
+        elif stops:
+            stops = [*stops, (stops[0][0] + chain.length_m, *stops[0][1:])]
+        else:
+            links.append((len(elements), len(elements), JOINED))
+            elements.append(SegmentElement(chain.id, (0.0, chain.length_m)))
+        for (s, before, leaving), (t, after, arriving) in pairwise(stops):
+            segment = len(elements)
+            links += [(before, segment, leaving), (segment, after, arriving)]
+            elements.append(SegmentElement(chain.id, (s, t)))
+    matrix = np.zeros((len(elements), len(elements)), dtype=np.int8)
+    for i, j, how in links:
+        matrix[i, j] = how
+    return PData(tuple(elements), matrix)
+
+
+def gauss_code_of(data: PData) -> list[list[list[Any]]]:
+    """The Gauss code that P-data stands for, read from its matrix alone but for the crossings' ids and signs."""
+    segments: dict[int, list[int]] = {}
+    for number, element in enumerate(data.elements):
+        if isinstance(element, SegmentElement):
+            segments.setdefault(element.chain, []).append(number)
+    return [_walk(data, numbers) for numbers in segments.values()]
+
+
+def _walk(data: PData, segments: list[int]) -> list[list[Any]]:
+    """The crossings met from the chain's first segment on; in a closed chain that is the one behind the first pass."""
+    before = int(np.flatnonzero(data.matrix[:, segments[0]])[0])
+    closed = not isinstance(data.elements[before], EndElement)
+    # A closed chain's first point lies in its last segment.
+    segment, code = segments[-1] if closed else segments[0], []
+    for _ in segments:
+        after = int(np.flatnonzero(data.matrix[segment])[0])
+        element = data.elements[after]
+        if not isinstance(element, CrossingElement):
+            break
+        role = data.matrix[segment, after]
+        code.append([element.crossing, "over" if role == OVER else "under", element.sign])
+        segment = int(np.flatnonzero(data.matrix[after] == role)[0])
+    return code
+
+
+def turned_round(
+    chains: Sequence[Chain], crossings: Sequence[Crossing], chain: int
+) -> tuple[tuple[Chain, ...], tuple[Crossing, ...]]:
+    """The same strings with the direction of one chain, given by its id, turned round.
+
+    Signs of its crossings with itself stay, those of its crossings with others flip.
+    """
+    old = next(c for c in chains if c.id == chain)
+    new = replace(
+        old,
+        points=old.points[::-1].copy(),
+        sigma_m=old.sigma_m[::-1].copy(),
+        views=old.views[::-1].copy(),
+        ends=(old.ends[1], old.ends[0]),
+    )
+    last = float(old.arc_length_m[-1])
+
+    def moved(strand: StrandPoint) -> StrandPoint:
+        if strand.chain != chain:
+            return strand
+        s = last - strand.s_m
+        return replace(strand, s_m=s % old.length_m if old.closed else s)
+
+    def turned(x: Crossing) -> Crossing:
+        flips = (x.over.chain == chain) != (x.under.chain == chain)
+        return replace(x, over=moved(x.over), under=moved(x.under), sign=-x.sign if flips else x.sign)
+
+    return tuple(new if c.id == chain else c for c in chains), tuple(turned(x) for x in crossings)
+
+
+def mirrored(chains: Sequence[Chain], crossings: Sequence[Crossing]) -> tuple[tuple[Chain, ...], tuple[Crossing, ...]]:
+    """The strings mirrored at the plane y = 0: over stays over, and every sign flips."""
+    flip = np.array([1.0, -1.0, 1.0])
+    return (
+        tuple(replace(c, points=c.points * flip) for c in chains),
+        tuple(replace(x, point=x.point * flip, sign=-x.sign) for x in crossings),
+    )
+
+
+def writhe(crossings: Sequence[Crossing], chain: int) -> int:
+    """Sum of the signs of a chain's crossings with itself; it does not depend on the chain's direction."""
+    return sum(x.sign for x in crossings if x.over.chain == chain == x.under.chain)
+
+
+def linking_number(chains: Sequence[Chain], crossings: Sequence[Crossing], a: int, b: int) -> int:
+    """How often two closed chains, given by their ids, wind round one another: half the sum of their signs.
+
+    Raises:
+        TopologyError: a chain is open, where the number has no meaning, or a crossing of the two was missed.
+    """
+    for number in (a, b):
+        if not next(c for c in chains if c.id == number).closed:
+            raise TopologyError(f"chain {number} is open; only closed chains have a linking number")
+    signs = [x.sign for x in crossings if {x.over.chain, x.under.chain} == {a, b} and a != b]
+    if len(signs) % 2:
+        raise TopologyError(f"chains {a} and {b} cross {len(signs)} times; closed ones cross an even number of times")
+    return sum(signs) // 2
+
+
+def _passes(chains: Sequence[Chain], crossings: Sequence[Crossing]) -> list[list[tuple[float, Role, Crossing]]]:
+    """For each chain its passes through crossings, in order along it, whatever the crossings' order."""
+    passes: dict[int, list[tuple[float, Role, Crossing]]] = {chain.id: [] for chain in chains}
+    for x in crossings:
+        both: tuple[tuple[Role, StrandPoint], ...] = (("over", x.over), ("under", x.under))
+        for role, strand in both:
+            if strand.chain not in passes:
+                raise TopologyError(f"crossing {x.id} is of chain {strand.chain}, which is not in the model")
+            passes[strand.chain].append((strand.s_m, role, x))
+
+    def order(entry: tuple[float, Role, Crossing]) -> tuple[float, Role, int, float]:
+        s, role, x = entry
+        other = x.under if role == "over" else x.over
+        return s, role, other.chain, other.s_m
+
+    return [sorted(passes[chain.id], key=order) for chain in chains]
+
+
+def _element_json(element: Element) -> dict[str, Any]:
+    match element:
+        case EndElement():
+            s = round(element.s_m, 6)
+            return {"kind": "end", "chain": element.chain, "which": element.which, "s_m": s, "end": element.end}
+        case CrossingElement():
+            over, under = ({"chain": p.chain, "s_m": round(p.s_m, 6)} for p in (element.over, element.under))
+            return {
+                "kind": "crossing", "crossing": element.crossing, "sign": element.sign, "over": over, "under": under
+            }  # fmt: skip
+        case SegmentElement():
+            return {"kind": "segment", "chain": element.chain, "s_m": [round(s, 6) for s in element.s_m]}

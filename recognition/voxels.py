@@ -1,0 +1,23 @@
+"""Thinning clouds to one point a voxel."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+def voxel_means(
+    points: NDArray[np.float64], size: float, values: NDArray[np.float64] | None = None
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Means (M, 3) of the points (N, 3) in each voxel of edge `size`, and those of `values` (N, K), (M, K).
+
+    The grid begins at the cloud's lowest corner. Voxels come in the order of x, y, z.
+    """
+    values = np.empty((len(points), 0)) if values is None else values
+    if len(points) == 0:
+        return points.reshape(0, 3), values
+    cell = np.floor((points - points.min(axis=0)) / size).astype(np.int64)
+    shape = cell.max(axis=0) + 1
+    key = (cell[:, 0] * shape[1] + cell[:, 1]) * shape[2] + cell[:, 2]
+    _, voxel, count = np.unique(key, return_inverse=True, return_counts=True)
+    means = [np.bincount(voxel, column) / count for column in np.hstack([points, values]).T]
+    stacked = np.column_stack(means)
+    return stacked[:, :3], stacked[:, 3:]
