@@ -94,9 +94,7 @@ class DepthCamera:
         self.model = model
         self.bias_px = bias_px
         self._caster = o3d.t.geometry.RaycastingScene()
-        parts = [meshes.tube(curve, scene.radius_m) for curve in scene.curves]
-        parts += [meshes.table(), *(meshes.box_mesh(box) for box in scene.boxes)]
-        for vertices, triangles in parts:
+        for vertices, triangles in meshes.scene_meshes(scene):
             self._caster.add_triangles(o3d.core.Tensor.from_numpy(vertices), o3d.core.Tensor.from_numpy(triangles))
         self._strings = len(scene.curves)
         u, v = np.meshgrid(np.arange(model.width), np.arange(model.height))

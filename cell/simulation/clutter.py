@@ -1,4 +1,4 @@
-"""Boxes that stand about on the table."""
+"""What lies about on the table and is no string."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -19,13 +19,58 @@ class Box:
     """Its width's direction, from the x axis."""
 
 
+@dataclass(frozen=True)
+class Clump:
+    """A rough heap without a form, as a hand at rest or a crumpled cloth gives a depth camera."""
+
+    centre_m: tuple[float, float]
+    radius_m: float
+    height_m: float
+    seed: int
+    """Of its surface."""
+
+
+def fixture_edge(rng: np.random.Generator) -> Box:
+    """The straight edge of a fixture: long, 3 to 15 mm high, with sharp edges."""
+    bearing = rng.uniform(0, 2 * np.pi)
+    distance = rng.uniform(0.0, 0.08)
+    return Box(
+        (float(distance * np.cos(bearing)), float(distance * np.sin(bearing))),
+        (float(rng.uniform(0.20, 0.35)), float(rng.uniform(0.004, 0.04)), float(rng.uniform(0.003, 0.015))),
+        float(rng.uniform(0, np.pi)),
+    )
+
+
+def place_clump(rng: np.random.Generator, boxes: Sequence[Box]) -> Clump | None:
+    """A clump of the size of a hand beside the boxes; None: no room."""
+    for _ in range(400):
+        bearing, distance = rng.uniform(0, 2 * np.pi), rng.uniform(0.05, 0.18)
+        clump = Clump(
+            (float(distance * np.cos(bearing)), float(distance * np.sin(bearing))),
+            float(rng.uniform(0.035, 0.055)),
+            float(rng.uniform(0.02, 0.045)),
+            int(rng.integers(2**31)),
+        )
+        if all(distance_to_box(np.array([clump.centre_m]), box)[0] > clump.radius_m + 0.005 for box in boxes):
+            return clump
+    return None
+
+
 def place_boxes(
-    rng: np.random.Generator, curves: Sequence[NDArray[np.float64]], radius_m: float, count: int
+    rng: np.random.Generator,
+    curves: Sequence[NDArray[np.float64]],
+    radius_m: float,
+    count: int,
+    standing: Sequence[Box] = (),
 ) -> tuple[Box, ...] | None:
-    """`count` boxes of 2 to 5 cm beside the strings, at least 5 mm clear of them and of each other; None: no room."""
-    line = np.vstack([curve[:, :2] for curve in curves])
-    extent = float(np.linalg.norm(line, axis=1).max()) + 0.06
-    boxes: list[Box] = []
+    """`count` boxes of 2 to 5 cm beside the strings, at least 5 mm clear of them and of each other; None: no room.
+
+    `standing` are boxes that are there already; they come first in the answer and do not count.
+    """
+    line = np.vstack([curve[:, :2] for curve in curves]) if curves else np.zeros((0, 2))
+    extent = (float(np.linalg.norm(line, axis=1).max()) if curves else 0.1) + 0.06
+    boxes: list[Box] = list(standing)
+    count += len(boxes)
     for _ in range(400 * count):
         if len(boxes) == count:
             break
@@ -35,9 +80,9 @@ def place_boxes(
             (float(rng.uniform(0.02, 0.05)), float(rng.uniform(0.02, 0.05)), float(rng.uniform(0.01, 0.04))),
             float(rng.uniform(0, np.pi)),
         )
-        if distance_to_box(line, box).min() < radius_m + 0.005:
+        if distance_to_box(line, box).min(initial=np.inf) < radius_m + 0.005:
             continue
-        outline = _outline(box)
+        outline = footprint(box)
         if all(distance_to_box(outline, other).min() > 0.005 for other in boxes):
             boxes.append(box)
     return tuple(boxes) if len(boxes) == count else None
@@ -50,8 +95,8 @@ def distance_to_box(points: NDArray[np.float64], box: Box) -> NDArray[np.float64
     return np.linalg.norm(np.maximum(np.abs(local) - np.array(box.size_m[:2]) / 2, 0.0), axis=1)
 
 
-def _outline(box: Box) -> NDArray[np.float64]:
-    """Points all over the footprint, so that no box can hide inside another."""
+def footprint(box: Box) -> NDArray[np.float64]:
+    """Points (81, 2) all over the box's place on the table, so that no box can hide inside another."""
     x, y = np.meshgrid(np.linspace(-0.5, 0.5, 9) * box.size_m[0], np.linspace(-0.5, 0.5, 9) * box.size_m[1])
     c, s = np.cos(box.yaw_rad), np.sin(box.yaw_rad)
     return np.column_stack([x.ravel(), y.ravel()]) @ np.array([[c, s], [-s, c]]) + box.centre_m

@@ -25,21 +25,24 @@ class PlanCrossing:
     """Between the strands, 0 to pi/2."""
 
 
-def plan_crossings(curves: Curves) -> tuple[PlanCrossing, ...]:
+def plan_crossings(curves: Curves, since: int = 0) -> tuple[PlanCrossing, ...]:
     """All crossings of the polylines `curves` ((N, 2) or (N, 3) each, z not looked at) with themselves and others.
 
-    Ordered by `first`. Segments that share a point do not cross.
+    Ordered by `first`. Segments that share a point do not cross, nor do the first and the last of a closed curve.
+    With `since`, only crossings in which one of the last curve's points from that index on takes part.
     """
-    from scipy.spatial import KDTree
-
+    if not curves:
+        return ()
     string, index = _numbering(curves)
     start = np.vstack([curve[:-1, :2] for curve in curves])
     along = np.vstack([np.diff(curve[:, :2], axis=0) for curve in curves])
     # Two segments that meet have their middles no farther apart than half the sum of their lengths.
     longest = float(np.linalg.norm(along, axis=1).max())
-    pairs = KDTree(start + along / 2).query_pairs(longest * 1.001, output_type="ndarray")
-    pairs = pairs[(string[pairs[:, 0]] != string[pairs[:, 1]]) | (np.abs(np.diff(pairs, axis=1)[:, 0]) > 1)]
-    i, j = pairs.min(axis=1), pairs.max(axis=1)
+    middles = start + along / 2
+    first_new = len(middles) - len(curves[-1]) + 1 + max(since - 1, 0) if since else 0
+    i, j = near_pairs(middles, longest * 1.001, first_new)
+    apart = (string[i] != string[j]) | ((j - i > 1) & ~_joined(curves, string[i], index[i], index[j]))
+    i, j = i[apart], j[apart]
     a, b, between = along[i], along[j], start[j] - start[i]
     denominator = _cross(a, b)
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -61,6 +64,31 @@ def plan_crossings(curves: Curves) -> tuple[PlanCrossing, ...]:
         if not any(_same(crossing, other) for other in result):
             result.append(crossing)
     return tuple(result)
+
+
+def near_pairs(
+    points: NDArray[np.float64], within_m: float, since: int = 0
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Pairs i < j of `points` (N, 2) no farther apart than `within_m`; with `since`, only those with j >= since."""
+    from scipy.spatial import KDTree
+
+    # Where only a few are asked for, most points are far from all of them.
+    low, high = points[since:].min(axis=0) - within_m, points[since:].max(axis=0) + within_m
+    around = np.nonzero(((points >= low) & (points <= high)).all(axis=1))[0]
+    pairs = np.sort(around[KDTree(points[around]).query_pairs(within_m, output_type="ndarray")], axis=1)
+    pairs = pairs[pairs[:, 1] >= since]
+    return pairs[:, 0], pairs[:, 1]
+
+
+def is_closed(curve: NDArray[np.float64]) -> bool:
+    """Whether the polyline `curve` (N, d) ends in its first point."""
+    return len(curve) > 3 and bool((curve[0] == curve[-1]).all())
+
+
+def _joined(curves: Curves, string: NDArray[np.int64], i: NDArray[np.int64], j: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """Whether segments i < j of a string are the first and the last of a closed curve, which share a point."""
+    last = np.array([len(curve) - 2 if is_closed(curve) else -1 for curve in curves])
+    return (i == 0) & (j == last[string])
 
 
 def _same(a: PlanCrossing, b: PlanCrossing) -> bool:

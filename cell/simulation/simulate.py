@@ -8,10 +8,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cell.devices import View
 from cell.recording import RecordingExistsError, RecordingHeader, RecordingWriter
 from cell.simulation.camera import CameraModel, DepthCamera
+from cell.simulation.clutter import footprint
 from cell.simulation.poses import T_FLANGE_CAMERA, PoseErrors, perturbed, told_flange_poses, viewpoints
 from cell.simulation.scenes import StringScene
 from cell.simulation.truth import scene_truth
@@ -58,7 +60,7 @@ def simulate(
     if not 1 <= views <= 64:
         raise ViewCountError(f"{views} views; from 1 to 64 are taken")
     errors = PoseErrors() if errors is None else errors
-    points = np.vstack(scene.curves)
+    points = _subject(scene)
     size = (camera.width, camera.height)
     T_base_camera = viewpoints(points, camera.K, size, camera.near_m, camera.working_m, views)
     pose_rng = np.random.default_rng([seed, _POSES])
@@ -96,6 +98,15 @@ def simulate(
         for k in range(views)
     )
     return SimulatedScan(taken, header, scene_truth(scene, T_base_camera, T_flange_camera))
+
+
+def _subject(scene: StringScene) -> NDArray[np.float64]:
+    """Points (N, 3) that the camera looks at: the strings, or where there are none what else lies there."""
+    if scene.curves:
+        return np.vstack(scene.curves)
+    flat = [footprint(box) for box in scene.boxes] + [np.array([clump.centre_m]) for clump in scene.clumps]
+    on_table = np.vstack([np.zeros((1, 2)), *flat])
+    return np.column_stack([on_table, np.zeros(len(on_table))])
 
 
 def truth_path(path: Path) -> Path:

@@ -19,13 +19,16 @@ def scene_truth(
 ) -> dict[str, Any]:
     """The truth as JSON: metres, base frame.
 
-    `curves` are the centre lines, every 2 mm; `crossings` have a `point` between the strands, and `over` and
-    `under` as [string, arc length]; `T_base_camera` are the true camera poses of the views and `T_flange_camera`
-    the true mounting.
+    `curves` are the centre lines, every 2 mm, and `closed` tells of each whether it is a ring (its last point is then
+    its first); `radii` has each string's radius and `radius` the first's; `crossings` have a `point` between the
+    strands, and `over` and `under` as [string, arc length]; `T_base_camera` are the true camera poses of the views and
+    `T_flange_camera` the true mounting.
     """
     return {
         "name": scene.name,
         "radius": scene.radius_m,
+        "radii": list(scene.radii_m),
+        "closed": list(scene.closed),
         "curves": [_every(curve, STEP_M).round(7).tolist() for curve in scene.curves],
         "crossings": true_crossings(scene),
         "T_base_camera": [T.tolist() for T in T_base_camera],

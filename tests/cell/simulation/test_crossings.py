@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from cell.simulation.crossings import at, plan_crossings
+from cell.simulation.crossings import at, is_closed, near_pairs, plan_crossings
 
 CROSS = (
     np.column_stack([np.linspace(-0.1, 0.1, 41), np.zeros(41)]),
@@ -39,3 +39,32 @@ def test_a_string_crosses_itself() -> None:
 def test_heights_do_not_matter() -> None:
     lifted = [np.column_stack([curve, np.full(len(curve), 0.01 * k)]) for k, curve in enumerate(CROSS)]
     assert len(plan_crossings(lifted)) == 1
+
+
+def test_only_crossings_of_new_points_when_asked() -> None:
+    x = np.linspace(-0.1, 0.1, 41)
+    zigzag = np.column_stack([x, 0.01 * np.sin(60 * x + 0.3)])
+    everything = plan_crossings([CROSS[0], zigzag])
+    assert len(everything) == 4
+    since = int(everything[2].second[1])
+    known = plan_crossings([CROSS[0], zigzag[: since + 1]])
+    assert known + plan_crossings([CROSS[0], zigzag], since + 1) == everything
+    assert plan_crossings([]) == ()
+
+
+def test_a_ring_does_not_cross_itself_where_it_closes() -> None:
+    t = np.linspace(0.0, 2 * np.pi, 100)
+    ring = np.column_stack([np.cos(t), np.sin(t)])
+    assert not is_closed(ring)
+    ring[-1] = ring[0]
+    assert is_closed(ring)
+    assert plan_crossings([ring]) == ()
+
+
+def test_near_pairs_of_new_points_are_all_pairs_that_have_one() -> None:
+    points = np.random.default_rng(0).uniform(0, 1, (200, 2))
+    apart = np.linalg.norm(points[:, None] - points[None], axis=2)
+    wanted = {(i, j) for j in range(170, 200) for i in range(j) if apart[i, j] <= 0.1}
+    i, j = near_pairs(points, 0.1, 170)
+    assert set(zip(i.tolist(), j.tolist(), strict=True)) == wanted
+    assert len(wanted) > 50

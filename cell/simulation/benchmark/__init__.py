@@ -1,0 +1,1 @@
+"""How right and how fast recognition is on simulated scans, in one command: `pointchain bench`."""

@@ -1,0 +1,88 @@
+"""Centre lines as they are compared: even samples along them and exact distances to them."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from recognition.model import arc_length
+
+DENSE_M = 0.0005
+"""Distance of the samples that stand for a line."""
+
+Points = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Line:
+    """A polyline; a closed one ends where it begins."""
+
+    points: Points
+    """(N, 3), at least two."""
+    closed: bool = False
+
+    @classmethod
+    def of(cls, points: Points, closed: bool) -> "Line":
+        """The line through `points` (N, 3); a closed one may or may not repeat its first point at the end."""
+        if closed and not np.array_equal(points[0], points[-1]):
+            points = np.vstack([points, points[:1]])
+        return cls(points, closed)
+
+    @property
+    def length_m(self) -> float:
+        """Length; of a closed line, all the way round."""
+        return float(arc_length(self.points)[-1])
+
+    def at_shares(self, shares: NDArray[np.float64]) -> Points:
+        """(M, 3) points at these shares (M,) of the length, from 0 to 1."""
+        s = arc_length(self.points)
+        return np.column_stack([np.interp(shares * s[-1], s, self.points[:, k]) for k in range(3)])
+
+    def even(self, count: int) -> Points:
+        """(count, 3) evenly spaced points: from end to end, or all the way round without meeting the first again."""
+        return self.at_shares(np.linspace(0.0, 1.0, count, endpoint=not self.closed))
+
+    def dense(self) -> Points:
+        """(M, 3) points about `DENSE_M` apart, both ends among them."""
+        return self.at_shares(np.linspace(0.0, 1.0, max(round(self.length_m / DENSE_M), 2) + 1))
+
+
+class Nearest:
+    """Nearest points on a set of lines (at least one): exact on their dense polylines, not only at the samples.
+
+    The samples alone would make two equal lines up to half a sampling step different.
+    """
+
+    def __init__(self, lines: Sequence[Line]) -> None:
+        from scipy.spatial import KDTree
+
+        dense = [line.dense() for line in lines]
+        self._samples = np.vstack(dense)
+        self._tree = KDTree(self._samples)
+        # Before and after each sample along its own line; a line's first and last have one neighbour.
+        number = np.arange(len(self._samples))
+        first = np.cumsum([0, *(len(points) for points in dense)])
+        self._before, self._after = number - 1, number + 1
+        self._before[first[:-1]] = first[:-1]
+        self._after[first[1:] - 1] = first[1:] - 1
+
+    def points(self, points: Points) -> Points:
+        """(M, 3) the nearest point on the lines for each of `points` (M, 3)."""
+        nearest = self._tree.query(points)[1]
+        sample = self._samples[nearest]
+        candidates = [_on_segments(points, sample, self._samples[end[nearest]]) for end in (self._before, self._after)]
+        apart = [np.linalg.norm(points - candidate, axis=1) for candidate in candidates]
+        return np.where((apart[0] < apart[1])[:, None], candidates[0], candidates[1])
+
+    def distance(self, points: Points) -> NDArray[np.float64]:
+        """(M,) distances of `points` (M, 3) from the lines."""
+        return np.linalg.norm(points - self.points(points), axis=1)
+
+
+def _on_segments(points: Points, start: Points, end: Points) -> Points:
+    """(M, 3) the point nearest to `points` on each segment from `start` to `end`; a segment may be a point."""
+    along = end - start
+    squared = np.einsum("ij,ij->i", along, along)
+    share = np.einsum("ij,ij->i", points - start, along) / np.where(squared > 0, squared, 1.0)
+    return start + np.clip(share, 0.0, 1.0)[:, None] * along
