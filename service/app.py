@@ -63,7 +63,8 @@ def _open(config: ServiceConfig) -> Context:
     folder = DataFolder(config.data_dir)
     try:
         store = Store(folder)
-        return Context(config, store, Jobs(store, config.limits.recognition_s), CapacityLimiter(1))
+        jobs = Jobs(store, config.limits.recognition_s, config.gripper.value)
+        return Context(config, store, jobs, CapacityLimiter(1))
     except BaseException:
         folder.close()
         raise

@@ -1,25 +1,105 @@
-"""`pointchain bench`: accuracy of every method on simulated scenes, as a table."""
+"""`pointchain bench`: how right and how fast recognition is on this machine, as tables or JSON."""
 
 import json
+import os
 import sys
+import time
+from collections.abc import Sequence
 from dataclasses import asdict
+from platform import python_version
+from typing import Any
 
-from cell.simulation.benchmark import TIER, paper_like, run, summarise, table
+from cell.simulation.benchmark import accuracy, tables
+from cell.simulation.benchmark.growth import Growth, measure_growth
+from cell.simulation.benchmark.speed import Speed, measure_speed
+from cell.simulation.tiers import TIERS
+from recognition.model import METHODS
+
+START_S, SIMULATE_S, RECOGNISE_S = 5.0, 3.0, 1.0
+"""What accuracy takes on one core, about: once, for each scene, and for each of its methods."""
+SPEED_S = 90.0
+"""What the speed part takes, about. All four are only to say how long it will be."""
 
 
-def bench(seeds: int, jobs: int | None, as_json: bool) -> int:
-    """Runs `seeds` paper-like scenes; prints a Markdown table, or JSON with every case."""
+def bench(only: str | None, tiers: Sequence[str], seeds: int, jobs: int | None, as_json: bool) -> int:
+    """Runs the speed part, the accuracy part or both; Markdown tables or one JSON document on stdout.
+
+    `tiers` are names of `cell.simulation.tiers`, all when empty; `seeds` scenes of each are recognised by every
+    method, on `jobs` processes (one a core when None). Returns 0, or 1 when it is wrongly called.
+    """
+    unknown = [tier for tier in tiers if tier not in TIERS]
+    if unknown:
+        return _refuse(f"there is no tier {unknown[0]!r}; known are {', '.join(TIERS)}")
+    if seeds < 1 or (jobs is not None and jobs < 1):
+        return _refuse("--seeds and --jobs must be at least 1")
+    tiers, jobs = tiers or TIERS, jobs or os.cpu_count() or 1
+    _say(_announcement(only, len(tiers) * seeds, jobs))
+    document: dict[str, Any] = {"machine": {"cores": os.cpu_count(), "python": python_version()}}
+    parts = []
+    if only != "accuracy":
+        speed, growth = measure_speed(_say), measure_growth(_say)
+        document |= _speed_json(speed, growth)
+        parts += [tables.speed_table(speed), tables.stages_table(speed.stages), tables.growth_table(growth)]
+    if only != "speed":
+        results = _run(tiers, seeds, jobs)
+        summaries, sigma = accuracy.accuracy(results), accuracy.sigma(results)
+        document |= {
+            "accuracy": {
+                tier: {method: asdict(summary) for method, summary in methods.items()}
+                for tier, methods in summaries.items()
+            },
+            "sigma": sigma,
+            "cases": [accuracy.case_json(result) for result in results],
+        }
+        parts += [tables.accuracy_table(summaries), tables.sigma_table(sigma)]
+    print(json.dumps(document, allow_nan=False) if as_json else "\n\n".join(parts))
+    return 0
+
+
+def _run(tiers: Sequence[str], seeds: int, jobs: int) -> list[accuracy.CaseResult]:
+    """All cases, with a progress bar on a terminal, else a line a tier, on stderr."""
     from tqdm import tqdm
 
-    if seeds < 1 or (jobs is not None and jobs < 1):
-        print("pointchain bench: --seeds and --jobs must be at least 1", file=sys.stderr)
-        return 1
-    with tqdm(total=seeds, unit="scene", disable=not sys.stderr.isatty()) as bar:
-        results = list(run(paper_like(seeds), jobs, bar.update))
-    summaries = summarise(results)
-    if as_json:
-        accuracy = {TIER: {method: asdict(summary) for method, summary in summaries.items()}}
-        print(json.dumps({"accuracy": accuracy, "cases": [asdict(result) for result in results]}))
-    else:
-        print(table(summaries))
-    return 0
+    began, done = time.monotonic(), dict.fromkeys(tiers, 0)
+    terminal = sys.stderr.isatty()
+    with tqdm(total=len(tiers) * seeds, unit="scene", disable=not terminal) as bar:
+
+        def on_done(tier: str) -> None:
+            done[tier] += 1
+            bar.set_description(tier)
+            bar.update()
+            if done[tier] == seeds and not terminal:
+                _say(f"accuracy: {tier} done after {time.monotonic() - began:.0f} s")
+
+        return list(accuracy.run(tiers, seeds, jobs, on_done))
+
+
+def _announcement(only: str | None, scenes: int, jobs: int) -> str:
+    parts, seconds = [], 0.0
+    if only != "accuracy":
+        parts.append("speed, memory and growth")
+        seconds += SPEED_S
+    if only != "speed":
+        parts.append(f"{scenes} scenes by {', '.join(METHODS)} on {jobs} process{'es' if jobs > 1 else ''}")
+        seconds += START_S + scenes * (SIMULATE_S + RECOGNISE_S * len(METHODS)) / min(jobs, scenes)
+    about = f"{seconds / 60:.0f} min" if seconds >= 120 else f"{seconds:.0f} s"
+    return f"{'; '.join(parts)}: about {about}"
+
+
+def _speed_json(speed: Speed, growth: Growth) -> dict[str, Any]:
+    figures = asdict(speed)
+    stages = figures.pop("stages")
+    return {
+        "speed": {name: round(value, 4) for name, value in figures.items()},
+        "stages": {stage: round(seconds, 4) for stage, seconds in stages.items()},
+        "growth": asdict(growth) | {"linear": growth.linear()},
+    }
+
+
+def _refuse(reason: str) -> int:
+    _say(reason)
+    return 1
+
+
+def _say(text: str) -> None:
+    print(f"pointchain bench: {text}", file=sys.stderr)

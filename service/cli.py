@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from importlib.metadata import version
 from pathlib import Path
 
-METHODS = ("matching", "enhanced")
+METHODS = ("matching", "enhanced", "graph")
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -41,14 +41,17 @@ def _parser() -> argparse.ArgumentParser:
         "a file that fails gives a document with `error` on its line and exit code 1 at the end.",
     )
     recognise.add_argument("files", nargs="+", type=Path, metavar="FILE", help="recording (MCAP)")
-    recognise.add_argument("--radius", type=float, metavar="M", help="string radius in metres (the recording's own)")
-    recognise.add_argument("--method", choices=METHODS, default="enhanced", help="default: %(default)s")
+    recognise.add_argument(
+        "--radius", type=float, metavar="M", help="string radius in metres (the recording's own, else measured)"
+    )
+    recognise.add_argument("--method", choices=METHODS, default="graph", help="default: %(default)s")
     recognise.add_argument(
         "--trace",
         type=Path,
         metavar="DIR",
         help="write a picture of every stage, in a folder for each recording",
     )
+    recognise.add_argument("--config", type=Path, metavar="TOML", help="configuration file: the gripper")
     recognise.set_defaults(run=_recognise)
 
     simulate = commands.add_parser(
@@ -83,10 +86,17 @@ def _parser() -> argparse.ArgumentParser:
     serve.add_argument("--data-dir", type=Path, metavar="DIR", help="where recordings and results are kept")
     serve.set_defaults(run=_serve)
 
-    bench = commands.add_parser("bench", help="accuracy of every method on simulated scenes")
-    bench.add_argument("--seeds", type=int, default=60, metavar="N", help="scenes (%(default)s)")
-    bench.add_argument("--jobs", type=int, metavar="N", help="processes (one a core)")
-    bench.add_argument("--json", action="store_true", help="the table as JSON, with each scene")
+    bench = commands.add_parser(
+        "bench",
+        help="speed and accuracy on simulated scenes",
+        description="Measures speed, memory and growth on this machine, and the accuracy of every method on simulated "
+        "scenes, tier by tier. Markdown tables on stdout, progress on stderr; the same scenes every time.",
+    )
+    bench.add_argument("--only", choices=("speed", "accuracy"), help="one part alone")
+    bench.add_argument("--seeds", type=int, default=40, metavar="N", help="scenes a tier (%(default)s)")
+    bench.add_argument("--tiers", type=_names, default=(), metavar="A,B", help="an unknown name lists the known (all)")
+    bench.add_argument("--jobs", type=int, metavar="N", help="processes for accuracy (one a core)")
+    bench.add_argument("--json", action="store_true", help="one JSON document, with each scene")
     bench.set_defaults(run=_bench)
 
     demo = commands.add_parser("demo", help="the main job once, with no hardware: simulate, recognise, show")
@@ -106,10 +116,21 @@ def _resolution(text: str) -> tuple[int, int]:
         raise argparse.ArgumentTypeError(f"{text!r} is not WxH, as in 640x400") from None
 
 
+def _names(text: str) -> tuple[str, ...]:
+    return tuple(name.strip() for name in text.split(",") if name.strip())
+
+
 def _recognise(options: argparse.Namespace) -> int:
+    from service.config import ConfigError, load_config
+
+    try:
+        gripper = load_config(options.config).gripper.value
+    except ConfigError as error:
+        print(f"pointchain recognise: {error}", file=sys.stderr)
+        return 1
     from service.recognise_files import recognise_files
 
-    return recognise_files(options.files, options.radius, options.method, options.trace)
+    return recognise_files(options.files, options.radius, options.method, options.trace, gripper)
 
 
 def _simulate(options: argparse.Namespace) -> int:
@@ -157,7 +178,7 @@ def _serve(options: argparse.Namespace) -> int:
 def _bench(options: argparse.Namespace) -> int:
     from service.bench import bench
 
-    return bench(options.seeds, options.jobs, options.json)
+    return bench(options.only, options.tiers, options.seeds, options.jobs, options.json)
 
 
 def _demo(options: argparse.Namespace) -> int:

@@ -10,13 +10,15 @@ from pathlib import Path
 from typing import Any
 
 import platformdirs
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
 from pydantic_settings import (
     BaseSettings,
     PydanticBaseSettingsSource,
     SettingsConfigDict,
     TomlConfigSettingsSource,
 )
+
+from recognition.gripper import Gripper
 
 PREFIX = "POINTCHAIN_"
 FILE_VARIABLE = "POINTCHAIN_CONFIG"
@@ -42,6 +44,32 @@ class LimitsConfig(BaseModel):
     """Recognition of one scan is stopped after so many seconds."""
 
 
+class GripperConfig(BaseModel):
+    """The gripper that grasps are found for; each key as in `recognition.gripper.Gripper`, metres."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    finger_width_m: float = Gripper.finger_width_m
+    finger_thickness_m: float = Gripper.finger_thickness_m
+    finger_depth_m: float = Gripper.finger_depth_m
+    stroke_m: float = Gripper.stroke_m
+    palm_width_m: float = Gripper.palm_width_m
+    opening_margin_m: float = Gripper.opening_margin_m
+    clearance_m: float = Gripper.clearance_m
+    table_clearance_m: float = Gripper.table_clearance_m
+
+    @property
+    def value(self) -> Gripper:
+        """What recognition takes."""
+        return Gripper(**self.model_dump())
+
+    @model_validator(mode="after")
+    def _possible(self) -> "GripperConfig":
+        # Gripper's own conditions; its error is a ValueError, and names the key.
+        _ = self.value
+        return self
+
+
 class ServiceConfig(BaseSettings):
     """All settings of the service."""
 
@@ -57,6 +85,7 @@ class ServiceConfig(BaseSettings):
     port: int = Field(default=8000, ge=0, le=65535)
     """TCP port; 0 takes a free one."""
     limits: LimitsConfig = LimitsConfig()
+    gripper: GripperConfig = GripperConfig()
 
     @field_validator("data_dir")
     @classmethod

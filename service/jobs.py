@@ -12,6 +12,7 @@ import sqlite3
 import threading
 from collections.abc import Callable
 
+from recognition.gripper import Gripper
 from recognition.model import Method
 from service.problems import ProblemError, problem_document
 from service.schemas import ScanState
@@ -43,10 +44,11 @@ class _Running:
 class Jobs:
     """Runs scans. Every method may be called from any thread and may block for a moment."""
 
-    def __init__(self, store: Store, recognition_limit_s: float) -> None:
+    def __init__(self, store: Store, recognition_limit_s: float, gripper: Gripper) -> None:
         """Marks what an earlier service left unfinished as interrupted; starts the recognition process."""
         self._store = store
         self._limit_s = recognition_limit_s
+        self._gripper = gripper
         self._worker = RecognitionWorker()
         self._lock = threading.Lock()
         """Of the wish to stop; never held while something is written."""
@@ -81,7 +83,7 @@ class Jobs:
             return "recognition is starting again"
         return self._not_ready
 
-    def submit_replay(self, recording: RecordingRow, method: Method, radius_m: float) -> ScanRow:
+    def submit_replay(self, recording: RecordingRow, method: Method, radius_m: float | None) -> ScanRow:
         """Accepts a scan from a recording; on return it is on the disk.
 
         Raises:
@@ -175,9 +177,8 @@ class Jobs:
         scan, store = running.scan, self._store
         recording = store.recording(scan.recording or "")
         assert recording is not None
-        assert scan.string_radius_m is not None
         results = store.folder.incoming(scan.id)
-        task = Task(store.folder.recording(recording.id), scan.string_radius_m, scan.method, results)
+        task = Task(store.folder.recording(recording.id), scan.string_radius_m, scan.method, self._gripper, results)
         outcome, problem = None, None
         try:
             if running.stop is None:

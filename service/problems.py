@@ -31,7 +31,7 @@ TITLES = {
     "not-mcap": "Not an MCAP file",
     "not-cancellable": "The scan has ended",
     "not-ready": "The service is not ready",
-    "radius-unknown": "The string's radius is not known",
+    "radius-unknown": "The string's radius cannot be measured",
     "recognition-crashed": "Recognition crashed",
     "recognition-timeout": "Recognition took too long",
     "recording-content": "The recording's content is wrong",

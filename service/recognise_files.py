@@ -6,26 +6,29 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from recognition.gripper import Gripper
 from recognition.model import SCHEMA, Method
-from recognition.pipeline import STAGES
+from recognition.pipeline import stages_of
 from service.problems import INPUT_ERRORS, problem_document
 from service.trace import write_trace
 from service.workflow import recognise_recording
 
 
-def recognise_files(files: Sequence[Path], radius_m: float | None, method: Method, trace: Path | None) -> int:
+def recognise_files(
+    files: Sequence[Path], radius_m: float | None, method: Method, trace: Path | None, gripper: Gripper
+) -> int:
     """Recognises each file; prints its model, or `{"schema", "error"}`, on a line of its own on stdout.
 
     A progress bar goes to stderr when that is a terminal. Returns 1 when a file failed, else 0.
     """
     from tqdm import tqdm
 
-    failed = 0
-    with tqdm(total=len(files) * len(STAGES), unit="stage", disable=not sys.stderr.isatty()) as bar:
+    failed, stages = 0, len(stages_of(method))
+    with tqdm(total=len(files) * stages, unit="stage", disable=not sys.stderr.isatty()) as bar:
         for number, file in enumerate(files, 1):
             bar.set_description(file.name)
-            document, reason = _recognise_file(file, radius_m, method, trace, bar.set_postfix_str)
-            bar.update(number * len(STAGES) - bar.n)
+            document, reason = _recognise_file(file, radius_m, method, trace, gripper, bar.set_postfix_str)
+            bar.update(number * stages - bar.n)
             print(json.dumps(document, allow_nan=False), flush=True)
             if reason is not None:
                 failed += 1
@@ -34,11 +37,11 @@ def recognise_files(files: Sequence[Path], radius_m: float | None, method: Metho
 
 
 def _recognise_file(
-    file: Path, radius_m: float | None, method: Method, trace: Path | None, on_stage: Any
+    file: Path, radius_m: float | None, method: Method, trace: Path | None, gripper: Gripper, on_stage: Any
 ) -> tuple[dict[str, Any], str | None]:
     """The file's document, and why it failed if it did."""
     try:
-        recognition = recognise_recording(file, radius_m, method, on_stage)
+        recognition = recognise_recording(file, radius_m, method, on_stage, gripper)
         if trace is not None:
             write_trace(recognition, trace / file.stem, truth_beside(file))
     except INPUT_ERRORS as error:

@@ -43,7 +43,7 @@ class _Request(BaseModel):
 
     string_radius_m: Radius | None = None
     """Radius of the string; null takes the recording's."""
-    method: Method = "enhanced"
+    method: Method = "graph"
 
 
 class ReplayScan(_Request):
@@ -120,6 +120,7 @@ class ScanLinks(BaseModel):
     """Only while the scan can be cancelled."""
     recording: str | None
     model: str | None
+    grasps: str | None
     cloud: str | None
     preview: str | None
 
@@ -132,7 +133,7 @@ class ScanResource(BaseModel):
     recording: Id | None
     method: Method
     string_radius_m: float | None
-    """The radius that recognition works with."""
+    """The radius that recognition works with; null: it is measured."""
     state: ScanState
     progress: Progress
     created_at: str

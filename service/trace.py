@@ -62,6 +62,8 @@ def _pictures(recognition: Recognition) -> list[tuple[str, Draw]]:
         ]
     if recognition.reconstruction is not None:
         pictures.append(("fig16_reconnected", _reconnected))
+    if recognition.graph is not None:
+        pictures += [("graph1_nodes", _nodes), ("graph2_fragments", _fragments), ("graph3_couples", _couples)]
     return [*pictures, ("fig18_model", _model)]
 
 
@@ -145,6 +147,41 @@ def _reconnected(figure: "Figure", recognition: Recognition, truth: Truth) -> No
     _true_lines(axes, truth)
 
 
+def _nodes(figure: "Figure", recognition: Recognition, truth: Truth) -> None:
+    assert recognition.graph is not None
+    nodes = recognition.graph.nodes
+    axes = _from_above(figure, "Nodes of the centre line with the string's direction through each")
+    _by_height(figure, axes, nodes.points * MM)
+    axes.quiver(
+        *nodes.points[:, :2].T * MM,
+        *nodes.directions[:, :2].T,
+        pivot="mid",
+        headwidth=0,
+        headlength=0,
+        headaxislength=0,
+    )
+    _true_lines(axes, truth)
+
+
+def _fragments(figure: "Figure", recognition: Recognition, truth: Truth) -> None:
+    assert recognition.graph is not None
+    axes = _from_above(figure, "Fragments: strands as far as they are seen")
+    _segments(axes, [fragment.points for fragment in recognition.graph.fragments])
+    _true_lines(axes, truth)
+
+
+def _couples(figure: "Figure", recognition: Recognition, truth: Truth) -> None:
+    assert recognition.graph is not None
+    axes = _from_above(figure, "Ends that continue one another")
+    for fragment in recognition.graph.fragments:
+        axes.plot(*fragment.points[:, :2].T * MM, color="0.7")
+    ends = recognition.graph.pairing.ends
+    axes.quiver(*ends.points[:, :2].T * MM, *ends.directions[:, :2].T, width=0.003)
+    for couple in recognition.graph.pairing.couples:
+        axes.plot(*ends.points[list(couple), :2].T * MM, "o-", color="crimson")
+    _true_lines(axes, truth)
+
+
 def _model(figure: "Figure", recognition: Recognition, truth: Truth) -> None:
     """The chains in space with the cameras, and each crossing from near by."""
     crossings = recognition.model.crossings[:6]
@@ -154,7 +191,7 @@ def _model(figure: "Figure", recognition: Recognition, truth: Truth) -> None:
     lines = [chain.points * MM for chain in recognition.model.chains]
     for chain, line in zip(recognition.model.chains, lines, strict=True):
         space.plot(*line.T, ".-", markersize=4, linewidth=1.5, label=f"chain {chain.id}")
-    cameras = np.array([target.viewpoint for target in recognition.targets]).reshape(-1, 3) * MM
+    cameras = np.array([target.T_base_camera[:3, 3] for target in recognition.targets]).reshape(-1, 3) * MM
     space.scatter(*cameras.T, marker="^", s=50, color="black", label="viewpoints")
     for curve in (truth or {}).get("curves", []):
         space.plot(*np.asarray(curve).T * MM, color="0.6", linewidth=0.8)

@@ -18,6 +18,7 @@ from pathlib import Path
 
 import numpy as np
 
+from recognition.gripper import Gripper
 from recognition.model import Method, PointChainModel
 from recognition.parameters import ChainParameters
 from service.preview import draw_preview
@@ -35,8 +36,9 @@ class Task:
     """One recording to recognise."""
 
     recording: Path
-    radius_m: float
+    radius_m: float | None
     method: Method
+    gripper: Gripper
     results: Path
     """Folder to be made for the result's files."""
 
@@ -198,7 +200,7 @@ def _work(pipe: Connection) -> None:
 def _do(task: Task, pipe: Connection) -> Outcome | _Refused:
     try:
         recognition = recognise_recording(
-            task.recording, task.radius_m, task.method, lambda name: pipe.send(_Stage(name))
+            task.recording, task.radius_m, task.method, lambda name: pipe.send(_Stage(name)), task.gripper
         )
         pipe.send(_Stage(WRITING))
         return write_results(recognition, task.results)
@@ -218,7 +220,7 @@ def _warm_up() -> None:
     """Imports and first uses that take long, so that no scan waits for them."""
     import open3d  # noqa: F401
 
-    draw_preview(PointChainModel("enhanced", ChainParameters.for_radius(0.004)), np.zeros((0, 3)))
+    draw_preview(PointChainModel("graph", ChainParameters.for_radius(0.004)), np.zeros((0, 3)))
 
 
 def _end_with_parent() -> None:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cell.recording import read_recording
-from recognition.errors import RecognitionError
+from recognition.gripper import Gripper
 from recognition.model import Method, PointChainModel
 from recognition.parameters import ChainParameters
 from recognition.pipeline import Recognition, recognise
@@ -27,18 +27,14 @@ DONE_BEFORE = {
     "preprocess": 0.02,
     "registration": 0.4,
     "centre_line": 0.65,
-    "matching": 0.72,
-    "reconstruction": 0.84,
-    "topology": 0.85,
+    "matching": 0.66,
+    "reconstruction": 0.72,
+    "refinement": 0.72,
+    "topology": 0.82,
+    "grasps": 0.85,
     WRITING: 0.88,
 }
 """Share of the whole time, as measured on scans of eight views, that is over when a stage begins."""
-
-
-class RadiusUnknownError(RecognitionError):
-    """Neither the caller nor the recording says how thick the string is."""
-
-    slug = "radius-unknown"
 
 
 @dataclass(frozen=True)
@@ -52,26 +48,27 @@ class Outcome:
     """Views were missing from the recording or were left out."""
 
 
-def check_radius(asked_m: float | None, recorded_m: float | None) -> float:
-    """The radius to work with, metres: the one asked for, else the recording's.
+def check_radius(asked_m: float | None, recorded_m: float | None) -> float | None:
+    """The radius to work with, metres: the one asked for, else the recording's; None, so that it is measured, if none.
 
     Raises:
-        RadiusUnknownError: neither is known.
         InvalidParametersError: it is no string's radius.
     """
     radius = recorded_m if asked_m is None else asked_m
-    if radius is None:
-        raise RadiusUnknownError("the recording does not say the string's radius: give it, in metres")
-    return ChainParameters.for_radius(radius).r
+    return None if radius is None else ChainParameters.for_radius(radius).r
 
 
 def recognise_recording(
-    path: Path, radius_m: float | None = None, method: Method = "enhanced", on_stage: OnStage | None = None
+    path: Path,
+    radius_m: float | None = None,
+    method: Method = "graph",
+    on_stage: OnStage | None = None,
+    gripper: Gripper | None = None,
 ) -> Recognition:
     """The recording at `path`, recognised; what is missing from the file is among the model's warnings.
 
-    `radius_m` in metres, None for the recording's own. `on_stage` is called with the name of each stage when
-    it begins.
+    `radius_m` in metres, None for the recording's own; where that has none, it is measured. Grasps are for
+    `gripper`, the default one if None. `on_stage` is called with the name of each stage when it begins.
 
     Raises:
         RecordingError: the file cannot be used.
@@ -81,11 +78,13 @@ def recognise_recording(
         on_stage(READING)
     recording = read_recording(path)
     header = recording.header
-    parameters = ChainParameters.for_radius(check_radius(radius_m, header.string_radius_m))
-    recognition = recognise(recording.views, parameters, Scene(header.table_z_m, header.workspace_m), method, on_stage)
-    quality = recognition.model.quality
-    quality = replace(quality, warnings=(*recording.missing, *quality.warnings))
-    return replace(recognition, model=replace(recognition.model, quality=quality))
+    radius = check_radius(radius_m, header.string_radius_m)
+    parameters = None if radius is None else ChainParameters.for_radius(radius)
+    scene = Scene(header.table_z_m, header.workspace_m)
+    recognition = recognise(recording.views, parameters, scene, method, on_stage, gripper)
+    model = recognition.model
+    quality = replace(model.quality, warnings=(*recording.missing, *model.quality.warnings))
+    return replace(recognition, model=replace(model, quality=quality))
 
 
 def write_results(recognition: Recognition, folder: Path) -> Outcome:

@@ -8,6 +8,17 @@ from starlette.types import Receive, Scope, Send
 from service.problems import ProblemError
 
 
+def existing(path: Path) -> Path:
+    """The path of a file that is there.
+
+    Raises:
+        ProblemError: 404 `no-result`, the file is gone.
+    """
+    if not path.is_file():
+        raise ProblemError(404, "no-result", "the file is gone from the data folder")
+    return path
+
+
 class WholeFile(FileResponse):
     """A file that is always sent whole: a Range refused by Starlette would not be answered by a problem."""
 
@@ -17,9 +28,7 @@ class WholeFile(FileResponse):
         Raises:
             ProblemError: 404 `no-result`, the file is gone.
         """
-        if not path.is_file():
-            raise ProblemError(404, "no-result", "the file is gone from the data folder")
-        super().__init__(path, media_type=media_type, filename=filename, headers={"accept-ranges": "none"})
+        super().__init__(existing(path), media_type=media_type, filename=filename, headers={"accept-ranges": "none"})
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Sends the file as if no Range had been asked for."""

@@ -1,5 +1,7 @@
 """Scans: start, follow, cancel, and their results."""
 
+import json
+from pathlib import Path
 from typing import Any
 
 from fastapi import APIRouter, Response
@@ -7,10 +9,10 @@ from fastapi.responses import FileResponse
 
 from service.context import Before, Context, Limit, Scan, Service
 from service.data_folder import CLOUD, MODEL, PREVIEW
-from service.model_schema import ModelDocument
+from service.model_schema import GraspsDocument, ModelDocument
 from service.problems import ProblemError, problem_responses
 from service.routes import recordings
-from service.routes.files import WholeFile
+from service.routes.files import WholeFile, existing
 from service.schemas import (
     ACTIVE_STATES,
     RESULT_STATES,
@@ -84,6 +86,15 @@ def get_model(scan: Scan, service: Service) -> WholeFile:
     return _result(scan, service, MODEL, "application/json")
 
 
+@router.get("/{id}/grasps", response_model=GraspsDocument, responses=problem_responses(404, 409, 422))
+def get_grasps(scan: Scan, service: Service) -> dict[str, Any]:
+    """Where the configured gripper can take the strings, the best first."""
+    model = json.loads(_result_path(scan, service, MODEL).read_bytes())
+    if "grasps" not in model:
+        raise ProblemError(404, "no-result", f"scan {scan.id} is of an older version, without grasps: scan again")
+    return {key: model[key] for key in ("schema", "frame", "grasps")}
+
+
 PLY = "application/octet-stream"
 
 
@@ -117,11 +128,15 @@ def get_scan_recording(scan: Scan, service: Service) -> WholeFile:
 
 
 def _result(scan: ScanRow, service: Context, name: str, media_type: str, save_as: str | None = None) -> WholeFile:
+    return WholeFile(_result_path(scan, service, name), media_type, save_as)
+
+
+def _result_path(scan: ScanRow, service: Context, name: str) -> Path:
     if scan.state in ACTIVE_STATES:
         raise ProblemError(409, "result-not-ready", f"scan {scan.id} is {scan.state}; wait for its end")
     if scan.state not in RESULT_STATES:
         raise ProblemError(404, "no-result", f"scan {scan.id} is {scan.state}: it has no result")
-    return WholeFile(service.store.folder.results(scan.id) / name, media_type, save_as)
+    return existing(service.store.folder.results(scan.id) / name)
 
 
 def _resource(row: ScanRow) -> ScanResource:
@@ -145,6 +160,7 @@ def _resource(row: ScanRow) -> ScanResource:
             cancel=f"{own}/cancel" if row.state in ACTIVE_STATES else None,
             recording=f"{own}/recording" if row.recording else None,
             model=f"{own}/model" if done else None,
+            grasps=f"{own}/grasps" if done else None,
             cloud=f"{own}/cloud.ply" if done else None,
             preview=f"{own}/preview.png" if done else None,
         ),

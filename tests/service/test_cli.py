@@ -33,7 +33,7 @@ def test_recognise_prints_a_model_a_line(capsys: pytest.CaptureFixture[str], rec
     assert (code, err) == (0, "")
     assert [len(model["chains"]) for model in models] == [1, 1]
     assert models[0]["chains"] == models[1]["chains"], "the same file gives the same model"
-    assert models[0]["method"] == "enhanced"
+    assert models[0]["method"] == "graph"
     assert models[0]["parameters"]["r_m"] == 0.0042
 
 
@@ -75,17 +75,15 @@ def test_radii_that_are_no_strings(capsys: pytest.CaptureFixture[str], recording
     assert "radius" in err
 
 
-def test_an_unknown_radius_is_asked_for(
+def test_an_unknown_radius_is_measured(
     capsys: pytest.CaptureFixture[str], recording_file: Path, tmp_path: Path
 ) -> None:
     recording = read_recording(recording_file)
     path = write(tmp_path / "r.mcap", replace(recording.header, string_radius_m=None), recording.views)
     code, (document,), _ = run(capsys, "recognise", path)
-    assert code == 1
-    assert document["error"]["type"] == "urn:pointchain:radius-unknown"
-    code, (document,), _ = run(capsys, "recognise", path, "--radius", "0.0042")
     assert code == 0
-    assert len(document["chains"]) == 1
+    (chain,) = document["chains"]
+    assert chain["radius_m"] == pytest.approx(0.0042, rel=0.05)
 
 
 def test_one_view_is_refused(capsys: pytest.CaptureFixture[str], recording_file: Path, tmp_path: Path) -> None:
@@ -169,11 +167,13 @@ def test_trace_draws_every_stage(capsys: pytest.CaptureFixture[str], recording_f
     code, _, _ = run(capsys, "recognise", recording_file, "--trace", tmp_path)
     assert code == 0
     pictures = sorted((tmp_path / recording_file.stem).iterdir())
-    assert [picture.stem[:5] for picture in pictures] == [f"fig{n:02}" for n in (4, 6, 8, 9, 10, 11, 15, 16, 18)]
+    graph = [f"graph{n}" for n in (1, 2, 3)]
+    assert [picture.stem.split("_")[0] for picture in pictures] == ["fig04", "fig06", "fig08", "fig18", *graph]
     assert all(picture.read_bytes().startswith(b"\x89PNG") for picture in pictures)
-    run(capsys, "recognise", recording_file, "--trace", tmp_path / "previous", "--method", "matching")
-    previous = sorted((tmp_path / "previous" / recording_file.stem).iterdir())
-    assert [picture.stem[:5] for picture in previous] == ["fig04", "fig06", "fig08", "fig18"]
+    for method, figures in (("matching", (4, 6, 8, 18)), ("enhanced", (4, 6, 8, 9, 10, 11, 15, 16, 18))):
+        run(capsys, "recognise", recording_file, "--trace", tmp_path / method, "--method", method)
+        drawn = sorted((tmp_path / method / recording_file.stem).iterdir())
+        assert [picture.stem[:5] for picture in drawn] == [f"fig{n:02}" for n in figures]
 
 
 def test_simulate_writes_the_same_file_for_the_same_seed(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
@@ -236,21 +236,24 @@ def test_demo_tells_the_truth_and_can_be_repeated(capsys: pytest.CaptureFixture[
     assert (folder / "mine.txt").exists()
 
 
-def test_bench_reports_both_methods(capsys: pytest.CaptureFixture[str]) -> None:
-    code, (document,), _ = run(capsys, "bench", "--seeds", 1, "--jobs", 1, "--json")
-    assert code == 0
-    assert set(document["accuracy"]["paper-like"]) == {"matching", "enhanced"}
-    summary = document["accuracy"]["paper-like"]["enhanced"]
-    assert summary["n"] == 1
-    # Seed 0 is a string without crossings: within r of the truth all along.
-    assert summary["topology"] == 1.0
-    assert summary["cover"] > 0.99
-    assert main(["bench", "--seeds", "0"]) == 1
-
-
 def test_openapi_prints_the_description(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["openapi"]) == 0
     assert capsys.readouterr().out == openapi_document()
+
+
+def test_recognise_takes_the_gripper_from_the_configuration(
+    capsys: pytest.CaptureFixture[str], recording_file: Path, tmp_path: Path
+) -> None:
+    config = tmp_path / "cell.toml"
+    config.write_text("[gripper]\nstroke_m = 0.008\n")
+    code, (model,), _ = run(capsys, "recognise", recording_file, "--config", config)
+    assert (code, model["grasps"]) == (0, [])
+    assert any("the gripper opens 8.0 mm" in warning for warning in model["quality"]["warnings"])
+
+    config.write_text("[gripper]\nstroke_m = 8.0\n")
+    code, documents, err = run(capsys, "recognise", recording_file, "--config", config)
+    assert (code, documents) == (1, [])
+    assert "metres, not mm" in err
 
 
 @pytest.mark.parametrize("arguments", [[], ["recognise"], ["unknown"], ["recognise", "x", "--method", "guess"]])

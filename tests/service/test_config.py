@@ -4,6 +4,7 @@ from pathlib import Path
 
 import pytest
 
+from recognition.gripper import Gripper
 from service.config import ConfigError, load_config
 
 
@@ -37,6 +38,13 @@ def test_later_sources_win(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> N
     assert (config.limits.upload_bytes, config.limits.request_bytes) == (22, 12)
 
 
+def test_the_gripper_is_described_in_metres(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert load_config().gripper.value == Gripper()
+    path = write(tmp_path, "[gripper]\nstroke_m = 0.05\nfinger_width_m = 0.02\n")
+    monkeypatch.setenv("POINTCHAIN_GRIPPER__STROKE_M", "0.04")
+    assert load_config(path).gripper.value == Gripper(stroke_m=0.04, finger_width_m=0.02)
+
+
 def test_a_variable_names_the_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("POINTCHAIN_CONFIG", str(write(tmp_path, "port = 7")))
     assert load_config().port == 7
@@ -57,6 +65,11 @@ def test_a_relative_data_folder_is_of_the_working_directory(tmp_path: Path, monk
         ("[limits]\nupload_bytes = 0", "limits.upload_bytes"),
         ("[limits]\nrecognition_s = nan", "limits.recognition_s"),
         ('host = ""', "host"),
+        ("[gripper]\nstroke_m = 85", "metres, not mm"),
+        ("[gripper]\nfinger_width_m = 0.0", "finger_width_m is 0 m"),
+        ("[gripper]\nclearance_m = nan", "clearance_m is nan"),
+        ("[gripper]\nfinger_m = 0.01", "gripper.finger_m"),
+        ('[gripper]\nstroke_m = "wide"', "gripper.stroke_m"),
         ("port = ", "not TOML"),
     ],
 )

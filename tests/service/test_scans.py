@@ -7,6 +7,7 @@ import os
 import signal
 import time
 from collections.abc import Callable
+from contextlib import AbstractContextManager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -18,10 +19,11 @@ import pytest
 from calibration.transforms import from_rotation_vector
 from cell.devices import View
 from cell.recording import RecordingHeader, RecordingWriter, read_recording
-from service.model_schema import ModelDocument
+from service.model_schema import GraspsDocument, ModelDocument
 
 AssertProblem = Callable[[httpx.Response, int, str], str]
 Finished = Callable[[httpx.Client, str], dict[str, Any]]
+Serve = Callable[..., AbstractContextManager[httpx.Client]]
 
 
 def start(client: httpx.Client, recording: str, **wish: Any) -> str:
@@ -51,6 +53,9 @@ def test_a_recording_becomes_a_model(client: httpx.Client, recording: str, finis
     assert model.headers["content-type"] == "application/json"
     assert ModelDocument.model_validate_json(model.content).method == method
     assert len(model.json()["chains"]) == scan["summary"]["chains"]
+    grasps = client.get(links["grasps"])
+    GraspsDocument.model_validate_json(grasps.content)
+    assert grasps.json() == {key: model.json()[key] for key in ("schema", "frame", "grasps")}
     assert client.get(links["cloud"]).content.startswith(b"ply\n")
     assert client.get(links["preview"]).content.startswith(b"\x89PNG")
     assert client.get(links["recording"]).content == client.get(f"/api/recordings/{recording}/file").content
@@ -61,6 +66,20 @@ def test_the_radius_asked_for_is_used(client: httpx.Client, recording: str, fini
     scan = finished(client, start(client, recording, string_radius_m=0.005))
     assert scan["string_radius_m"] == 0.005
     assert client.get(scan["links"]["model"]).json()["parameters"]["r_m"] == 0.005
+
+
+def test_grasps_are_for_the_configured_gripper(
+    serve: Serve, recording_file: Path, finished: Finished, tmp_path: Path
+) -> None:
+    gripper = {"stroke_m": 0.011, "opening_margin_m": 0.001}
+    with serve(tmp_path, gripper=gripper) as client:
+        scan = finished(client, start(client, upload(client, recording_file)))
+        assert scan["state"] == "succeeded", scan["problem"]
+        grasps = client.get(scan["links"]["grasps"]).json()["grasps"]
+        # 2 r and the margin at least, and never wider than it opens; the default's margin alone makes 12.4 mm.
+        assert all(0.0094 < grasp["opening_m"] <= 0.011 for grasp in grasps)
+        told = any("cannot be grasped" in warning for warning in scan["summary"]["warnings"])
+        assert told == (not grasps)
 
 
 def test_missing_views_make_a_partial_result(
@@ -99,11 +118,12 @@ def test_no_string_in_view_is_a_result_with_a_reason(client: httpx.Client, finis
     assert scan["summary"]["chains"] == 0
     assert any("no string" in warning for warning in scan["summary"]["warnings"])
     assert client.get(scan["links"]["model"]).json()["chains"] == []
+    assert client.get(scan["links"]["grasps"]).json()["grasps"] == []
     assert client.get(scan["links"]["preview"]).content.startswith(b"\x89PNG")
 
 
 def test_views_without_depth_fail_with_what_to_check(
-    client: httpx.Client, recording_file: Path, finished: Finished, tmp_path: Path
+    client: httpx.Client, recording_file: Path, finished: Finished, assert_problem: AssertProblem, tmp_path: Path
 ) -> None:
     blind = rewritten(
         recording_file,
@@ -115,21 +135,22 @@ def test_views_without_depth_fail_with_what_to_check(
     assert scan["state"] == "failed"
     assert scan["problem"]["type"] == "urn:pointchain:no-depth"
     assert scan["problem"]["instance"] == scan["links"]["self"]
-    assert scan["links"]["model"] is None
+    assert scan["links"]["model"] is scan["links"]["grasps"] is None
+    assert_problem(client.get(scan["links"]["self"] + "/grasps"), 404, "no-result")
     assert client.get(scan["links"]["self"] + "/model").status_code == 404
 
 
-def test_a_radius_that_nobody_knows_is_asked_for(
+def test_a_radius_that_nobody_knows_is_measured(
     client: httpx.Client,
     recording_file: Path,
     finished: Finished,
-    assert_problem: AssertProblem,
     tmp_path: Path,
 ) -> None:
     unknown = upload(client, rewritten(recording_file, tmp_path / "r.mcap", None, lambda view: view))
-    answer = client.post("/api/scans", json={"mode": "replay", "recording": unknown})
-    assert "give it, in metres" in assert_problem(answer, 422, "radius-unknown")
-    assert finished(client, start(client, unknown, string_radius_m=0.0042))["state"] == "succeeded"
+    scan = finished(client, start(client, unknown))
+    assert scan["string_radius_m"] is None
+    (chain,) = client.get(scan["links"]["model"]).json()["chains"]
+    assert chain["radius_m"] == pytest.approx(0.0042, rel=0.05)
 
 
 @pytest.mark.parametrize(
@@ -142,7 +163,7 @@ def test_a_radius_that_nobody_knows_is_asked_for(
         ({"string_radius_m": "0.004"}, 422, "invalid-request", "string_radius_m"),
         ({"string_radius_m": math.nan}, 422, "invalid-request", "finite"),
         ({"string_radius_m": math.inf}, 422, "invalid-request", "finite"),
-        ({"method": "magic"}, 422, "invalid-request", "'matching' or 'enhanced'"),
+        ({"method": "magic"}, 422, "invalid-request", "'matching', 'enhanced' or 'graph'"),
         ({"radius": 0.004}, 422, "invalid-request", "radius"),
         ({"recording": "none"}, 404, "recording-not-found", "upload it"),
         ({"recording": "../x"}, 422, "invalid-request", "recording"),
@@ -195,6 +216,7 @@ def test_a_body_that_is_no_request_is_refused(
     [
         ("GET", "/api/scans/none", 404, "scan-not-found"),
         ("GET", "/api/scans/none/model", 404, "scan-not-found"),
+        ("GET", "/api/scans/none/grasps", 404, "scan-not-found"),
         ("POST", "/api/scans/none/cancel", 404, "scan-not-found"),
         ("GET", "/api/scans?limit=0", 422, "invalid-request"),
         ("GET", "/api/none", 404, "not-found"),
@@ -218,6 +240,7 @@ def test_one_scan_at_a_time(
     assert client.get(address).json()["state"] in ("queued", "processing")
     assert client.get("/healthz").status_code == client.get("/readyz").status_code == 200
     assert_problem(client.get(f"{address}/model"), 409, "result-not-ready")
+    assert_problem(client.get(f"{address}/grasps"), 409, "result-not-ready")
     os.kill(held, signal.SIGCONT)
     assert finished(client, address)["state"] == "succeeded"
     # Whoever has read that it is over finds the place free.

@@ -9,16 +9,16 @@ import numpy as np
 import pytest
 
 from recognition.errors import InvalidParametersError
+from recognition.gripper import Gripper
 from recognition.model import Chain, Crossing, PointChainModel, StrandPoint
 from recognition.parameters import ChainParameters
-from recognition.pipeline import STAGES
+from recognition.pipeline import STAGES, stages_of
 from service.model_schema import ModelDocument
 from service.preview import draw_preview
 from service.workflow import (
     DONE_BEFORE,
     READING,
     WRITING,
-    RadiusUnknownError,
     check_radius,
     merged_cloud,
     recognise_recording,
@@ -32,9 +32,8 @@ def test_the_radius_asked_for_goes_before_the_recorded_one() -> None:
     assert check_radius(None, 0.0042) == 0.0042
 
 
-def test_a_radius_that_nobody_knows_is_asked_for() -> None:
-    with pytest.raises(RadiusUnknownError, match="give it"):
-        check_radius(None, None)
+def test_a_radius_that_nobody_knows_is_left_to_be_measured() -> None:
+    assert check_radius(None, None) is None
 
 
 @pytest.mark.parametrize(("asked", "recorded"), [(-1.0, 0.0042), (4.2, None), (None, 0.1), (0.0, None)])
@@ -46,13 +45,15 @@ def test_a_radius_of_no_string_is_refused(asked: float | None, recorded: float |
 def test_a_recording_becomes_the_files_of_a_result(recording_file: Path, tmp_path: Path) -> None:
     told: list[str] = []
     recognition = recognise_recording(recording_file, on_stage=told.append)
-    assert told == [READING, *STAGES]
+    assert told == [READING, *stages_of("graph")]
     outcome = write_results(recognition, tmp_path / "out")
     assert (outcome.chains, outcome.crossings, outcome.partial) == (1, 0, False)
 
     written = json.loads((tmp_path / "out" / "model.json").read_text())
     assert written == json.loads(json.dumps(recognition.model.to_json()))
     ModelDocument.model_validate(written)
+    # It lies free: it can be taken all along, 5 mm apart, but for the fingers' width at the ends.
+    assert len(written["grasps"]) > 70
     # The scene is one string of 0.4 m and r = 4.2 mm on the table: what an eye would check.
     (chain,) = written["chains"]
     assert chain["length_m"] == pytest.approx(0.4, abs=0.012)
@@ -64,6 +65,12 @@ def test_a_recording_becomes_the_files_of_a_result(recording_file: Path, tmp_pat
     # float32 of coordinates below a metre.
     np.testing.assert_allclose(cloud, merged_cloud(recognition), atol=1e-7)
     assert len(cloud) > 500
+
+
+def test_a_gripper_too_small_for_the_string_is_said(recording_file: Path) -> None:
+    model = recognise_recording(recording_file, gripper=Gripper(stroke_m=0.008)).model
+    assert model.grasps == ()
+    assert any("the gripper opens 8.0 mm" in warning for warning in model.quality.warnings)
 
 
 def test_what_is_missing_from_the_file_is_said(recording_file: Path, tmp_path: Path) -> None:
