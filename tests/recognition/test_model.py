@@ -11,6 +11,7 @@ from recognition.model import (
     METHODS,
     Chain,
     Crossing,
+    Grasp,
     PointChainModel,
     Quality,
     StrandPoint,
@@ -19,6 +20,7 @@ from recognition.model import (
 )
 from recognition.parameters import ChainParameters
 
+T_BASE_GRASP = np.array([(0.6, -0.8, 0, 0.1), (-0.8, -0.6, 0, -0.2), (0, 0, -1, 1 / 3), (0, 0, 0, 1)])
 SQUARE = np.array([(0, 0, 0), (0.03, 0, 0), (0.03, 0.04, 0), (0, 0.04, 0)])
 
 
@@ -48,13 +50,15 @@ def model(table_1: ChainParameters) -> PointChainModel:
         (crossing(0, (0, 0.09), (0, 0.02), 1), crossing(1, (1, 0.05), (0, 0.04), -1)),
         Quality(views, ("not certain",), ("left out",)),
         {"preprocess": 0.05123456789},
+        grasps=(Grasp(1, 0.02, T_BASE_GRASP, 0.0124, 0.0032, 0.03, 0.001, 2 / 3),),
     )
 
 
 def test_the_document_has_the_keys_of_the_contract_and_no_others(model: PointChainModel) -> None:
     document = model.to_json()
     assert set(document) == {
-        "schema", "frame", "method", "parameters", "chains", "crossings", "topology", "quality", "timing_s"
+        "schema", "frame", "method", "parameters", "chains", "crossings", "topology", "grasps", "quality",
+        "timing_s",
     }  # fmt: skip
     assert (document["schema"], document["frame"], document["method"]) == ("pointchain/1", "base", "enhanced")
     for entry in document["chains"]:
@@ -71,7 +75,12 @@ def test_the_document_has_the_keys_of_the_contract_and_no_others(model: PointCha
         assert set(entry) == {
             "index", "used", "reason", "points", "fitness", "rms_m", "correction_m", "correction_rad"
         }  # fmt: skip
-    assert set(document["topology"]) == {"gauss_code"}
+    assert set(document["topology"]) == {"gauss_code", "p_data"}
+    assert set(document["topology"]["p_data"]) == {"elements", "matrix"}
+    for entry in document["grasps"]:
+        assert set(entry) == {
+            "chain", "s_m", "T_base_grasp", "opening_m", "reach_m", "clearance_m", "table_clearance_m", "score"
+        }  # fmt: skip
 
 
 def test_parameters_carry_their_units(model: PointChainModel, table_1: ChainParameters) -> None:
@@ -102,6 +111,13 @@ def test_it_is_plain_json_of_finite_numbers_to_a_micrometre(model: PointChainMod
     again = json.loads(json.dumps(document, allow_nan=False))
     assert all(map(math.isfinite, numbers(again)))
     assert again["crossings"][0]["point"] == [0.1, -0.2, 0.333333]
+    assert again["grasps"][0]["T_base_grasp"] == [
+        [0.6, -0.8, 0, 0.1],
+        [-0.8, -0.6, 0, -0.2],
+        [0, 0, -1, 0.333333],
+        [0, 0, 0, 1],
+    ]
+    assert again["grasps"][0]["score"] == 0.6667
     assert again["timing_s"] == {"preprocess": 0.051235}
     assert again["chains"][0]["points"] == SQUARE.tolist()
     assert again["chains"][0]["arc_length_m"] == [0.0, 0.03, 0.07, 0.1]
@@ -123,7 +139,8 @@ def test_a_chain_without_crossings_has_an_empty_code(table_1: ChainParameters) -
 
 def test_no_string_is_a_valid_model(table_1: ChainParameters) -> None:
     document = PointChainModel("enhanced", table_1, quality=Quality(warnings=("no string in view",))).to_json()
-    assert (document["chains"], document["crossings"], document["topology"]) == ([], [], {"gauss_code": []})
+    assert (document["chains"], document["crossings"], document["grasps"]) == ([], [], [])
+    assert document["topology"] == {"gauss_code": [], "p_data": {"elements": [], "matrix": []}}
     json.dumps(document, allow_nan=False)
 
 
@@ -135,5 +152,5 @@ def test_lengths_by_hand() -> None:
     assert chain(0, SQUARE, closed=True).length_m == pytest.approx(0.14, abs=1e-15)
 
 
-def test_the_paper_has_two_methods() -> None:
-    assert METHODS == ("matching", "enhanced")
+def test_methods_are_the_papers_two_and_ours() -> None:
+    assert METHODS == ("matching", "enhanced", "graph")

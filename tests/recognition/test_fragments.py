@@ -1,0 +1,140 @@
+"""Nodes linked to fragments, on hand-made nodes in millimetres with r = 10 mm."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from recognition.fragments import Fragment, link
+from recognition.line_nodes import LineNodes
+from recognition.parameters import ChainParameters
+
+PARAMETERS = ChainParameters.for_radius(0.01)
+
+
+def nodes(points_mm: np.ndarray, directions: np.ndarray, support: float = 1.0, rho: float = 0.95) -> LineNodes:
+    count = len(points_mm)
+    unit = directions / np.linalg.norm(directions, axis=1, keepdims=True)
+    return LineNodes(points_mm / 1000, unit, np.full(count, support), np.full(count, rho))
+
+
+def along(
+    start_mm: tuple[float, ...],
+    end_mm: tuple[float, ...],
+    step_mm: float = 10.0,
+    support: float = 1.0,
+    rho: float = 0.95,
+) -> LineNodes:
+    a, b = np.array(start_mm, dtype=np.float64), np.array(end_mm, dtype=np.float64)
+    count = round(np.linalg.norm(b - a) / step_mm) + 1
+    return nodes(np.linspace(a, b, count), np.tile(b - a, (count, 1)), support, rho)
+
+
+def ring(radius_mm: float, count: int) -> LineNodes:
+    angle = np.arange(count) / count * 2 * np.pi
+    c, s, o = np.cos(angle), np.sin(angle), np.zeros(count)
+    return nodes(np.column_stack([radius_mm * c, radius_mm * s, o]), np.column_stack([-s, c, o]))
+
+
+def together(*parts: LineNodes) -> LineNodes:
+    return LineNodes(
+        *(
+            np.concatenate([getattr(part, name) for part in parts])
+            for name in ("points", "directions", "support", "rho")
+        )
+    )
+
+
+def spans(fragments: list[Fragment]) -> set[frozenset[tuple[int, ...]]]:
+    """For each fragment the whole millimetres of its two ends, whichever way it runs."""
+    return {frozenset(tuple(np.rint(1000 * f.points[k]).astype(int)) for k in (0, -1)) for f in fragments}
+
+
+def test_a_row_of_nodes_is_one_fragment_in_order() -> None:
+    row = along((0, 0, 0), (100, 0, 0))
+    (fragment,) = link(row[np.random.default_rng(0).permutation(11)], PARAMETERS)
+    assert not fragment.closed
+    x = fragment.points[:, 0] if fragment.points[0, 0] == 0 else fragment.points[::-1, 0]
+    np.testing.assert_allclose(x, np.arange(11) / 100, rtol=0, atol=1e-15)
+    np.testing.assert_array_equal(fragment.support, 1)
+
+
+@pytest.mark.parametrize("degrees", [30, 60, 90])
+def test_strands_that_cross_are_two_fragments(degrees: float) -> None:
+    # The centre lines 1.2 r apart, as of soft strands pressed together.
+    c, s = 100 * np.cos(np.radians(degrees)), 100 * np.sin(np.radians(degrees))
+    fragments = link(together(along((-100, 0, 0), (100, 0, 0)), along((-c, -s, 12), (c, s, 12))), PARAMETERS)
+    x, y = round(c), round(s)
+    assert spans(fragments) == {frozenset({(-100, 0, 0), (100, 0, 0)}), frozenset({(-x, -y, 12), (x, y, 12)})}
+
+
+def test_a_gap_longer_than_a_link_ends_a_fragment() -> None:
+    # The longest link is 22 mm.
+    joined = link(together(along((0, 0, 0), (50, 0, 0)), along((71, 0, 0), (121, 0, 0))), PARAMETERS)
+    assert spans(joined) == {frozenset({(0, 0, 0), (121, 0, 0)})}
+    apart = link(together(along((0, 0, 0), (50, 0, 0)), along((73, 0, 0), (123, 0, 0))), PARAMETERS)
+    assert spans(apart) == {frozenset({(0, 0, 0), (50, 0, 0)}), frozenset({(73, 0, 0), (123, 0, 0)})}
+
+
+def test_strands_side_by_side_or_on_one_another_do_not_link() -> None:
+    for offset in ((0, 20, 0), (0, 0, 20)):
+        upper = along(offset, (100 + offset[0], offset[1], offset[2]))
+        assert len(link(together(along((0, 0, 0), (100, 0, 0)), upper), PARAMETERS)) == 2
+
+
+def test_a_corner_is_not_linked_round() -> None:
+    fragments = link(together(along((0, 0, 0), (50, 0, 0)), along((50, 10, 0), (50, 60, 0))), PARAMETERS)
+    assert spans(fragments) == {frozenset({(0, 0, 0), (50, 0, 0)}), frozenset({(50, 10, 0), (50, 60, 0)})}
+
+
+def test_a_ring_closes_and_goes_round_once() -> None:
+    (fragment,) = link(ring(60, 36), PARAMETERS)
+    assert fragment.closed
+    assert len(fragment.points) == 36
+    angle = np.unwrap(np.arctan2(fragment.points[:, 1], fragment.points[:, 0]))
+    np.testing.assert_allclose(np.abs(np.diff(angle)), np.radians(10), rtol=0, atol=1e-9)
+
+
+def test_a_ring_no_wider_than_its_string_is_none() -> None:
+    # Eleven nodes 10 mm apart: a ring of 18 mm radius, of a string of 10 mm.
+    assert link(ring(10 / (2 * np.sin(np.pi / 11)), 11), PARAMETERS) == []
+
+
+def test_few_nodes_or_nodes_of_no_line_are_left_out() -> None:
+    assert link(along((0, 0, 0), (10, 0, 0)), PARAMETERS) == []
+    assert len(link(along((0, 0, 0), (20, 0, 0)), PARAMETERS)) == 1
+    # A plane's contribution rate is 1/2.
+    assert link(along((0, 0, 0), (100, 0, 0), rho=0.55), PARAMETERS) == []
+
+
+def test_poorly_borne_nodes_at_the_ends_are_taken_off_and_inside_kept() -> None:
+    row = along((0, 0, 0), (100, 0, 0))
+    row.support[[0, 1, 5, 10]] = 0.3
+    (fragment,) = link(row, PARAMETERS)
+    assert sorted(np.rint(1000 * fragment.points[:, 0]).astype(int)) == list(range(20, 100, 10))
+
+
+def test_of_nodes_at_one_place_the_best_borne_stands() -> None:
+    # Beside each node another, 3 mm off, with less behind it.
+    doubled = together(along((0, 0, 0), (100, 0, 0), support=2.0), along((3, 3, 0), (103, 3, 0)))
+    (fragment,) = link(doubled, PARAMETERS)
+    np.testing.assert_array_equal(fragment.support, 2.0)
+    assert len(fragment.points) == 11
+
+
+def test_no_nodes_no_fragments() -> None:
+    assert link(nodes(np.empty((0, 3)), np.empty((0, 3))), PARAMETERS) == []
+    assert link(nodes(np.zeros((1, 3)), np.ones((1, 3))), PARAMETERS) == []
+
+
+@settings(deadline=None, max_examples=30, derandomize=True)
+@given(seed=st.integers(0, 2**32 - 1))
+def test_neither_the_order_of_nodes_nor_the_sense_of_directions_matters(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    scene = together(
+        along((-100, 0, 0), (100, 0, 0)), along((-50, -87, 0), (50, 87, 0)), along((0, 120, 9), (90, 130, 0))
+    )
+    order = rng.permutation(len(scene.points))
+    sense = rng.choice((-1.0, 1.0), (len(order), 1))
+    same = LineNodes(scene.points[order], sense * scene.directions[order], scene.support[order], scene.rho[order])
+    assert spans(link(same, PARAMETERS)) == spans(link(scene, PARAMETERS))
