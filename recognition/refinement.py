@@ -14,6 +14,8 @@ from recognition.tube_fit import Assigned, TubeFit
 
 STEP_SHARE = 0.7
 """Distance of the fitted points as a share of r."""
+FIRST_LOOK = 2
+"""Of so many surface points one is used for the first fit."""
 ROUNDS = 2
 """How often the surface is assigned to the lines anew."""
 STEPS = 2
@@ -85,7 +87,8 @@ def refine(
     strands = [strand for strand in strands if len(strand.points) > 1]
     if not strands or len(surface) == 0:
         return Refinement([], np.full(len(surface), -1), 0.0)
-    fit = TubeFit([_even(strand, r) for strand in strands], r, surface, normals)
+    # A part of the surface is enough to bring the lines near and to measure radii.
+    fit = TubeFit([_even(strand, r) for strand in strands], r, surface[::FIRST_LOOK], normals[::FIRST_LOOK])
     assigned = _settle(fit, RADIUS_TIE_SHARE * r)
     measured = _measured_radii(fit, table_z_m)
     contradicts = np.abs(measured / r - 1) > SAME_RADIUS

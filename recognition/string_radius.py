@@ -5,7 +5,6 @@ from collections.abc import Sequence
 import numpy as np
 
 from recognition.arrival import receive
-from recognition.fitted_chains import select_strings
 from recognition.graph import trace_strands
 from recognition.model import arc_length
 from recognition.parameters import ChainParameters
@@ -13,6 +12,7 @@ from recognition.preprocess import DepthView, Scene, preprocess
 from recognition.refinement import refine
 from recognition.registration import register
 from recognition.rough_radius import rough_radius
+from recognition.strings import select_strings
 
 PROBE_R = 0.0015
 """Radius with which a first look is taken: what is lower than this string's threshold z_t is not looked at."""

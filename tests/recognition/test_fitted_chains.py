@@ -106,9 +106,13 @@ def test_what_is_no_string_is_left_out_and_told(seen: Callable, straight: Callab
     surface = seen([straight((0, 0, R), (0.1, 0, R))])
     assert len(selected(surface, fitted(line))[0]) == 1
     not_round = ["left out a piece of 100 mm at (50, 0, 4) mm: not round like a string"]
-    # Beside an edge, where a face goes on, half of the surface lies on its tube; and it shows one flank.
+    # Beside an edge, where a face goes on, half of the surface lies on its tube; and an edge shows one flank.
     assert selected(surface, fitted(line), owned=0.5) == ([], not_round)
-    assert selected(surface, replace(fitted(line), flank_share=0.05)) == ([], not_round)
+    one_sided = replace(fitted(line), flank_share=0.02)
+    assert selected(surface, one_sided, owned=0.8) == ([], not_round)
+    # A string that the views saw from one side only, with nothing beside it, is one still.
+    assert len(selected(surface, one_sided)[0]) == 1
+    assert len(selected(surface, fitted(line), owned=0.8)[0]) == 1
     # Less than half of it is borne by surface as another one is.
     other = fitted(line + (0, 0.04, 0))
     hardly = replace(fitted(line), support=np.where(np.arange(len(line)) < 10, 40.0, 0.0))

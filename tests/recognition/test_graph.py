@@ -162,3 +162,14 @@ def test_points_on_one_line_are_finite(straight: Callable, up: tuple[float, floa
     graph = trace((line, np.tile(up, (len(line), 1))))
     assert graph.strands
     assert all(np.isfinite(strand.points).all() for strand in graph.strands)
+
+
+@pytest.mark.parametrize(
+    "points",
+    [np.empty((0, 3)), np.array([(0.1, 0.2, 0.008)]), np.tile((0.1, 0.2, 0.008), (500, 1)), np.zeros((40, 3))],
+    ids=["none", "one", "all in one place", "all at the origin"],
+)
+def test_what_is_no_line_gives_no_strands(points: np.ndarray) -> None:
+    graph = trace((points, np.tile((0.0, 0.0, 1.0), (len(points), 1))))
+    assert (graph.strands, graph.fragments, graph.pairing.couples) == ([], [], [])
+    assert len(graph.nodes.points) == 0
