@@ -27,7 +27,7 @@ FINE = (0.35, 0.8, 250)
 """The same for the last pass: a pair that is still far apart when all has settled is not the same surface."""
 SETTLED_M = 0.0002
 """Points have moved less than this since the pass before, on average, and the poses have settled."""
-ITERATIONS = 3
+ITERATIONS = 2
 """Reweightings in a pass."""
 
 

@@ -23,11 +23,10 @@ def fitted_chains(
     strands, warnings = select_strings(refinement, registration.points, parameters)
     if not strands:
         warnings.append("no string found: nothing above the table is long and thin")
-    cover = Cover(registration.points, parameters.r)
     chains = []
     for number, strand in enumerate(strands):
         sigma_m, views = evidence(strand, registration, refinement.scatter_m)
-        ends = end_kinds(strand, cover, scene, parameters)
+        ends = end_kinds(strand, Cover(registration.points, max(parameters.r, strand.radius_m)), scene, parameters)
         chains.append(Chain(number, strand.closed, strand.radius_m, strand.points, sigma_m, views, ends))
         if abs(strand.measured_radius_m / parameters.r - 1) > OTHER_RADIUS:
             warnings.append(

@@ -11,7 +11,9 @@ from recognition.normals import NormalCloud
 from recognition.refinement import FittedStrand
 from recognition.registration import Registration
 
-SEEN_BY = 3
+LOOKED_AT = 2
+"""Of so many surface points of a view one is looked at."""
+SEEN_BY = 2
 """Surface points that a view must have beside a point of the line to have seen it."""
 INDEPENDENT_SHARE = 0.35
 """Share of the surface points that speak for themselves: depth errors are correlated over neighbouring pixels.
@@ -49,7 +51,8 @@ def _views(strand: FittedStrand, clouds: Sequence[NormalCloud]) -> NDArray[np.in
     tree = KDTree(strand.points)
     counts = np.zeros(len(strand.points), dtype=np.int64)
     for cloud in clouds:
-        distance, found = tree.query(cloud.points, distance_upper_bound=1.6 * strand.radius_m)
+        points = cloud.points[::LOOKED_AT]
+        distance, found = tree.query(points, distance_upper_bound=1.6 * strand.radius_m)
         nearest = np.asarray(found)
         beside = (nearest < tree.n) & (np.asarray(distance) > 0.5 * strand.radius_m)
         counts += np.bincount(nearest[beside], minlength=tree.n) >= SEEN_BY

@@ -1,5 +1,6 @@
 """Fragments of strings: nodes of the centre line linked in order, as far as the string is seen without a gap."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -7,6 +8,7 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array
 from scipy.spatial import KDTree
 
+from recognition.cover import Cover
 from recognition.line_nodes import LineNodes
 from recognition.parameters import ChainParameters
 
@@ -16,6 +18,8 @@ ONWARD = np.cos(np.radians(35))
 """A link leaves and enters its nodes within this angle of their directions."""
 REACH_SHARE = 2.2
 """Longest link, as a share of r."""
+LONG_SHARE = 1.5
+"""A link longer than this, as a share of r, must not lead over bare table."""
 SUPPORTED = 0.45
 """Nodes at a fragment's ends with less than this share of its usual support are drawn aside by another strand's
 flank: next to a strand that passes over, the corner between the two gives centre points of neither."""
@@ -55,6 +59,23 @@ def link(nodes: LineNodes, parameters: ChainParameters) -> list[Fragment]:
         if len(path) >= (MIN_RING if closed else MIN_NODES):
             fragments.append(Fragment(nodes.points[path], nodes.support[path], closed))
     return fragments
+
+
+def cut_over_bare_table(fragments: Sequence[Fragment], cover: Cover, r: float) -> list[Fragment]:
+    """The fragments cut in two where a long link leads over bare table: there, two strings lie in line."""
+    parts = []
+    for fragment in fragments:
+        points = fragment.points
+        way = np.linalg.norm(np.diff(points, axis=0), axis=1)
+        long = np.flatnonzero(way > LONG_SHARE * r)
+        bare = long[cover.over((points[long] + points[long + 1]) / 2)[1]] if len(long) else long
+        if len(bare) == 0:
+            parts.append(fragment)
+            continue
+        for part in np.split(np.arange(len(points)), bare + 1):
+            if len(part) >= MIN_NODES:
+                parts.append(Fragment(points[part], fragment.support[part]))
+    return parts
 
 
 def _representatives(nodes: LineNodes, r: float) -> LineNodes:

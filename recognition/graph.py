@@ -5,8 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from recognition.cover import Cover
 from recognition.errors import TooCrowdedError
-from recognition.fragments import Fragment, link
+from recognition.fragments import Fragment, cut_over_bare_table, link
 from recognition.line_nodes import LineNodes, line_nodes
 from recognition.pairing import Pairing, pair_ends
 from recognition.parameters import ChainParameters
@@ -38,7 +39,7 @@ def trace_strands(single: NDArray[np.float64], surface: NDArray[np.float64], par
         TooCrowdedError: more fragments than strings make.
     """
     nodes = line_nodes(single, parameters)
-    fragments = link(nodes, parameters)
+    fragments = cut_over_bare_table(link(nodes, parameters), Cover(surface, parameters.r), parameters.r)
     if len(fragments) > MAX_FRAGMENTS:
         raise TooCrowdedError(
             f"what is above the table falls into {len(fragments)} pieces: check the string's radius and the workspace"

@@ -37,6 +37,8 @@ UNCOVERED_COST = 1.0
 """The same for each radius beyond `UNCOVERED_FREE` over which a bridged gap lies open to view: the string that is
 said to be there would have been seen."""
 UNCOVERED_FREE = 3.0
+BARE = 1.0
+"""Length of a gap, in radii, that may lie over bare table: noise leaves such holes, and no string is hidden there."""
 SAFE_MARGIN = 2.0
 """Another set of couples that costs no more than this above the best is a doubt to be told."""
 SOLVE_S = 2.0
@@ -180,7 +182,7 @@ def _gap_cost(
     way = hermite[0] * start + hermite[1] * leave + (1 - hermite[0]) * end + hermite[2] * arrive
     covered, bare = (part.reshape(len(a), -1).mean(axis=1) for part in cover.over(way.reshape(-1, 3)))
     uncovered = np.maximum((1 - covered) * gap / r - UNCOVERED_FREE, 0.0)
-    return np.where(bare * gap > 2 * r, np.inf, GAP_COST * gap / r + UNCOVERED_COST * uncovered)
+    return np.where(bare * gap > BARE * r, np.inf, GAP_COST * gap / r + UNCOVERED_COST * uncovered)
 
 
 def _covered_ahead(ends: FragmentEnds, cover: Cover, r: float) -> NDArray[np.float64]:

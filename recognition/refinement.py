@@ -16,10 +16,10 @@ STEP_SHARE = 0.7
 """Distance of the fitted points as a share of r."""
 FIRST_LOOK = 2
 """Of so many surface points one is used for the first fit."""
-ROUNDS = 2
-"""How often the surface is assigned to the lines anew."""
-STEPS = 2
-"""Gauss-Newton steps in a round; from a line half a millimetre off, the last moves it by micrometres."""
+STEPS = (2, 2)
+"""Gauss-Newton steps of the first fit: after so many the surface is assigned to the lines anew."""
+LAST_STEPS = (3,)
+"""The same of the second fit, which begins near its end: the last step moves a line by micrometres."""
 RADIUS_TIE_SHARE = 0.3
 """One sigma by which a string's radius may differ from the one told, as a share of it."""
 SAME_RADIUS = 0.12
@@ -89,7 +89,7 @@ def refine(
         return Refinement([], np.full(len(surface), -1), 0.0)
     # A part of the surface is enough to bring the lines near and to measure radii.
     fit = TubeFit([_even(strand, r) for strand in strands], r, surface[::FIRST_LOOK], normals[::FIRST_LOOK])
-    assigned = _settle(fit, RADIUS_TIE_SHARE * r)
+    assigned = _settle(fit, STEPS, RADIUS_TIE_SHARE * r)
     measured = _measured_radii(fit, table_z_m)
     contradicts = np.abs(measured / r - 1) > SAME_RADIUS
     radii = np.where(contradicts, measured, r)
@@ -99,7 +99,7 @@ def refine(
     ]
     fit = TubeFit(lines, r, surface, normals)
     fit.radii = radii
-    assigned = _settle(fit, None)
+    assigned = _settle(fit, LAST_STEPS, None)
     support = fit.support(assigned)
     owner = np.full(len(surface), -1)
     owner[assigned.point] = fit.strand[assigned.link]
@@ -130,15 +130,14 @@ def _measured_radii(fit: TubeFit, table_z_m: float) -> NDArray[np.float64]:
     return measured
 
 
-def _settle(fit: TubeFit, radius_tie: float | None) -> Assigned:
-    assigned = fit.assign()
-    for round_ in range(ROUNDS):
-        for _ in range(STEPS):
+def _settle(fit: TubeFit, rounds: Sequence[int], radius_tie: float | None) -> Assigned:
+    assigned = None
+    for steps in rounds:
+        assigned = fit.assign()
+        for _ in range(steps):
             fit.step(assigned, radius_tie)
             assigned = fit.follow(assigned)
-        if round_ < ROUNDS - 1:
-            assigned = fit.assign()
-    return assigned
+    return assigned or fit.assign()
 
 
 def _to_both_ends(

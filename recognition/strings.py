@@ -13,8 +13,8 @@ from recognition.refinement import FittedStrand, Refinement
 SHORTEST = 10.0
 """A shorter piece, in radii, is no string: less than five times as long as thick. Edges and crumbs make such."""
 STRING_SHARE = 0.75
-"""Least share of the surface beside a string that lies on some string's tube: about 0.9 does, and beside an edge of
-a box, whose faces go on, about half."""
+"""Least share of the surface beside a string that lies on its tube: about 0.9 does, and beside an edge of a box,
+whose faces go on, about half."""
 BESIDE = 2.2
 """How far from the centre line surface is beside a string, as a share of its own radius."""
 FLANK_SHARE = 0.12
@@ -32,23 +32,19 @@ def select_strings(
 ) -> tuple[list[FittedStrand], list[str]]:
     """The fitted strands that are strings, in the model's order and direction, and in words what the others are.
 
-    A string is round: the surface beside it lies on its tube, or on that of another string. The longest strand is
-    looked at first, and what is no string explains nothing for those after it.
-
-    The longest comes first, and each begins at its end of smaller x (then y), so that the same string in the same
-    place always reads the same.
+    A string is round: the surface beside it lies on its tube. The longest comes first, and each begins at its end of
+    smaller x (then y), so that the same string in the same place always reads the same.
     """
     strands = refinement.strands
-    beside = _beside(refinement, surface, parameters.r)
+    on_tube = _on_tube(refinement, surface, parameters.r)
     kept: list[int] = []
     left_out = []
     for k in np.argsort([-arc_length(strand.points)[-1] for strand in strands], kind="stable").tolist():
         strand, length = strands[k], float(arc_length(strands[k].points)[-1])
         usual = float(np.median(strands[kept[0]].support)) if kept else 0.0
         borne = np.mean(strand.support >= BORNE * usual) >= BORNE_SHARE
-        share = beside[k, [*kept, k]].sum() / max(beside[k].sum(), 1)
         needed = STRING_SHARE if strand.flank_share > FLANK_SHARE else ONE_SIDED_SHARE
-        if length >= SHORTEST * parameters.r and borne and share >= needed:
+        if length >= SHORTEST * parameters.r and borne and on_tube[k] >= needed:
             kept.append(k)
             continue
         why = "not round like a string" if length >= SHORTEST * parameters.r else "too short to be told from noise"
@@ -57,19 +53,20 @@ def select_strings(
     return [_directed(strands[k]) for k in kept], left_out
 
 
-def _beside(refinement: Refinement, surface: NDArray[np.float64], r: float) -> NDArray[np.int64]:
-    """(K, K + 1) how many surface points beside each strand lie on each strand's tube, in the last column on none's."""
+def _on_tube(refinement: Refinement, surface: NDArray[np.float64], r: float) -> NDArray[np.float64]:
+    """(K,) for each strand the share of the surface beside it, and nearer to no other, that lies on its tube."""
     strands = refinement.strands
     if not strands:
-        return np.empty((0, 1), dtype=np.int64)
+        return np.empty(0)
     which = np.repeat(np.arange(len(strands)), [len(strand.points) for strand in strands])
     radii = np.array([max(strand.radius_m, r) for strand in strands])
     distance, found = KDTree(np.vstack([strand.points for strand in strands])).query(surface)
     nearest = which[np.asarray(found)]
-    near = np.asarray(distance) < BESIDE * radii[nearest]
-    counts = np.zeros((len(strands), len(strands) + 1), dtype=np.int64)
-    np.add.at(counts, (nearest[near], refinement.owner[near]), 1)
-    return counts
+    beside = np.asarray(distance) < BESIDE * radii[nearest]
+    count = np.bincount(nearest[beside], minlength=len(strands))
+    return np.bincount(nearest[beside], refinement.owner[beside] == nearest[beside], len(strands)) / np.maximum(
+        count, 1
+    )
 
 
 def _directed(strand: FittedStrand) -> FittedStrand:

@@ -38,17 +38,19 @@ def to_true_end(line: Points, surface: Points, normals: Points, r: float) -> Poi
     distance = np.linalg.norm(across, axis=1)
     around = (distance > 0.6 * r) & (distance < 1.35 * r) & ((across * normal).sum(axis=1) > 0.6 * distance)
     places = np.sort(along[around & (along > -2 * r) & (along < FARTHEST * r)])
-    if len(places) < 5:
+    spacing = float(np.median(np.diff(s)))
+    if len(places) < 5 or spacing <= 0:
         return line
     holes = np.flatnonzero(np.diff(places) > WIDEST_HOLE * r)
     if len(holes):
         places = places[: holes[0] + 1]
     last = places[places > places[-1] - 2 * r]
     reach = float(np.percentile(last, EDGE_PERCENTILE))
-    spacing = float(np.median(np.diff(s)))
     kept = line[s > max(-reach, 0.0) + 0.5 * spacing]
     # From the parabola's place at the end to the first point kept, in even steps.
     count = max(int(np.ceil((s[len(line) - len(kept)] + reach) / spacing - 0.5)), 1) if len(kept) else 1
     at = -reach + spacing * np.arange(count)
     added = terms[0] + at[:, None] * terms[1] + np.maximum(at, -r)[:, None] ** 2 * terms[2]
-    return np.vstack([added, kept])
+    moved = np.vstack([added, kept])
+    # What has no length left is no string's line: it is for others to say so.
+    return moved if len(moved) > 2 else line

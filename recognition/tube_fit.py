@@ -23,6 +23,8 @@ BEYOND_SHARE = 0.35
 """How far beyond a line's end, as a share of r, surface still counts as beside it."""
 CUT_SIGMAS = 3.0
 """Residuals beyond this many sigma count nothing (Tukey)."""
+SIGMA_FLOOR = 0.03
+"""Residuals are never taken to be smaller than this share of r: the lines themselves begin a tenth of r off."""
 CANDIDATES = 4
 """Nearest links looked at for each surface point: at a crossing, both strands must be among them."""
 
@@ -151,7 +153,7 @@ class TubeFit:
         on = (np.abs(residual) < NEAR_SHARE * self.r) & beside
         on &= _dot(outward, self.normals[point]) > SAME_SIDE
         residual = residual[on]
-        sigma = max(1.4826 * float(np.median(np.abs(residual))), 1e-5) if len(residual) else self.r
+        sigma = max(1.4826 * float(np.median(np.abs(residual))), SIGMA_FLOOR * self.r) if len(residual) else self.r
         weight = np.maximum(1 - (residual / (CUT_SIGMAS * sigma)) ** 2, 0.0) ** 2
         return Assigned(point[on], link[on], share[on], outward[on], residual, weight, sigma)
 

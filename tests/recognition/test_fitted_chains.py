@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from recognition.cover import Cover
-from recognition.fitted_chains import end_kinds, fitted_chains, select_strings
+from recognition.fitted_chains import end_kinds, fitted_chains
 from recognition.graph import trace_strands
 from recognition.model import Chain
 from recognition.parameters import ChainParameters
@@ -34,12 +34,6 @@ def found(
 def fitted(points: np.ndarray) -> FittedStrand:
     n = len(points)
     return FittedStrand(points, False, np.zeros(n, dtype=bool), np.full(n, 40.0), R, R, 0.35)
-
-
-def selected(surface: Surface, *strands: FittedStrand, owned: float = 1.0) -> tuple[list[FittedStrand], list[str]]:
-    """The strings among the strands, of whose surface this share lies on their tubes."""
-    owner = np.where(np.arange(len(surface[0])) % 100 < 100 * owned, 0, -1)
-    return select_strings(Refinement(list(strands), owner, 0.0002), surface[0], PARAMETERS)
 
 
 def box(low: tuple[float, float], high: tuple[float, float], height: float, edge: float) -> Surface:
@@ -89,40 +83,6 @@ def test_the_longest_comes_first_and_each_begins_at_the_smaller_x(
     for chain, start in zip(chains, ((-0.02, 0.05), (0.0, 0.0)), strict=True):
         np.testing.assert_allclose(chain.points[0, :2], start, rtol=0, atol=0.3 * R)
         assert len(chain.sigma_m) == len(chain.views) == len(chain.points)
-
-
-def test_turning_a_strand_round_turns_all_that_goes_with_its_points(seen: Callable, straight: Callable) -> None:
-    line = straight((0.1, 0, R), (0, 0, R), 0.003)
-    support = np.linspace(10.0, 50.0, len(line))
-    bridged = np.arange(len(line)) < 3
-    (strand,), _ = selected(seen([line]), replace(fitted(line), support=support, bridged=bridged))
-    np.testing.assert_array_equal(strand.points, line[::-1])
-    np.testing.assert_array_equal(strand.support, support[::-1])
-    np.testing.assert_array_equal(strand.bridged, bridged[::-1])
-
-
-def test_what_is_no_string_is_left_out_and_told(seen: Callable, straight: Callable) -> None:
-    line = straight((0, 0, R), (0.1, 0, R), 0.003)
-    surface = seen([straight((0, 0, R), (0.1, 0, R))])
-    assert len(selected(surface, fitted(line))[0]) == 1
-    not_round = ["left out a piece of 100 mm at (50, 0, 4) mm: not round like a string"]
-    # Beside an edge, where a face goes on, half of the surface lies on its tube; and an edge shows one flank.
-    assert selected(surface, fitted(line), owned=0.5) == ([], not_round)
-    one_sided = replace(fitted(line), flank_share=0.02)
-    assert selected(surface, one_sided, owned=0.8) == ([], not_round)
-    # A string that the views saw from one side only, with nothing beside it, is one still.
-    assert len(selected(surface, one_sided)[0]) == 1
-    assert len(selected(surface, fitted(line), owned=0.8)[0]) == 1
-    # Less than half of it is borne by surface as another one is.
-    other = fitted(line + (0, 0.04, 0))
-    hardly = replace(fitted(line), support=np.where(np.arange(len(line)) < 10, 40.0, 0.0))
-    kept, told = selected(seen([line, other.points]), hardly, other)
-    assert told == not_round
-    np.testing.assert_array_equal(kept[0].points, other.points)
-    kept, told = selected(surface, fitted(line[:7]))
-    assert kept == []
-    (short,) = told
-    assert short == "left out a piece of 18 mm at (9, 0, 4) mm: too short to be told from noise"
 
 
 @pytest.mark.parametrize("edge", [0.0, 1.0, 1.5])

@@ -88,10 +88,10 @@ def test_a_bent_strand_is_followed_round_its_bend(arc: Callable, heap: Callable,
 
 
 def test_a_hole_in_a_tight_bend_is_bridged_along_the_bend(arc: Callable, seen: Callable) -> None:
-    # 40 degrees of a bend of four radii are missing: straight on from both sides, the ends are as much apart.
+    # 34 degrees of a bend of four radii are missing: straight on from both sides, the ends are as much apart.
     bent = arc(4 * R, -150, 150)
     angle = np.degrees(np.arctan2(bent[:, 1], bent[:, 0]))
-    pieces = [bent[angle < -20], bent[angle > 20]]
+    pieces = [bent[angle < -17], bent[angle > 17]]
     found = pair_ends([fragment(piece) for piece in pieces], seen(pieces)[0], PARAMETERS)
     assert couples(found) == {frozenset({0, 1})}
 

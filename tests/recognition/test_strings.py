@@ -1,0 +1,99 @@
+"""Which fitted strands are strings, judged by the surface beside them."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from recognition.parameters import ChainParameters
+from recognition.refinement import FittedStrand, Refinement
+from recognition.strings import select_strings
+
+R = 0.0042
+PARAMETERS = ChainParameters.for_radius(R)
+NOT_ROUND = ["left out a piece of 100 mm at (50, 0, 4) mm: not round like a string"]
+
+
+def fitted(points: np.ndarray) -> FittedStrand:
+    n = len(points)
+    return FittedStrand(points, False, np.zeros(n, dtype=bool), np.full(n, 40.0), R, R, 0.35)
+
+
+def selected(surface: np.ndarray, *strands: FittedStrand, owned: float = 1.0) -> tuple[list[FittedStrand], list[str]]:
+    """The strings among the strands; this share of the surface nearest to each lies on its tube, the rest on none."""
+    distance = np.array([np.linalg.norm(surface[:, None] - s.points, axis=2).min(axis=1) for s in strands])
+    on = np.arange(len(surface)) % 100 < 100 * owned
+    return select_strings(
+        Refinement(list(strands), np.where(on, distance.argmin(axis=0), -1), 0.0002), surface, PARAMETERS
+    )
+
+
+def test_a_string_has_its_surface_to_itself(seen: Callable, straight: Callable) -> None:
+    line = straight((0, 0, R), (0.1, 0, R), 0.003)
+    surface, _ = seen([line])
+    (kept,), told = selected(surface, fitted(line))
+    np.testing.assert_array_equal(kept.points, line)
+    assert told == []
+    # Some of it is noise; beside the edge of a box, whose faces go on, half of it is no tube's.
+    assert len(selected(surface, fitted(line), owned=0.8)[0]) == 1
+    assert selected(surface, fitted(line), owned=0.5) == ([], NOT_ROUND)
+
+
+def test_what_shows_one_flank_must_have_nothing_beside_it(seen: Callable, straight: Callable) -> None:
+    line = straight((0, 0, R), (0.1, 0, R), 0.003)
+    surface, _ = seen([line])
+    one_sided = replace(fitted(line), flank_share=0.02)
+    # A string that the views saw from one side, or an edge.
+    assert len(selected(surface, one_sided)[0]) == 1
+    assert selected(surface, one_sided, owned=0.8) == ([], NOT_ROUND)
+
+
+def test_what_is_hardly_borne_or_short_is_none(seen: Callable, straight: Callable) -> None:
+    line, longer = straight((0, 0, R), (0.1, 0, R), 0.003), straight((0, 0.04, R), (0.12, 0.04, R), 0.003)
+    surface, _ = seen([line, longer])
+    assert len(selected(surface, fitted(line), fitted(longer))[0]) == 2
+    # Less than half of it is borne by surface as the longest is.
+    hardly = replace(fitted(line), support=np.where(np.arange(len(line)) < 10, 40.0, 4.0))
+    (kept,), told = selected(surface, hardly, fitted(longer))
+    np.testing.assert_array_equal(kept.points, longer)
+    assert told == NOT_ROUND
+    (kept,), told = selected(surface, fitted(line[:7]), fitted(longer))
+    assert told == ["left out a piece of 18 mm at (9, 0, 4) mm: too short to be told from noise"]
+
+
+def test_what_is_no_string_explains_nothing_beside_another(seen: Callable, straight: Callable) -> None:
+    # A string, and beside it a rim that is none: half of what lies beside the rim is the string's, half is no tube's.
+    line, rim = straight((0, 0, R), (0.12, 0, R), 0.003), straight((0, 2 * R, R), (0.1, 2 * R, R), 0.003)
+    surface, _ = seen([line, rim])
+    beside_rim = surface[:, 1] > R
+    even = np.arange(len(surface)) % 2 == 0
+    strings, rims = [fitted(line), fitted(rim)], np.where(beside_rim & even, -1, beside_rim.astype(np.int64))
+    (kept,), _ = select_strings(Refinement(strings, rims, 0.0002), surface, PARAMETERS)
+    np.testing.assert_array_equal(kept.points, line)
+    # What lies on the tube of a longer string is explained by that, wherever it is nearer to;
+    on_longer = np.where(beside_rim & even, 0, beside_rim.astype(np.int64))
+    assert len(select_strings(Refinement(strings, on_longer, 0.0002), surface, PARAMETERS)[0]) == 2
+    # what lies on the rim's, which is none, is not.
+    on_rim = np.where(~beside_rim & even, 1, rims)
+    assert select_strings(Refinement(strings, on_rim, 0.0002), surface, PARAMETERS)[0] == []
+
+
+def test_the_longest_comes_first_and_each_begins_at_the_smaller_x(seen: Callable, straight: Callable) -> None:
+    lines = [straight((0.08, 0, R), (0, 0, R), 0.003), straight((0.1, 0.04, R), (-0.02, 0.05, R), 0.003)]
+    kept, _ = selected(seen(lines)[0], *map(fitted, lines))
+    np.testing.assert_array_equal(kept[0].points, lines[1][::-1])
+    np.testing.assert_array_equal(kept[1].points, lines[0][::-1])
+
+
+def test_turning_a_strand_round_turns_all_that_goes_with_its_points(seen: Callable, straight: Callable) -> None:
+    line = straight((0.1, 0, R), (0, 0, R), 0.003)
+    support = np.linspace(10.0, 50.0, len(line))
+    bridged = np.arange(len(line)) < 3
+    (strand,), _ = selected(seen([line])[0], replace(fitted(line), support=support, bridged=bridged))
+    np.testing.assert_array_equal(strand.points, line[::-1])
+    np.testing.assert_array_equal(strand.support, support[::-1])
+    np.testing.assert_array_equal(strand.bridged, bridged[::-1])
+
+
+def test_no_strands_no_strings() -> None:
+    assert select_strings(Refinement([], np.empty(0, dtype=np.int64), 0.0), np.empty((0, 3)), PARAMETERS) == ([], [])
