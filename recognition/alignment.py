@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from recognition.normals import NormalCloud
-from recognition.overlap import Overlap, anchors, overlaps
+from recognition.overlap import ANCHORS, Overlap, anchors, overlaps
 from recognition.parameters import ChainParameters
 from recognition.pose_prior import COMMON, PosePrior
 
@@ -23,7 +23,7 @@ COARSE = (0.7, 0.7, 150)
 """Reach of the search for pairs as a share of r, least cosine of their normals and number of anchors, while views
 still move. The pairs that were found as the views arrived are the first of all."""
 MAX_COARSE = 6
-FINE = (0.35, 0.8, 250)
+FINE = (0.35, 0.8, ANCHORS)
 """The same for the last pass: a pair that is still far apart when all has settled is not the same surface."""
 SETTLED_M = 0.0002
 """Points have moved less than this since the pass before, on average, and the poses have settled."""

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recognition.model import arc_length
+from recognition.neighbourhoods import group_sums
 from recognition.parameters import ChainParameters
 from recognition.reconstruction import Strand
 from recognition.true_ends import to_true_end
@@ -27,11 +28,17 @@ SAME_RADIUS = 0.12
 RESTING_PERCENTILE = 20.0
 """Of the heights of a string's points, the one taken for where it rests on the table."""
 RESTING_AGREES = 0.2
-"""Share by which the radius from the height above the table and that of the fitted tube may differ."""
+"""Share by which the radius from the height above the table may exceed that of the fitted tube."""
 BORNE_SHARE = 0.1
 """A point of a line with less than this share of the usual surface is not seen but bridged."""
-FLANK = 0.4
-"""Sine of the angle from the top, seen along the string, beyond which a surface point lies on a flank."""
+PROFILE_WIDTH = 0.85
+"""Sine of the angle from the top within which the profile is taken: beyond, rims disturb it."""
+SECTORS = 9
+"""Parts of the profile."""
+FEW_IN_SECTOR = 10
+"""Fewer surface points in a part say nothing."""
+CORRELATED = 3.0
+"""Times by which the noise of a part's mean is larger than that of as many independent points."""
 OVERLAP = 8
 """Points by which a closed strand is continued beyond its seam, so that it is fitted there like elsewhere."""
 
@@ -51,8 +58,8 @@ class FittedStrand:
     """Of the tube."""
     measured_radius_m: float
     """That fits the surface best."""
-    flank_share: float
-    """Share of its surface that lies on the lesser of its two flanks: a string shows both, an edge of a box one."""
+    out_of_round_m: float
+    """Standard deviation of its mean profile about the tube: noise averages out, an edge stays."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,25 +100,28 @@ def refine(
     measured = _measured_radii(fit, table_z_m)
     contradicts = np.abs(measured / r - 1) > SAME_RADIUS
     radii = np.where(contradicts, measured, r)
-    lines = [
-        fit.points[fit.line(k)] if strand.closed else _to_both_ends(fit.points[fit.line(k)], surface, normals, radii[k])
-        for k, strand in enumerate(strands)
-    ]
+    owner = fit.owners(assigned)
+    lines = []
+    for k, strand in enumerate(strands):
+        line = fit.points[fit.line(k)]
+        own = (owner == k) | (owner < 0)
+        lines.append(line if strand.closed else _to_both_ends(line, fit.surface[own], fit.normals[own], radii[k]))
     fit = TubeFit(lines, r, surface, normals)
     fit.radii = radii
     assigned = _settle(fit, LAST_STEPS, None)
     support = fit.support(assigned)
-    owner = np.full(len(surface), -1)
-    owner[assigned.point] = fit.strand[assigned.link]
-    flanks = _flank_shares(fit, assigned)
+    out_of_round = _out_of_round(fit, assigned)
     fitted = [
         FittedStrand(
-            *_once(strand, fit.points[rows], support[rows]), float(fit.radii[k]), float(measured[k]), float(flanks[k])
+            *_once(strand, fit.points[rows], support[rows]),
+            float(fit.radii[k]),
+            float(measured[k]),
+            float(out_of_round[k]),
         )
         for k, strand in enumerate(strands)
         for rows in [fit.line(k)]
     ]
-    return Refinement(fitted, owner, assigned.sigma)
+    return Refinement(fitted, fit.owners(assigned), assigned.sigma)
 
 
 def _measured_radii(fit: TubeFit, table_z_m: float) -> NDArray[np.float64]:
@@ -119,13 +129,14 @@ def _measured_radii(fit: TubeFit, table_z_m: float) -> NDArray[np.float64]:
 
     A string rests on the table somewhere, and there its top is 2 r above it. The top is what the fit knows best:
     flying pixels at the rims, and noise along the line of sight, make the fitted radius itself up to a tenth too
-    large or too small. Where the two differ by more, the string rests on something else, and the fit's counts.
+    large or too small. No string is thicker than it is high; one that is much thinner rests on something else, and
+    there the fit's counts.
     """
     measured = fit.radii.copy()
     for k, radius in enumerate(fit.radii):
         top = fit.points[fit.line(k), 2] + radius - table_z_m
         resting = float(np.percentile(top, RESTING_PERCENTILE)) / 2
-        if abs(resting / radius - 1) < RESTING_AGREES:
+        if resting < radius * (1 + RESTING_AGREES):
             measured[k] = resting
     return measured
 
@@ -168,11 +179,20 @@ def _once(
     return line, strand.closed, support < BORNE_SHARE * np.median(support), support
 
 
-def _flank_shares(fit: TubeFit, assigned: Assigned) -> NDArray[np.float64]:
+def _out_of_round(fit: TubeFit, assigned: Assigned) -> NDArray[np.float64]:
+    """(K,) standard deviation, metres, of each line's mean profile about its tube, beyond what noise leaves of it."""
     way = fit.points[assigned.link + 1] - fit.points[assigned.link]
     left = np.column_stack([-way[:, 1], way[:, 0]])
     left /= np.maximum(np.linalg.norm(left, axis=1, keepdims=True), 1e-12)
     side = (assigned.outward[:, :2] * left).sum(axis=1)
-    strand, count = fit.strand[assigned.link], len(fit.radii)
-    of_left, of_right = (np.bincount(strand, flank, count) for flank in (side > FLANK, side < -FLANK))
-    return np.minimum(of_left, of_right) / np.maximum(np.bincount(strand, minlength=count), 1)
+    inner = np.abs(side) < PROFILE_WIDTH
+    sector = ((side[inner] / PROFILE_WIDTH + 1) / 2 * SECTORS).astype(np.int64)
+    shape = (len(fit.radii), SECTORS)
+    cell, count = fit.strand[assigned.link][inner] * SECTORS + sector, shape[0] * SECTORS
+    points = np.bincount(cell, minlength=count).reshape(shape)
+    means = group_sums(cell, assigned.residual[inner], count).reshape(shape) / np.maximum(points, 1)
+    enough = points >= FEW_IN_SECTOR
+    share = enough / np.maximum(enough.sum(axis=1, keepdims=True), 1)
+    variance = (share * means**2).sum(axis=1) - (share * means).sum(axis=1) ** 2
+    noise = (share * CORRELATED * assigned.sigma**2 / np.maximum(points, 1)).sum(axis=1)
+    return np.sqrt(np.maximum(variance - noise, 0.0))

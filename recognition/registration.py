@@ -81,6 +81,7 @@ def register(
         used = [cloud for cloud in clouds if cloud.view not in reasons]
         pairs = [pair for pair in pairs if pair.first not in reasons and pair.second not in reasons]
         alignment, placed = _aligned(used, pairs, centre, parameters, sigmas)
+    warnings = _drift(alignment.calibration, sigmas)
     spread = float(np.sqrt(np.mean(alignment.robot**2))) / USUAL_SPREAD
     if spread > LOOSE_SPREAD:
         # The views tell that the robot is worse than assumed: what is known beforehand counts less.
@@ -100,7 +101,7 @@ def register(
         tuple(sorted(views, key=lambda view: view.index)),
         centre,
         alignment.covariance,
-        tuple(_drift(alignment.calibration, sigmas)),
+        tuple(warnings),
     )
 
 

@@ -17,10 +17,9 @@ STRING_SHARE = 0.75
 whose faces go on, about half."""
 BESIDE = 2.2
 """How far from the centre line surface is beside a string, as a share of its own radius."""
-FLANK_SHARE = 0.12
-"""Least share of a string's surface on each of its flanks; about 0.3 lies there when it is seen from both sides."""
-ONE_SIDED_SHARE = 0.9
-"""What `STRING_SHARE` is for a strand of which one flank is seen, as of a box's edge or by views from one side."""
+OUT_OF_ROUND = 0.04
+"""Largest deviation of a string's profile from a circle, as a share of its radius (standard deviation). Strings had up
+to 0.03 in simulated and foreign scans, edges of boxes and bars 0.05 and more, as a square bar has 0.1."""
 BORNE_SHARE = 0.5
 """Least share of a strand's points that the surface bears as well as `BORNE`."""
 BORNE = 0.25
@@ -43,8 +42,8 @@ def select_strings(
         strand, length = strands[k], float(arc_length(strands[k].points)[-1])
         usual = float(np.median(strands[kept[0]].support)) if kept else 0.0
         borne = np.mean(strand.support >= BORNE * usual) >= BORNE_SHARE
-        needed = STRING_SHARE if strand.flank_share > FLANK_SHARE else ONE_SIDED_SHARE
-        if length >= SHORTEST * parameters.r and borne and on_tube[k] >= needed:
+        round_ = strand.out_of_round_m <= OUT_OF_ROUND * strand.radius_m and on_tube[k] >= STRING_SHARE
+        if length >= SHORTEST * parameters.r and borne and round_:
             kept.append(k)
             continue
         why = "not round like a string" if length >= SHORTEST * parameters.r else "too short to be told from noise"

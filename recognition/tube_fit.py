@@ -137,6 +137,12 @@ class TubeFit:
         start = group_sums(assigned.link, assigned.weight * (1 - assigned.share), count)
         return start + group_sums(assigned.link + 1, assigned.weight * assigned.share, count)
 
+    def owners(self, assigned: Assigned) -> NDArray[np.int64]:
+        """(M,) for each surface point the number of the line on whose tube it lies, -1 for none."""
+        owner = np.full(len(self.surface), -1)
+        owner[assigned.point] = self.strand[assigned.link]
+        return owner
+
     def _over(self, point: NDArray[np.int64], link: NDArray[np.int64]) -> Assigned:
         """Where the surface points lie over their links; those that lie on no tube are left out."""
         start = self.points[link]

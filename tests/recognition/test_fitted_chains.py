@@ -85,7 +85,7 @@ def test_the_longest_comes_first_and_each_begins_at_the_smaller_x(
         assert len(chain.sigma_m) == len(chain.views) == len(chain.points)
 
 
-@pytest.mark.parametrize("edge", [0.0, 1.0, 1.5])
+@pytest.mark.parametrize("edge", [0.0, 0.3, 0.5, 0.8, 1.0, 1.5])
 def test_the_edges_of_a_box_are_no_strings(
     seen: Callable, straight: Callable, registered: Callable, edge: float
 ) -> None:

@@ -16,7 +16,7 @@ NOT_ROUND = ["left out a piece of 100 mm at (50, 0, 4) mm: not round like a stri
 
 def fitted(points: np.ndarray) -> FittedStrand:
     n = len(points)
-    return FittedStrand(points, False, np.zeros(n, dtype=bool), np.full(n, 40.0), R, R, 0.35)
+    return FittedStrand(points, False, np.zeros(n, dtype=bool), np.full(n, 40.0), R, R, 0.0)
 
 
 def selected(surface: np.ndarray, *strands: FittedStrand, owned: float = 1.0) -> tuple[list[FittedStrand], list[str]]:
@@ -39,13 +39,11 @@ def test_a_string_has_its_surface_to_itself(seen: Callable, straight: Callable) 
     assert selected(surface, fitted(line), owned=0.5) == ([], NOT_ROUND)
 
 
-def test_what_shows_one_flank_must_have_nothing_beside_it(seen: Callable, straight: Callable) -> None:
+def test_a_profile_that_is_no_circle_is_no_strings(seen: Callable, straight: Callable) -> None:
     line = straight((0, 0, R), (0.1, 0, R), 0.003)
     surface, _ = seen([line])
-    one_sided = replace(fitted(line), flank_share=0.02)
-    # A string that the views saw from one side, or an edge.
-    assert len(selected(surface, one_sided)[0]) == 1
-    assert selected(surface, one_sided, owned=0.8) == ([], NOT_ROUND)
+    assert len(selected(surface, replace(fitted(line), out_of_round_m=0.03 * R))[0]) == 1
+    assert selected(surface, replace(fitted(line), out_of_round_m=0.05 * R)) == ([], NOT_ROUND)
 
 
 def test_what_is_hardly_borne_or_short_is_none(seen: Callable, straight: Callable) -> None:
@@ -61,21 +59,18 @@ def test_what_is_hardly_borne_or_short_is_none(seen: Callable, straight: Callabl
     assert told == ["left out a piece of 18 mm at (9, 0, 4) mm: too short to be told from noise"]
 
 
-def test_what_is_no_string_explains_nothing_beside_another(seen: Callable, straight: Callable) -> None:
-    # A string, and beside it a rim that is none: half of what lies beside the rim is the string's, half is no tube's.
+def test_what_lies_on_another_ones_tube_speaks_for_none(seen: Callable, straight: Callable) -> None:
+    # A string, and a rim beside it: half of what is nearest to the rim lies on no tube, or on the string's.
     line, rim = straight((0, 0, R), (0.12, 0, R), 0.003), straight((0, 2 * R, R), (0.1, 2 * R, R), 0.003)
     surface, _ = seen([line, rim])
     beside_rim = surface[:, 1] > R
-    even = np.arange(len(surface)) % 2 == 0
-    strings, rims = [fitted(line), fitted(rim)], np.where(beside_rim & even, -1, beside_rim.astype(np.int64))
-    (kept,), _ = select_strings(Refinement(strings, rims, 0.0002), surface, PARAMETERS)
-    np.testing.assert_array_equal(kept.points, line)
-    # What lies on the tube of a longer string is explained by that, wherever it is nearer to;
-    on_longer = np.where(beside_rim & even, 0, beside_rim.astype(np.int64))
-    assert len(select_strings(Refinement(strings, on_longer, 0.0002), surface, PARAMETERS)[0]) == 2
-    # what lies on the rim's, which is none, is not.
-    on_rim = np.where(~beside_rim & even, 1, rims)
-    assert select_strings(Refinement(strings, on_rim, 0.0002), surface, PARAMETERS)[0] == []
+    half = beside_rim & (np.arange(len(surface)) % 2 == 0)
+    for elsewhere in (-1, 0):
+        owner = np.where(half, elsewhere, beside_rim.astype(np.int64))
+        found = Refinement([fitted(line), fitted(rim)], owner, 0.0002)
+        (kept,), told = select_strings(found, surface, PARAMETERS)
+        np.testing.assert_array_equal(kept.points, line)
+        assert len(told) == 1
 
 
 def test_the_longest_comes_first_and_each_begins_at_the_smaller_x(seen: Callable, straight: Callable) -> None:
