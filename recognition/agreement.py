@@ -17,6 +17,8 @@ FACING = 0.5
 """Only surface that faces the camera is looked at (cosine): what is seen at a glance is measured worst."""
 AROUND = tuple((np.cos(k * np.pi / 4), np.sin(k * np.pi / 4)) for k in range(8))
 """A point is seen through if all that is seen within r round it lies behind: a millimetre of pose decides nothing."""
+COARSE_PIXELS = 2.0
+"""Nor do two pixels, where they are more than r."""
 MIN_SEEN = 5
 """Of the nine places, the point's own among them, so many must have been measured."""
 MAX_ROBOT_SIGMA = 10.0
@@ -108,7 +110,9 @@ def _through(
     local = way @ T[:3, :3]
     judged = np.flatnonzero(facing & (local[:, 2] > NEAREST_M))
     x, y, z = local[judged].T
-    across, down = np.array([(0.0, 0.0), *AROUND]).T[:, :, None] * radius
+    # Where a radius is less than the pixels show, rims eat the string: what is beside it then belongs to it.
+    reach = np.maximum(radius, COARSE_PIXELS * z / K[0, 0])
+    across, down = np.array([(0.0, 0.0), *AROUND]).T[:, :, None] * reach
     u = (x + across) / z * K[0, 0] + K[0, 2] + 0.5
     v = (y + down) / z * K[1, 1] + K[1, 2] + 0.5
     inside = (u >= 0) & (u < depth.shape[1]) & (v >= 0) & (v < depth.shape[0])

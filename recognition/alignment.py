@@ -25,7 +25,7 @@ still move. The pairs that were found as the views arrived are the first of all.
 MAX_COARSE = 6
 FINE = (0.35, 0.8, ANCHORS)
 """The same for the last pass: a pair that is still far apart when all has settled is not the same surface."""
-SETTLED_M = 0.0002
+SETTLED_M = 0.0004
 """Points have moved less than this since the pass before, on average, and the poses have settled."""
 ITERATIONS = 2
 """Reweightings in a pass."""

@@ -37,8 +37,6 @@ SECTORS = 9
 """Parts of the profile."""
 FEW_IN_SECTOR = 10
 """Fewer surface points in a part say nothing."""
-CORRELATED = 3.0
-"""Times by which the noise of a part's mean is larger than that of as many independent points."""
 OVERLAP = 8
 """Points by which a closed strand is continued beyond its seam, so that it is fitted there like elsewhere."""
 
@@ -180,7 +178,10 @@ def _once(
 
 
 def _out_of_round(fit: TubeFit, assigned: Assigned) -> NDArray[np.float64]:
-    """(K,) standard deviation, metres, of each line's mean profile about its tube, beyond what noise leaves of it."""
+    """(K,) standard deviation, metres, of each line's mean profile about its tube, beyond what noise leaves of it.
+
+    The radius where less than half of the profile is seen, as of a wall: from its sides a string shows more.
+    """
     way = fit.points[assigned.link + 1] - fit.points[assigned.link]
     left = np.column_stack([-way[:, 1], way[:, 0]])
     left /= np.maximum(np.linalg.norm(left, axis=1, keepdims=True), 1e-12)
@@ -194,5 +195,5 @@ def _out_of_round(fit: TubeFit, assigned: Assigned) -> NDArray[np.float64]:
     enough = points >= FEW_IN_SECTOR
     share = enough / np.maximum(enough.sum(axis=1, keepdims=True), 1)
     variance = (share * means**2).sum(axis=1) - (share * means).sum(axis=1) ** 2
-    noise = (share * CORRELATED * assigned.sigma**2 / np.maximum(points, 1)).sum(axis=1)
-    return np.sqrt(np.maximum(variance - noise, 0.0))
+    noise = (share * assigned.sigma**2 / np.maximum(points, 1)).sum(axis=1)
+    return np.where(2 * enough.sum(axis=1) > SECTORS, np.sqrt(np.maximum(variance - noise, 0.0)), fit.radii)

@@ -13,6 +13,8 @@ CELL_M = 0.001
 """Grid, seen from above, on which widths and heights are taken."""
 MAX_CELLS = 4_000_000
 """Grid cells taken: two metres by two."""
+HIGHEST_M = 4 * R_MAX
+"""What is higher above the table is no string, nor two on one another."""
 BIN_M = 0.0004
 """Bins in which heights are counted."""
 ALIKE = 2.0
@@ -40,9 +42,11 @@ def rough_radius(clouds: Sequence[NDArray[np.float64]], table_z_m: float) -> flo
         RadiusUnknownError: there is no such band.
     """
     points = np.vstack([np.empty((0, 3)), *clouds])
+    points = points[points[:, 2] - table_z_m < HIGHEST_M]
+    if len(points):
+        points = points[points[:, 2] - table_z_m > _noise_height(points[:, 2] - table_z_m)]
     if len(points) == 0:
         raise RadiusUnknownError("no string in view to measure the radius of: give the radius")
-    points = points[points[:, 2] - table_z_m > _noise_height(points[:, 2] - table_z_m)]
     cells = np.floor((points[:, :2] - points[:, :2].min(axis=0)) / CELL_M).astype(np.int64) + 2
     rows, columns = (int(size) for size in cells.max(axis=0) + 3)
     if rows * columns > MAX_CELLS:
@@ -76,7 +80,7 @@ def rough_radius(clouds: Sequence[NDArray[np.float64]], table_z_m: float) -> flo
 
 def _noise_height(heights: NDArray[np.float64]) -> float:
     """Up to which of the `heights` (N,) they are the table's noise: as long as there are ever fewer of them."""
-    counts, edges = np.histogram(heights, np.arange(float(heights.min()), 4 * R_MAX, BIN_M))
+    counts, edges = np.histogram(heights, np.arange(float(heights.min()), HIGHEST_M + 2 * BIN_M, BIN_M))
     smooth = np.convolve(counts, np.ones(3), "valid")
     rising = np.flatnonzero(np.diff(smooth) >= 0)
     return float(edges[rising[0] + 1]) if len(rising) and rising[0] > 0 else -np.inf

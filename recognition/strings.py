@@ -18,8 +18,8 @@ whose faces go on, about half."""
 BESIDE = 2.2
 """How far from the centre line surface is beside a string, as a share of its own radius."""
 OUT_OF_ROUND = 0.04
-"""Largest deviation of a string's profile from a circle, as a share of its radius (standard deviation). Strings had up
-to 0.03 in simulated and foreign scans, edges of boxes and bars 0.05 and more, as a square bar has 0.1."""
+"""Largest deviation of a string's profile from a circle (standard deviation), as a share of its radius or, if that is
+larger, the told one. Strings had up to 0.03 in simulated and foreign scans, edges of boxes and bars 0.05 and more."""
 BORNE_SHARE = 0.5
 """Least share of a strand's points that the surface bears as well as `BORNE`."""
 BORNE = 0.25
@@ -42,7 +42,8 @@ def select_strings(
         strand, length = strands[k], float(arc_length(strands[k].points)[-1])
         usual = float(np.median(strands[kept[0]].support)) if kept else 0.0
         borne = np.mean(strand.support >= BORNE * usual) >= BORNE_SHARE
-        round_ = strand.out_of_round_m <= OUT_OF_ROUND * strand.radius_m and on_tube[k] >= STRING_SHARE
+        circular = strand.out_of_round_m <= OUT_OF_ROUND * max(strand.radius_m, parameters.r)
+        round_ = circular and on_tube[k] >= STRING_SHARE
         if length >= SHORTEST * parameters.r and borne and round_:
             kept.append(k)
             continue

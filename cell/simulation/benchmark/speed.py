@@ -19,7 +19,7 @@ from recognition.preprocess import Scene
 SCENE, SEED, CROSSINGS = "random", 2, 2
 """The paper-like scene that is timed: one string of 0.4 m, r = 4.2 mm."""
 CAMERA = "oak-d-pro"
-SMALL, LARGE, THUMBNAIL = (640, 400), (1280, 800), (160, 100)
+SMALL, LARGE, THUMBNAIL = (640, 400), (1280, 800), (320, 200)
 RUNS = 7
 """Runs of a timing, of which the median counts."""
 ENOUGH_S = 10.0
