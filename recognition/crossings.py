@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import combinations_with_replacement
 from typing import Protocol
 
 import numpy as np
@@ -81,9 +80,15 @@ class Line(Protocol):
 
 def meetings(strands: Sequence[Line]) -> list[Meeting]:
     """Where the strands cross one another or themselves, as seen from above."""
+    if not strands:
+        return []
+    low, high = (np.array([end(strand.points[:, :2], axis=0) for strand in strands]) for end in (np.min, np.max))
+    margin = ROUNDING * (high - low).max(initial=0.0)
+    # Most of many strands are nowhere near one another.
+    near = ((low[:, None] <= high[None] + margin) & (low[None] <= high[:, None] + margin)).all(axis=2)
     found = []
-    for i, j in combinations_with_replacement(range(len(strands)), 2):
-        found += _intersections(strands, i, j)
+    for i, j in zip(*np.nonzero(np.triu(near)), strict=True):
+        found += _intersections(strands, int(i), int(j))
     return found
 
 

@@ -30,7 +30,9 @@ def evidence(
     tangent /= np.maximum(np.linalg.norm(tangent, axis=1, keepdims=True), 1e-12)
     offsets = []
     for cloud in clouds:
-        single = cloud.points - parameters.r * cloud.normals
+        # The points within 2 r of the strand hold all its c_i; a tree of all c_i for each strand takes far longer.
+        near = np.unique(np.concatenate(list(cloud.tree.query_ball_point(points, 2 * parameters.r)))).astype(np.intp)
+        single = cloud.points[near] - parameters.r * cloud.normals[near]
         means = neighbourhood_means(points, single, single, parameters.r)
         offset = means - points
         offset -= (offset * tangent).sum(axis=1, keepdims=True) * tangent
@@ -55,7 +57,12 @@ def _hidden(strand: Strand, clouds: Sequence[NormalCloud], parameters: ChainPara
     Both strands of an intersection are bridged, but the over one was seen all the same.
     """
     hidden = strand.bridged.copy()
+    if not hidden.any():
+        return hidden
     surface = np.vstack([np.empty((0, 3)), *(cloud.points for cloud in clouds)])
+    low, high = (end(strand.points[hidden, :2], axis=0) for end in (np.min, np.max))
+    beside = (surface[:, :2] > low - parameters.r) & (surface[:, :2] < high + parameters.r)
+    surface = surface[beside.all(axis=1)]
     from_above = KDTree(surface[:, :2])
     for i in np.flatnonzero(strand.bridged):
         near = from_above.query_ball_point(strand.points[i, :2], parameters.r / 2)

@@ -12,8 +12,17 @@ def within(centres: NDArray[np.float64], points: NDArray[np.float64], radius: fl
     `A @ values` then sums over the neighbourhoods, `A.sum(axis=1)` counts them. With `centres` being `points`
     each point counts as its own neighbour.
     """
-    pairs = KDTree(centres).sparse_distance_matrix(KDTree(points), radius, output_type="ndarray")
-    return csr_array((np.ones(len(pairs)), (pairs["i"], pairs["j"])), shape=(len(centres), len(points)))
+    if centres is points and len(points):
+        # Each pair is found once, and without its distance: half the time.
+        i, j = KDTree(points).query_pairs(radius, output_type="ndarray").T
+        itself = np.arange(len(points))
+        i, j = np.concatenate([i, j, itself]), np.concatenate([j, i, itself])
+    else:
+        pairs = KDTree(centres).sparse_distance_matrix(KDTree(points), radius, output_type="ndarray")
+        i, j = pairs["i"], pairs["j"]
+    # Of half the size, and so made into rows faster.
+    i, j = i.astype(np.int32), j.astype(np.int32)
+    return csr_array((np.ones(len(i)), (i, j)), shape=(len(centres), len(points)))
 
 
 def neighbourhood_means(

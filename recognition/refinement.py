@@ -29,6 +29,8 @@ RESTING_PERCENTILE = 20.0
 """Of the heights of a string's points, the one taken for where it rests on the table."""
 RESTING_AGREES = 0.2
 """Share by which the radius from the height above the table may exceed that of the fitted tube."""
+LEAST_SHARE = 0.4
+"""A string of less than this share of the told radius can't be told from noise with what that radius sets."""
 BORNE_SHARE = 0.1
 """A point of a line with less than this share of the usual surface is not seen but bridged."""
 PROFILE_WIDTH = 0.85
@@ -136,7 +138,8 @@ def _measured_radii(fit: TubeFit, table_z_m: float) -> NDArray[np.float64]:
         resting = float(np.percentile(top, RESTING_PERCENTILE)) / 2
         if resting < radius * (1 + RESTING_AGREES):
             measured[k] = resting
-    return measured
+    # Where the table is not where it is said to be, heights say nothing.
+    return np.where(measured > LEAST_SHARE * fit.r, measured, fit.radii)
 
 
 def _settle(fit: TubeFit, rounds: Sequence[int], radius_tie: float | None) -> Assigned:
