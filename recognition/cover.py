@@ -2,8 +2,7 @@
 
 import numpy as np
 from numpy.typing import NDArray
-
-from recognition.neighbourhoods import within
+from scipy.spatial import KDTree
 
 ABOVE_SHARE = 1.5
 """A strand's own top is r above its centre line, that of another on top of it at least 2.2 r: between the two."""
@@ -18,11 +17,12 @@ class Cover:
 
     def __init__(self, surface: NDArray[np.float64], r: float) -> None:
         self.surface, self.r = surface, r
+        self._tree = KDTree(surface[:, :2])
 
     def over(self, places: NDArray[np.float64]) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
         """(N,) whether another strand lies over each of the centre line places (N, 3), and whether nothing does."""
-        A = within(places[:, :2], self.surface[:, :2], NEAR_SHARE * self.r)
-        counts = np.diff(A.indptr)
-        row = np.repeat(np.arange(len(places)), counts)
-        above = self.surface[A.indices, 2] > places[row, 2] + ABOVE_SHARE * self.r
+        pairs = KDTree(places[:, :2]).sparse_distance_matrix(self._tree, NEAR_SHARE * self.r, output_type="ndarray")
+        row, below = pairs["i"], pairs["j"]
+        counts = np.bincount(row, minlength=len(places))
+        above = self.surface[below, 2] > places[row, 2] + ABOVE_SHARE * self.r
         return np.bincount(row, above, len(places)) > COVERED_SHARE * np.maximum(counts, 1), counts == 0

@@ -96,16 +96,19 @@ def refine(
         return Refinement([], np.full(len(surface), -1), 0.0)
     # A part of the surface is enough to bring the lines near and to measure radii.
     fit = TubeFit([_even(strand, r) for strand in strands], r, surface[::FIRST_LOOK], normals[::FIRST_LOOK])
-    assigned = _settle(fit, STEPS, RADIUS_TIE_SHARE * r)
+    _settle(fit, STEPS, RADIUS_TIE_SHARE * r)
     measured = _measured_radii(fit, table_z_m)
     contradicts = np.abs(measured / r - 1) > SAME_RADIUS
     radii = np.where(contradicts, measured, r)
-    owner = fit.owners(assigned)
-    lines = []
+    lines = [fit.points[fit.line(k)] for k in range(len(strands))]
+    fit = TubeFit(lines, r, surface, normals)
+    fit.radii = radii
+    owner = fit.owners(fit.assign()) if len(lines) > 1 else np.zeros(len(surface), dtype=np.int64)
     for k, strand in enumerate(strands):
-        line = fit.points[fit.line(k)]
-        own = (owner == k) | (owner < 0)
-        lines.append(line if strand.closed else _to_both_ends(line, fit.surface[own], fit.normals[own], radii[k]))
+        if not strand.closed:
+            # What lies about another string is not this one's end.
+            own = (owner == k) | (owner < 0)
+            lines[k] = _to_both_ends(lines[k], surface[own], normals[own], radii[k])
     fit = TubeFit(lines, r, surface, normals)
     fit.radii = radii
     assigned = _settle(fit, LAST_STEPS, None)
