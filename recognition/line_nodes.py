@@ -4,10 +4,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import KDTree
 
-from recognition.neighbourhoods import group_sums
+from recognition.neighbourhoods import group_sums, pairs_within
 from recognition.parameters import ChainParameters
+from recognition.voxels import voxels
 
 VOXEL_SHARE = 0.4
 """Centre points are averaged in voxels of this share of r first; strands on one another are at least 1.2 r apart."""
@@ -55,7 +55,9 @@ def line_nodes(single: NDArray[np.float64], parameters: ChainParameters) -> Line
     The direction is the main axis of the covariance (eq. 5), whose share is the contribution rate (eq. 6).
     """
     r = parameters.r
-    points, weights = _voxel_means(single, VOXEL_SHARE * r)
+    voxel, count = voxels(single, VOXEL_SHARE * r)
+    weights = count.astype(np.float64)
+    points = group_sums(voxel, single, len(count)) / weights[:, None]
     directions, rho = _main_axes(points, weights, PCA_SHARE * r)
     linear = rho >= MIN_RHO
     nodes = LineNodes(points[linear], directions[linear], weights[linear], rho[linear])
@@ -69,12 +71,12 @@ def line_nodes(single: NDArray[np.float64], parameters: ChainParameters) -> Line
 
 def _drawn_together(nodes: LineNodes, weights: NDArray[np.float64], r: float) -> LineNodes:
     """Each node moved across its string to the mean of those along it; its direction the mean of theirs."""
-    i, j = _pairs(nodes.points, np.hypot(ALONG_SHARE, 1.0) * r)
+    i, j = pairs_within(nodes.points, np.hypot(ALONG_SHARE, 1.0) * r)
     offset = nodes.points[j] - nodes.points[i]
-    along = _dot(offset, nodes.directions[i])
+    along = np.vecdot(offset, nodes.directions[i])
     across = offset - along[:, None] * nodes.directions[i]
-    square = _dot(across, across) / r**2
-    cosine = _dot(nodes.directions[i], nodes.directions[j])
+    square = np.vecdot(across, across) / r**2
+    cosine = np.vecdot(nodes.directions[i], nodes.directions[j])
     near = (np.abs(along) < ALONG_SHARE * r) & (square < 1) & (np.abs(cosine) > SAME_DIRECTION)
     i, j, square, along = i[near], j[near], square[near], along[near]
     weight = weights[j] * np.exp(-square / (2 * ACROSS_SHARE**2)) * (1 - (along / (ALONG_SHARE * r)) ** 2)
@@ -88,34 +90,17 @@ def _drawn_together(nodes: LineNodes, weights: NDArray[np.float64], r: float) ->
 
 def _unified(nodes: LineNodes, weights: NDArray[np.float64], size: float) -> tuple[LineNodes, NDArray[np.float64]]:
     """One node a voxel: at the place and in the direction of its best borne one, with the weight of all."""
-    voxel, count = _voxels(nodes.points, size)
-    best_last = np.lexsort((nodes.support, voxel))
-    best = best_last[np.flatnonzero(np.diff(voxel[best_last], append=count))]
-    return nodes[best], group_sums(voxel, weights, count)
-
-
-def _voxel_means(points: NDArray[np.float64], size: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """(M, 3) means of the points (N, 3) in each voxel, and (M,) how many they are."""
-    voxel, count = _voxels(points, size)
-    weights = np.bincount(voxel, minlength=count).astype(np.float64)
-    return group_sums(voxel, points, count) / weights[:, None], weights
-
-
-def _voxels(points: NDArray[np.float64], size: float) -> tuple[NDArray[np.int64], int]:
-    """(N,) number of each point's voxel, 0 to count - 1, and the count."""
-    if len(points) == 0:
-        return np.empty(0, dtype=np.int64), 0
-    cells = np.floor((points - points.min(axis=0)) / size).astype(np.int64)
-    shape = cells.max(axis=0) + 1
-    found, voxel = np.unique((cells[:, 0] * shape[1] + cells[:, 1]) * shape[2] + cells[:, 2], return_inverse=True)
-    return voxel, len(found)
+    voxel, count = voxels(nodes.points, size)
+    # In order of voxel, the best borne of each last.
+    best = np.lexsort((nodes.support, voxel))[np.cumsum(count) - 1]
+    return nodes[best], group_sums(voxel, weights, len(count))
 
 
 def _main_axes(
     points: NDArray[np.float64], weights: NDArray[np.float64], radius: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """(N, 3) main axis of the weighted neighbours within `radius` of each point, and (N,) its contribution rate."""
-    i, j = _pairs(points, radius)
+    i, j = pairs_within(points, radius)
     offset = points[j] - points[i]
     total = group_sums(i, weights[j], len(points))[:, None]
     mean = group_sums(i, weights[j, None] * offset, len(points)) / total
@@ -125,16 +110,3 @@ def _main_axes(
     eigenvalues = np.abs(eigenvalues)
     # A node without neighbours shows no line.
     return axes[:, :, 2], eigenvalues[:, 2] / np.maximum(eigenvalues.sum(axis=1), (1e-6 * radius) ** 2)
-
-
-def _pairs(points: NDArray[np.float64], radius: float) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """(P,) and (P,): both orders of each pair within `radius`, and each point with itself."""
-    pairs = KDTree(points).query_pairs(radius, output_type="ndarray") if len(points) else np.empty((0, 2), np.int64)
-    self_pairs = np.arange(len(points))
-    return np.concatenate([pairs[:, 0], pairs[:, 1], self_pairs]), np.concatenate(
-        [pairs[:, 1], pairs[:, 0], self_pairs]
-    )
-
-
-def _dot(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
-    return np.einsum("ij,ij->i", a, b)

@@ -6,17 +6,24 @@ from scipy.sparse import csr_array
 from scipy.spatial import KDTree
 
 
+def pairs_within(points: NDArray[np.float64], radius: float) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """(P,) and (P,): both orders of each pair of points (N, 3) within `radius`, and each point with itself."""
+    if len(points) == 0:
+        return np.empty(0, dtype=np.intp), np.empty(0, dtype=np.intp)
+    i, j = KDTree(points).query_pairs(radius, output_type="ndarray").T
+    itself = np.arange(len(points))
+    return np.concatenate([i, j, itself]), np.concatenate([j, i, itself])
+
+
 def within(centres: NDArray[np.float64], points: NDArray[np.float64], radius: float) -> csr_array:
     """(M, N) matrix with a one where point j (of N) lies within `radius` of centre i (of M).
 
     `A @ values` then sums over the neighbourhoods, `A.sum(axis=1)` counts them. With `centres` being `points`
     each point counts as its own neighbour.
     """
-    if centres is points and len(points):
+    if centres is points:
         # Each pair is found once, and without its distance: half the time.
-        i, j = KDTree(points).query_pairs(radius, output_type="ndarray").T
-        itself = np.arange(len(points))
-        i, j = np.concatenate([i, j, itself]), np.concatenate([j, i, itself])
+        i, j = pairs_within(points, radius)
     else:
         pairs = KDTree(centres).sparse_distance_matrix(KDTree(points), radius, output_type="ndarray")
         i, j = pairs["i"], pairs["j"]

@@ -52,14 +52,6 @@ class NormalCloud:
         """Of the points; built when first asked for."""
         return KDTree(self.points)
 
-    @cached_property
-    def incidence(self) -> NDArray[np.float64]:
-        """(N,) cosine of the angle between normal and line of sight: points seen at a glance are measured worst."""
-        if self.T_base_camera is None:
-            return np.ones(len(self.points))
-        sight = self.T_base_camera[:3, 3] - self.points
-        return np.abs((sight * self.normals).sum(axis=1)) / np.maximum(np.linalg.norm(sight, axis=1), 1e-12)
-
 
 def estimate_normals(target: TargetCloud, parameters: ChainParameters) -> NormalCloud:
     """The points of `target`, evenly spread and without outliers, with normals turned to the camera.

@@ -79,7 +79,7 @@ class TubeFit:
         near = tree.query(self.surface, count, distance_upper_bound=reach)[1].reshape(len(self.surface), count)
         point, candidate = np.nonzero(near < len(links))
         found = self._over(point, links[near[point, candidate]])
-        cosine = _dot(found.outward, self.normals[found.point])
+        cosine = np.vecdot(found.outward, self.normals[found.point])
         badness = np.abs(found.residual) + 0.5 * self.r * (1 - cosine)
         # The best of each point's candidates is the first in this order.
         order = np.lexsort((badness, found.point))
@@ -148,16 +148,16 @@ class TubeFit:
         start = self.points[link]
         way = self.points[link + 1] - start
         offset = self.surface[point] - start
-        square = np.maximum(_dot(way, way), 1e-18)
-        along = _dot(offset, way) / square
+        square = np.maximum(np.vecdot(way, way), 1e-18)
+        along = np.vecdot(offset, way) / square
         share = np.clip(along, 0.0, 1.0)
         outward = offset - share[:, None] * way
-        distance = np.sqrt(_dot(outward, outward))
+        distance = np.sqrt(np.vecdot(outward, outward))
         outward /= np.maximum(distance, 1e-12)[:, None]
         residual = distance - self.radii[self.strand[link]]
         beside = np.abs(along - share) * np.sqrt(square) <= BEYOND_SHARE * self.r
         on = (np.abs(residual) < NEAR_SHARE * self.r) & beside
-        on &= _dot(outward, self.normals[point]) > SAME_SIDE
+        on &= np.vecdot(outward, self.normals[point]) > SAME_SIDE
         residual = residual[on]
         sigma = max(1.4826 * float(np.median(np.abs(residual))), SIGMA_FLOOR * self.r) if len(residual) else self.r
         weight = np.maximum(1 - (residual / (CUT_SIGMAS * sigma)) ** 2, 0.0) ** 2
@@ -186,7 +186,3 @@ def _bending(starts: NDArray[np.int64], r: float) -> csr_array:
     columns = (inner[:, None] + (-1, 0, 1)).ravel()
     D = csr_array((np.tile((1.0, -2.0, 1.0), len(inner)), columns, 3 * np.arange(len(inner) + 1)), (len(inner), count))
     return csr_array(kron(D.T @ D, eye_array(3)) * (BEND_SHARE * r) ** -2.0)
-
-
-def _dot(a: Points, b: Points) -> NDArray[np.float64]:
-    return np.einsum("ij,ij->i", a, b)

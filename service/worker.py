@@ -217,9 +217,7 @@ def _do(task: Task, pipe: Connection) -> Outcome | _Refused:
 
 
 def _warm_up() -> None:
-    """Imports and first uses that take long, so that no scan waits for them."""
-    import open3d  # noqa: F401
-
+    """The first picture takes longest, so that no scan waits for it. Recognition is imported by now."""
     draw_preview(PointChainModel("graph", ChainParameters.for_radius(0.004)), np.zeros((0, 3)))
 
 

@@ -1,7 +1,6 @@
 """Normals of a cylinder are radial and on the camera's side."""
 
 from collections.abc import Callable
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -76,14 +75,6 @@ def test_the_cloud_is_thinned_evenly_and_freed_of_outliers(table_1: ChainParamet
     assert len(cloud.points) == len(cloud.normals)
     assert cloud.view == 3
     np.testing.assert_array_equal(cloud.T_correction, target.T_levelling)
-
-
-def test_points_seen_at_a_glance_are_told_by_their_cosine(table_1: ChainParameters, tube: Callable) -> None:
-    points, _ = tube(AXIS, table_1.r, 0.0, np.pi, around=60)
-    cloud = estimate_normals(cloud_of(points, (0.0, 0.0, 1000.0)), table_1)
-    # Seen from straight above, it is the height of the normal.
-    np.testing.assert_allclose(cloud.incidence, cloud.normals[:, 2], rtol=0, atol=1e-4)
-    np.testing.assert_array_equal(replace(cloud, T_base_camera=None).incidence, 1.0)
 
 
 def test_where_pixels_are_sparse_the_neighbourhood_grows(table_1: ChainParameters, tube: Callable) -> None:
