@@ -8,11 +8,13 @@ from numpy.typing import NDArray
 
 from recognition.ends import end_kinds
 from recognition.evidence import evidence
-from recognition.model import Chain, arc_length
+from recognition.joining import Strand
+from recognition.model import Chain
 from recognition.normals import NormalCloud
 from recognition.parameters import ChainParameters
+from recognition.polyline import arc_length
 from recognition.preprocess import Scene
-from recognition.reconstruction import Strand
+from recognition.wording import in_mm
 
 SHARP_RAD = np.radians(75)
 """A turn beyond this over r_f to either side is not a string's."""
@@ -37,9 +39,9 @@ def make_chains(
         if length >= parameters.r_cn:
             kept.append(_directed(strand))
         else:
-            where = ", ".join(f"{value * 1000:.0f}" for value in strand.points.mean(axis=0))
             warnings.append(
-                f"left out a piece of {length * 1000:.0f} mm at ({where}) mm: too short to be told from noise"
+                f"left out a piece of {length * 1000:.0f} mm at {in_mm(strand.points.mean(axis=0))}: "
+                "too short to be told from noise"
             )
     kept.sort(key=lambda strand: -arc_length(strand.points)[-1])
     if not kept:
@@ -75,8 +77,8 @@ def sharp_bends(chains: Sequence[Chain]) -> list[str]:
         cosine = (ways[step:] * ways[:-step]).sum(axis=1)
         sharpest = int(cosine.argmin())
         if cosine[sharpest] < np.cos(SHARP_RAD):
-            where = ", ".join(f"{value * 1000:.0f}" for value in chain.points[sharpest + step])
             found.append(
-                f"chain {chain.id} bends sharply at ({where}) mm: it may have taken the wrong strand at a crossing"
+                f"chain {chain.id} bends sharply at {in_mm(chain.points[sharpest + step])}: "
+                "it may have taken the wrong strand at a crossing"
             )
     return found

@@ -13,16 +13,17 @@ COVERED_SHARE = 0.1
 
 
 class Cover:
-    """Looks down on a surface (M, 3) of strings of radius `r`."""
+    """Looks down on a surface (M, 3)."""
 
-    def __init__(self, surface: NDArray[np.float64], r: float) -> None:
-        self.surface, self.r = surface, r
+    def __init__(self, surface: NDArray[np.float64]) -> None:
+        self.surface = surface
         self._tree = KDTree(surface[:, :2])
 
-    def over(self, places: NDArray[np.float64]) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-        """(N,) whether another strand lies over each of the centre line places (N, 3), and whether nothing does."""
-        pairs = KDTree(places[:, :2]).sparse_distance_matrix(self._tree, NEAR_SHARE * self.r, output_type="ndarray")
+    def over(self, places: NDArray[np.float64], r: float) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+        """(N,) whether another strand lies over each of the places (N, 3) of a string of radius r, and whether
+        nothing does."""
+        pairs = KDTree(places[:, :2]).sparse_distance_matrix(self._tree, NEAR_SHARE * r, output_type="ndarray")
         row, below = pairs["i"], pairs["j"]
         counts = np.bincount(row, minlength=len(places))
-        above = self.surface[below, 2] > places[row, 2] + ABOVE_SHARE * self.r
+        above = self.surface[below, 2] > places[row, 2] + ABOVE_SHARE * r
         return np.bincount(row, above, len(places)) > COVERED_SHARE * np.maximum(counts, 1), counts == 0

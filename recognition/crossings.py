@@ -8,9 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr
 
-from recognition.model import Crossing, StrandPoint, arc_length
+from recognition.joining import Strand
+from recognition.model import Crossing, StrandPoint
 from recognition.parameters import ChainParameters
-from recognition.reconstruction import Strand
+from recognition.polyline import arc_length, closed_up, points_at
+from recognition.wording import in_mm
 
 TOP_PERCENTILE = 90.0
 """Of the points beside a strand's middle, the height taken as its top: above most noise, below flying pixels."""
@@ -20,6 +22,8 @@ ROUNDING = 1e-9
 """Share of a link within which rounding may put a crossing beyond its end."""
 SAME_PLACE_M = 1e-6
 """Crossings closer than this along both strands are one, found in two links."""
+CERTAIN = 0.9
+"""Least confidence of a crossing that is not told as ambiguous."""
 HEIGHT_SIGMA_M = 0.0005
 """One sigma of a strand's measured height: depth noise averaged over a patch of r."""
 
@@ -51,22 +55,43 @@ def find_crossings(
     crossings, ambiguities = [], []
     for number, meeting in enumerate(meetings(strands)):
         heights = np.array([_height(strands, meeting, side, surface, parameters) for side in (0, 1)])
-        over = int(heights.argmax())
-        gap = float(heights[over] - heights[1 - over])
+        gap = float(np.ptp(heights))
         confidence = float(ndtr(gap / (np.sqrt(2) * HEIGHT_SIGMA_M)))
-        a, b = meeting.directions[over], meeting.directions[1 - over]
-        turn = float(a[0] * b[1] - a[1] * b[0])
-        angle = float(np.arctan2(abs(turn), abs(a @ b)))
-        upper, lower = (StrandPoint(meeting.strands[k], meeting.s_m[k]) for k in (over, 1 - over))
-        point = np.array([*meeting.xy, float(heights.mean())])
-        crossings.append(Crossing(number, point, upper, lower, gap, angle, 1 if turn > 0 else -1, confidence))
-        if confidence < 0.9:
-            where = ", ".join(f"{value * 1000:.0f}" for value in point)
-            ambiguities.append(
-                f"crossing {number} at ({where}) mm: the strands' heights differ by {gap * 1000:.1f} mm only; "
-                "which is over is not certain"
-            )
+        crossings.append(crossing_of(meeting, number, heights, confidence))
+        if confidence < CERTAIN:
+            ambiguities.append(not_certain(crossings[-1], heights_differ_by(gap)))
     return crossings, ambiguities
+
+
+def crossing_of(meeting: Meeting, number: int, heights: NDArray[np.float64], confidence: float) -> Crossing:
+    """The crossing where two strands meet at the `heights` (2,), the higher one over the other.
+
+    Its sign is that of the turn from the over strand's direction to the under one's, seen from above.
+    """
+    over = int(heights.argmax())
+    a, b = meeting.directions[over], meeting.directions[1 - over]
+    turn = float(a[0] * b[1] - a[1] * b[0])
+    upper, lower = (StrandPoint(meeting.strands[k], meeting.s_m[k]) for k in (over, 1 - over))
+    return Crossing(
+        id=number,
+        point=np.array([*meeting.xy, float(heights.mean())]),
+        over=upper,
+        under=lower,
+        gap_m=float(np.ptp(heights)),
+        angle_rad=float(np.arctan2(abs(turn), abs(a @ b))),
+        sign=1 if turn > 0 else -1,
+        confidence=confidence,
+    )
+
+
+def not_certain(crossing: Crossing, why: str) -> str:
+    """In words, that which of the strands is over is not certain."""
+    return f"crossing {crossing.id} at {in_mm(crossing.point)}: {why}; which is over is not certain"
+
+
+def heights_differ_by(gap_m: float) -> str:
+    """In words, why a crossing is not certain where the strands are too near in height."""
+    return f"the strands' heights differ by {gap_m * 1000:.1f} mm only"
 
 
 class Line(Protocol):
@@ -94,7 +119,7 @@ def meetings(strands: Sequence[Line]) -> list[Meeting]:
 
 def _intersections(strands: Sequence[Line], i: int, j: int) -> list[Meeting]:
     """Where strand i crosses strand j in the xy plane: every pair of links at once."""
-    P, Q = (_closed_up(strands[k]) for k in (i, j))
+    P, Q = (closed_up(strands[k].points, strands[k].closed) for k in (i, j))
     s, t = arc_length(P), arc_length(Q)
     p, q = P[:-1, None, :2], Q[None, :-1, :2]
     u, v = np.diff(P[:, :2], axis=0)[:, None], np.diff(Q[:, :2], axis=0)[None]
@@ -147,13 +172,14 @@ def _height(
     own, other = meeting.directions[side], meeting.directions[1 - side]
     sine = max(abs(float(own[0] * other[1] - own[1] * other[0])), 0.3)
     hidden = parameters.r * 1.5 / sine
-    line = _closed_up(strands[meeting.strands[side]])
-    s = arc_length(line)
+    strand = strands[meeting.strands[side]]
+    line = closed_up(strand.points, strand.closed)
+    length = arc_length(line)[-1]
     tops = []
     for sign in (-1, 1):
         offsets = meeting.s_m[side] + sign * (hidden + np.linspace(0, 2 * parameters.r, 5))
-        offsets = offsets[(offsets >= 0) & (offsets <= s[-1])]
-        places = np.column_stack([np.interp(offsets, s, line[:, k]) for k in range(3)])
+        offsets = offsets[(offsets >= 0) & (offsets <= length)]
+        places = points_at(line, offsets)
         for place in places:
             beside = np.linalg.norm(surface[:, :2] - place[:2], axis=1) < parameters.r / 2
             # Not the tops of a third strand that passes here.
@@ -161,7 +187,3 @@ def _height(
             if beside.any():
                 tops.append(float(np.percentile(surface[beside, 2], TOP_PERCENTILE)) - parameters.r)
     return float(np.mean(tops)) if tops else meeting.heights_m[side]
-
-
-def _closed_up(strand: Line) -> NDArray[np.float64]:
-    return np.vstack([strand.points, strand.points[:1]]) if strand.closed else strand.points

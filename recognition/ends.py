@@ -6,10 +6,10 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from recognition.joining import End, Strand, strand_ends
 from recognition.model import End as EndKind
 from recognition.parameters import ChainParameters
 from recognition.preprocess import Scene
-from recognition.reconstruction import End, Strand, strand_ends
 
 EDGE_PERCENTILE = 95.0
 """Of the centre points ahead of an end, the share taken as string: the rest is depth noise along the axis."""

@@ -6,11 +6,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
-from recognition.model import arc_length
+from recognition.joining import Strand
 from recognition.neighbourhoods import neighbourhood_means
 from recognition.normals import NormalCloud
 from recognition.parameters import ChainParameters
-from recognition.reconstruction import Strand
+from recognition.polyline import arc_length
 
 SIGMA_FLOOR_M = 0.0002
 """No point is claimed better than this: the views share the hand-eye calibration's error."""

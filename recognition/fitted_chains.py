@@ -17,16 +17,19 @@ OTHER_RADIUS = 0.25
 
 
 def fitted_chains(
-    refinement: Refinement, registration: Registration, scene: Scene, parameters: ChainParameters
+    refinement: Refinement, registration: Registration, cover: Cover, scene: Scene, parameters: ChainParameters
 ) -> tuple[tuple[Chain, ...], list[str]]:
-    """The chains of the strings among the fitted strands, and in words what was left out or contradicts the radius."""
+    """The chains of the strings among the fitted strands, and in words what was left out or contradicts the radius.
+
+    `cover` looks down on the registered surface.
+    """
     strands, warnings = select_strings(refinement, registration.points, parameters)
     if not strands:
         warnings.append("no string found: nothing above the table is long and thin")
     chains = []
     for number, strand in enumerate(strands):
         sigma_m, views = evidence(strand, registration, refinement.scatter_m)
-        ends = end_kinds(strand, Cover(registration.points, max(parameters.r, strand.radius_m)), scene, parameters)
+        ends = end_kinds(strand, cover, scene, parameters)
         chains.append(Chain(number, strand.closed, strand.radius_m, strand.points, sigma_m, views, ends))
         if abs(strand.measured_radius_m / parameters.r - 1) > OTHER_RADIUS:
             warnings.append(
@@ -50,7 +53,7 @@ def end_kinds(strand: FittedStrand, cover: Cover, scene: Scene, parameters: Chai
         way[2] = 0.0
         way /= max(float(np.linalg.norm(way)), 1e-12)
         ahead = points[0] + np.linspace(0.3, 1.3, 5)[:, None] * parameters.r * way
-        hidden = cover.over(ahead)[0].mean() > 0.5
+        hidden = cover.over(ahead, max(parameters.r, strand.radius_m))[0].mean() > 0.5
         kinds.append("unseen" if hidden or _at_border(points[0], scene, parameters.r_f) else "free")
     return kinds[0], kinds[1]
 

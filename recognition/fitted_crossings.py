@@ -6,16 +6,14 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.special import ndtr
 
-from recognition.crossings import Meeting, meetings
-from recognition.model import Chain, Crossing, StrandPoint
+from recognition.crossings import CERTAIN, Meeting, crossing_of, heights_differ_by, meetings, not_certain
+from recognition.model import Chain, Crossing
 
 LEAST_GAP = 0.6
 """Strands that cross are at least this share of both radii apart in height, also where they are pressed together."""
 GRAZING = 6.0
 """Two crossings of the same strands nearer than this, in radii, along both, without a gap in height, are one grazing
 contact: side by side, not across."""
-CERTAIN = 0.9
-"""Least confidence of a crossing that is not told as ambiguous."""
 
 
 def fitted_crossings(chains: Sequence[Chain]) -> tuple[list[Crossing], list[str]]:
@@ -28,8 +26,7 @@ def fitted_crossings(chains: Sequence[Chain]) -> tuple[list[Crossing], list[str]
     for meeting in _across(meetings(chains), chains):
         heights = np.array(meeting.heights_m)
         over = int(heights.argmax())
-        gap = float(heights[over] - heights[1 - over])
-        upper, lower = (StrandPoint(chains[meeting.strands[k]].id, meeting.s_m[k]) for k in (over, 1 - over))
+        gap = float(np.ptp(heights))
         sigma = math.hypot(*(_at(chains[meeting.strands[k]], meeting.s_m[k], "sigma_m") for k in (0, 1)))
         confidence = float(ndtr(gap / sigma))
         seen = [_at(chains[meeting.strands[k]], meeting.s_m[k], "views") for k in (over, 1 - over)]
@@ -37,16 +34,10 @@ def fitted_crossings(chains: Sequence[Chain]) -> tuple[list[Crossing], list[str]
         radii = sum(chains[k].radius_m for k in meeting.strands)
         if contradicted or gap < 0.5 * LEAST_GAP * radii:
             confidence = min(confidence, 0.6)
-        a, b = meeting.directions[over], meeting.directions[1 - over]
-        turn = float(a[0] * b[1] - a[1] * b[0])
-        angle = float(np.arctan2(abs(turn), abs(a @ b)))
-        point = np.array([*meeting.xy, float(heights.mean())])
-        number = len(crossings)
-        crossings.append(Crossing(number, point, upper, lower, gap, angle, 1 if turn > 0 else -1, confidence))
+        crossings.append(crossing_of(meeting, len(crossings), heights, confidence))
         if confidence < CERTAIN:
-            where = ", ".join(f"{value * 1000:.0f}" for value in point)
-            why = "the upper one was not seen there" if contradicted else f"heights differ by {gap * 1000:.1f} mm only"
-            ambiguities.append(f"crossing {number} at ({where}) mm: {why}; which strand is over is not certain")
+            why = "the upper one was not seen there" if contradicted else heights_differ_by(gap)
+            ambiguities.append(not_certain(crossings[-1], why))
     return crossings, ambiguities
 
 

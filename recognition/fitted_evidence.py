@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
-from recognition.model import arc_length
 from recognition.normals import NormalCloud
+from recognition.polyline import arc_length
 from recognition.refinement import FittedStrand
 from recognition.registration import Registration
 

@@ -68,7 +68,7 @@ def cut_over_bare_table(fragments: Sequence[Fragment], cover: Cover, r: float) -
         points = fragment.points
         way = np.linalg.norm(np.diff(points, axis=0), axis=1)
         long = np.flatnonzero(way > LONG_SHARE * r)
-        bare = long[cover.over((points[long] + points[long + 1]) / 2)[1]] if len(long) else long
+        bare = long[cover.over((points[long] + points[long + 1]) / 2, r)[1]] if len(long) else long
         if len(bare) == 0:
             parts.append(fragment)
             continue

@@ -8,10 +8,11 @@ from numpy.typing import NDArray
 from recognition.cover import Cover
 from recognition.errors import TooCrowdedError
 from recognition.fragments import Fragment, cut_over_bare_table, link
+from recognition.joining import End, Strand, join
 from recognition.line_nodes import LineNodes, line_nodes
 from recognition.pairing import Pairing, pair_ends
 from recognition.parameters import ChainParameters
-from recognition.reconstruction import End, Strand, join
+from recognition.wording import in_mm
 
 MAX_FRAGMENTS = 1000
 """Fragments taken; ten metres of string with a hundred crossings have a few hundred."""
@@ -27,8 +28,8 @@ class Graph:
     strands: list[Strand]
 
 
-def trace_strands(single: NDArray[np.float64], surface: NDArray[np.float64], parameters: ChainParameters) -> Graph:
-    """The strands in the centre points c_i (`single`, (N, 3), eq. 1) of the `surface` (N, 3).
+def trace_strands(single: NDArray[np.float64], cover: Cover, parameters: ChainParameters) -> Graph:
+    """The strands in the centre points c_i (`single`, (N, 3), eq. 1), seen from above in `cover`.
 
     The matching method walks from point to point and must know an intersection when it meets one. Here nothing is
     walked: nodes know their direction, so that crossing strands keep apart even where they melt together; where a
@@ -39,12 +40,12 @@ def trace_strands(single: NDArray[np.float64], surface: NDArray[np.float64], par
         TooCrowdedError: more fragments than strings make.
     """
     nodes = line_nodes(single, parameters)
-    fragments = cut_over_bare_table(link(nodes, parameters), Cover(surface, parameters.r), parameters.r)
+    fragments = cut_over_bare_table(link(nodes, parameters), cover, parameters.r)
     if len(fragments) > MAX_FRAGMENTS:
         raise TooCrowdedError(
             f"what is above the table falls into {len(fragments)} pieces: check the string's radius and the workspace"
         )
-    pairing = pair_ends(fragments, surface, parameters)
+    pairing = pair_ends(fragments, cover, parameters)
     pieces = [Strand(f.points, np.zeros(len(f.points), dtype=bool), f.closed) for f in fragments]
     ends = [
         End(int(fragment), number % 2 == 0, pairing.ends.points[number], pairing.ends.directions[number])
@@ -56,7 +57,6 @@ def trace_strands(single: NDArray[np.float64], surface: NDArray[np.float64], par
 def told_doubts(pairing: Pairing) -> list[str]:
     """In words, where other couples of ends would be nearly as good."""
     return [
-        f"at ({', '.join(f'{value * 1000:.0f}' for value in place)}) mm the strands may be connected differently: "
-        "which ends belong together is not certain"
+        f"at {in_mm(place)} the strands may be connected differently: which ends belong together is not certain"
         for place in pairing.doubts
     ]

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recognition.parameters import ChainParameters
+from recognition.polyline import arc_length
 from recognition.topology import PData, gauss_code, p_data
 
 SCHEMA = "pointchain/1"
@@ -164,11 +165,6 @@ class PointChainModel:
     def p_data(self) -> PData:
         """Ends, crossings and segments, and the matrix of which follows which."""
         return p_data(self.chains, self.crossings)
-
-
-def arc_length(points: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(N,) distances of `points` (N, 3) from the first, along the polyline."""
-    return np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
 
 
 def _parameter_key(name: str) -> str:

@@ -7,7 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
-from recognition.model import Chain, arc_length
+from recognition.model import Chain
+from recognition.polyline import arc_length, closed_up, evenly
 
 SURFACE_POINTS = 10_000
 """So many points of the surface are looked at: things are larger than their distance."""
@@ -53,10 +54,8 @@ def gather_obstacles(chains: Sequence[Chain], surface: NDArray[np.float64]) -> O
 
 def _balls(chain: Chain) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Points of the chain at most r / 2 apart: balls of radius r about them fill the string but for r / 30."""
-    points = np.vstack([chain.points, chain.points[:1]]) if chain.closed else chain.points
-    s = arc_length(points)
-    even = np.linspace(0.0, s[-1], int(np.ceil(2 * s[-1] / chain.radius_m)) + 1)
-    return np.column_stack([np.interp(even, s, points[:, k]) for k in range(3)]), even
+    balls = evenly(closed_up(chain.points, chain.closed), chain.radius_m / 2)
+    return balls, arc_length(balls)
 
 
 def _things(

@@ -11,9 +11,9 @@ from scipy.sparse.csgraph import connected_components
 
 from recognition.cover import Cover
 from recognition.fragments import Fragment
-from recognition.model import arc_length
 from recognition.parabola import end_parabola
 from recognition.parameters import ChainParameters
+from recognition.polyline import arc_length
 
 LOOKED_AT = 5.0
 """Length of string, in radii, from which an end's direction and curvature are taken."""
@@ -79,18 +79,17 @@ class Pairing:
     """(3,) each: places where other couples are nearly as good."""
 
 
-def pair_ends(fragments: Sequence[Fragment], surface: NDArray[np.float64], parameters: ChainParameters) -> Pairing:
+def pair_ends(fragments: Sequence[Fragment], cover: Cover, parameters: ChainParameters) -> Pairing:
     """The couples of ends that bend least, over all intersections at once.
 
     Eq. (8) sums v_j . v_k over the couples of the four ends at one intersection. Here the sum runs over all couples
     of a scene; a couple's cost is how far the two ends, each continued half way across the gap with its curvature,
     miss one another in place and direction, in squared sigmas, plus a price of the gap. An end may stay alone at
-    a price too, which is higher where another strand of the `surface` (N, 3) lies over what comes next.
+    a price too, which is higher where another strand lies over what comes next.
     """
     ends = _fragment_ends(fragments, parameters.r)
     if len(ends.points) < 2:
         return Pairing(ends, [], [])
-    cover = Cover(surface, parameters.r)
     alone = OPEN_END + COVERED_END * _covered_ahead(ends, cover, parameters.r)
     a, b = _candidates(ends, fragments, parameters.r)
     cost = _misfit(ends, a, b, parameters.r) + _gap_cost(ends, a, b, cover, parameters.r)
@@ -180,7 +179,7 @@ def _gap_cost(
     start, end = ends.points[a, None], ends.points[b, None]
     leave, arrive = ends.directions[a, None] * reach, -ends.directions[b, None] * reach
     way = hermite[0] * start + hermite[1] * leave + (1 - hermite[0]) * end + hermite[2] * arrive
-    covered, bare = (part.reshape(len(a), -1).mean(axis=1) for part in cover.over(way.reshape(-1, 3)))
+    covered, bare = (part.reshape(len(a), -1).mean(axis=1) for part in cover.over(way.reshape(-1, 3), r))
     uncovered = np.maximum((1 - covered) * gap / r - UNCOVERED_FREE, 0.0)
     return np.where(bare * gap > BARE * r, np.inf, GAP_COST * gap / r + UNCOVERED_COST * uncovered)
 
@@ -190,7 +189,7 @@ def _covered_ahead(ends: FragmentEnds, cover: Cover, r: float) -> NDArray[np.flo
     ahead = np.linspace(0.5, 2.5, 5)[None, :, None] * r
     flat = ends.directions * (1, 1, 0)
     places = ends.points[:, None] + ahead * flat[:, None]
-    return cover.over(places.reshape(-1, 3))[0].reshape(len(ends.points), -1).mean(axis=1)
+    return cover.over(places.reshape(-1, 3), r)[0].reshape(len(ends.points), -1).mean(axis=1)
 
 
 def _best_couples(

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from recognition.model import arc_length
+from recognition.polyline import arc_length
 
 DISTURBED = 0.55
 """Up to this far from the end, in radii, points are drawn aside by what lies beside it."""

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from recognition.arrival import receive
 from recognition.centre_line import CentreLine, estimate_centre_line
 from recognition.chains import make_chains, sharp_bends
+from recognition.cover import Cover
 from recognition.crossings import find_crossings
 from recognition.ends import extend_ends
 from recognition.enhanced import EnhancedMatching, match_enhanced
@@ -18,12 +19,13 @@ from recognition.fitted_crossings import fitted_crossings
 from recognition.graph import Graph, told_doubts, trace_strands
 from recognition.grasps import find_grasps
 from recognition.gripper import Gripper
+from recognition.joining import Strand
 from recognition.matching import match
 from recognition.model import Chain, Crossing, Method, PointChainModel, Quality
 from recognition.normals import NormalCloud
 from recognition.parameters import ChainParameters
 from recognition.preprocess import DepthView, Scene, TargetCloud
-from recognition.reconstruction import Reconstruction, Strand, reconstruct
+from recognition.reconstruction import Reconstruction, reconstruct
 from recognition.refinement import Refinement, refine
 from recognition.registration import Registration, register
 from recognition.string_radius import measured_parameters
@@ -130,8 +132,10 @@ def recognise(
     stages = Recognition(
         PointChainModel(method, parameters), arrivals.targets, arrivals.clouds, registration, centre_line
     )
-    by_method = _by_graph if method == "graph" else _by_sequences
-    found, stages = by_method(stages, method, parameters, scene, clock)
+    if method == "graph":
+        found, stages = _by_graph(stages, parameters, scene, clock)
+    else:
+        found, stages = _by_sequences(stages, method, parameters, scene, clock)
     warnings = [*registration.warnings, *found.warnings, *unexplained(registration.points, found.chains, parameters)]
 
     clock.begin("grasps")
@@ -180,7 +184,7 @@ def _by_sequences(
 
 
 def _by_graph(
-    stages: Recognition, _method: Method, parameters: ChainParameters, scene: Scene, clock: _Clock
+    stages: Recognition, parameters: ChainParameters, scene: Scene, clock: _Clock
 ) -> tuple[_Found, Recognition]:
     """Our method: strands as paths in a graph, joined all at once, and fitted to the surface."""
     registration, centre_line = stages.registration, stages.centre_line
@@ -188,13 +192,14 @@ def _by_graph(
     assert centre_line is not None
 
     clock.begin("matching")
-    graph = trace_strands(centre_line.single, registration.points, parameters)
+    cover = Cover(registration.points)
+    graph = trace_strands(centre_line.single, cover, parameters)
 
     clock.begin("refinement")
     refinement = refine(graph.strands, registration.points, registration.normals, parameters, scene.table_z_m)
 
     clock.begin("topology")
-    chains, warnings = fitted_chains(refinement, registration, scene, parameters)
+    chains, warnings = fitted_chains(refinement, registration, cover, scene, parameters)
     crossings, ambiguities = fitted_crossings(chains)
     ambiguities = [*ambiguities, *told_doubts(graph.pairing), *sharp_bends(chains)]
     return _Found(chains, crossings, ambiguities, warnings), replace(stages, graph=graph, refinement=refinement)

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from recognition.model import arc_length
+from recognition.joining import Strand
 from recognition.neighbourhoods import group_sums
 from recognition.parameters import ChainParameters
-from recognition.reconstruction import Strand
+from recognition.polyline import arc_length, closed_up, points_at
 from recognition.true_ends import to_true_end
 from recognition.tube_fit import Assigned, TubeFit
 
@@ -164,11 +164,9 @@ def _to_both_ends(
 
 def _even(strand: Strand, r: float) -> NDArray[np.float64]:
     """The strand's line in even steps; a closed one goes round and `OVERLAP` points on."""
-    points = np.vstack([strand.points, strand.points[:1]]) if strand.closed else strand.points
-    s = arc_length(points)
-    count = max(round(float(s[-1]) / (STEP_SHARE * r)), 2)
-    even = np.linspace(0.0, s[-1], count + 1)
-    line = np.column_stack([np.interp(even, s, points[:, k]) for k in range(3)])
+    points = closed_up(strand.points, strand.closed)
+    length = float(arc_length(points)[-1])
+    line = points_at(points, np.linspace(0.0, length, max(round(length / (STEP_SHARE * r)), 2) + 1))
     return np.vstack([line, line[1 : OVERLAP + 1]]) if strand.closed else line
 
 

@@ -5,9 +5,10 @@ from collections.abc import Sequence
 import numpy as np
 
 from recognition.arrival import receive
+from recognition.cover import Cover
 from recognition.graph import trace_strands
-from recognition.model import arc_length
 from recognition.parameters import ChainParameters
+from recognition.polyline import arc_length
 from recognition.preprocess import DepthView, Scene, preprocess
 from recognition.refinement import refine
 from recognition.registration import register
@@ -41,7 +42,7 @@ def measured_parameters(views: Sequence[DepthView], scene: Scene) -> ChainParame
     if arrivals.empty_because is not None:
         return rough
     registration = register(arrivals.clouds, rough, arrivals.pairs)
-    graph = trace_strands(registration.points - rough.r * registration.normals, registration.points, rough)
+    graph = trace_strands(registration.points - rough.r * registration.normals, Cover(registration.points), rough)
     refinement = refine(graph.strands, registration.points, registration.normals, rough, scene.table_z_m)
     strings, _ = select_strings(refinement, registration.points, rough)
     if not strings:

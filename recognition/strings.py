@@ -6,9 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
-from recognition.model import arc_length
 from recognition.parameters import ChainParameters
+from recognition.polyline import arc_length
 from recognition.refinement import FittedStrand, Refinement
+from recognition.wording import in_mm
 
 SHORTEST = 10.0
 """A shorter piece, in radii, is no string: less than five times as long as thick. Edges and crumbs make such."""
@@ -48,8 +49,7 @@ def select_strings(
             kept.append(k)
             continue
         why = "not round like a string" if length >= SHORTEST * parameters.r else "too short to be told from noise"
-        where = ", ".join(f"{value * 1000:.0f}" for value in strand.points.mean(axis=0))
-        left_out.append(f"left out a piece of {length * 1000:.0f} mm at ({where}) mm: {why}")
+        left_out.append(f"left out a piece of {length * 1000:.0f} mm at {in_mm(strand.points.mean(axis=0))}: {why}")
     return [_directed(strands[k]) for k in kept], left_out
 
 

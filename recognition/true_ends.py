@@ -3,8 +3,8 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from recognition.model import arc_length
 from recognition.parabola import end_parabola
+from recognition.polyline import arc_length
 
 LOOKED_AT = 4.0
 """Length of string, in radii, from which an end is continued."""

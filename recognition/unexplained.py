@@ -7,9 +7,11 @@ from numpy.typing import NDArray
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import KDTree
 
-from recognition.model import Chain, arc_length
+from recognition.model import Chain
 from recognition.neighbourhoods import within
 from recognition.parameters import ChainParameters
+from recognition.polyline import closed_up, evenly
+from recognition.wording import in_mm
 
 MOST = 5
 """Pieces told one by one."""
@@ -23,7 +25,7 @@ def unexplained(surface: NDArray[np.float64], chains: Sequence[Chain], parameter
     """
     if not chains or len(surface) == 0:
         return []
-    lines = [_dense(chain, parameters.r) for chain in chains]
+    lines = [evenly(closed_up(chain.points, chain.closed), parameters.r) for chain in chains]
     distance, _ = KDTree(np.vstack(lines)).query(surface, distance_upper_bound=2 * parameters.r)
     rest = surface[~np.isfinite(distance)]
     if len(rest) == 0:
@@ -37,18 +39,9 @@ def unexplained(surface: NDArray[np.float64], chains: Sequence[Chain], parameter
             found.append((size, points.mean(axis=0)))
     found.sort(key=lambda entry: -entry[0])
     told = [
-        f"something of {size * 1000:.0f} mm at ({', '.join(f'{value * 1000:.0f}' for value in middle)}) mm "
-        "is above the table and in no chain"
+        f"something of {size * 1000:.0f} mm at {in_mm(middle)} is above the table and in no chain"
         for size, middle in found[:MOST]
     ]
     if len(found) > MOST:
         told.append(f"and {len(found) - MOST} more such things")
     return told
-
-
-def _dense(chain: Chain, spacing: float) -> NDArray[np.float64]:
-    """Points of the chain at most `spacing` apart."""
-    points = np.vstack([chain.points, chain.points[:1]]) if chain.closed else chain.points
-    s = arc_length(points)
-    even = np.linspace(0.0, s[-1], int(np.ceil(s[-1] / spacing)) + 1)
-    return np.column_stack([np.interp(even, s, points[:, k]) for k in range(3)])

@@ -9,7 +9,7 @@ from cell.simulation.drafts import Draft, Wish, choose_over
 from cell.simulation.heights import HeightsError, lay
 from cell.simulation.settling import settle
 from cell.simulation.shapes import STEP_M, tightest_bend
-from recognition.model import arc_length
+from recognition.polyline import arc_length, points_at
 
 MIN_BEND = 2.5
 """No string is bent tighter than this many radii: it would buckle."""
@@ -84,5 +84,4 @@ def _cut(curve: NDArray[np.float64], length_m: float, from_start: bool) -> NDArr
     spare = 0.0 if is_closed(curve) else (s[-1] - length_m) / 2
     first = 0.0 if from_start else spare
     last = s[-1] - (2 * spare if from_start else spare)
-    even = np.linspace(first, last, int(np.ceil(length_m / STEP_M - 1e-9)) + 1)
-    return np.column_stack([np.interp(even, s, curve[:, k]) for k in range(3)])
+    return points_at(curve, np.linspace(first, last, int(np.ceil(length_m / STEP_M - 1e-9)) + 1))

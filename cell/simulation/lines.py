@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from recognition.model import arc_length
+from recognition.polyline import arc_length, points_at
 
 DENSE_M = 0.0005
 """Distance of the samples that stand for a line."""
@@ -36,8 +36,7 @@ class Line:
 
     def at_shares(self, shares: NDArray[np.float64]) -> Points:
         """(M, 3) points at these shares (M,) of the length, from 0 to 1."""
-        s = arc_length(self.points)
-        return np.column_stack([np.interp(shares * s[-1], s, self.points[:, k]) for k in range(3)])
+        return points_at(self.points, shares * self.length_m)
 
     def even(self, count: int) -> Points:
         """(count, 3) evenly spaced points: from end to end, or all the way round without meeting the first again."""

@@ -15,7 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cell.simulation.rod_contacts import contacts, strand_numbers
-from cell.simulation.shapes import STEP_M, evenly
+from cell.simulation.shapes import STEP_M
+from recognition.polyline import evenly
 
 _STEP_M = 0.003
 _STEPS = 120

@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cell.simulation.crossings import is_closed
-from recognition.model import arc_length
+from recognition.polyline import arc_length, evenly
 
 STEP_M = 0.001
 """Distance of the points of a scene's curves."""
@@ -114,13 +114,6 @@ def turned(plan: Plan, length_m: float, rng: np.random.Generator) -> Plan:
     angle = rng.uniform(0, 2 * np.pi)
     plan = rotated(evenly(plan * (length_m / polyline_length(plan)), STEP_M), angle)
     return plan - (plan.max(axis=0) + plan.min(axis=0)) / 2
-
-
-def evenly(curve: NDArray[np.float64], step_m: float) -> NDArray[np.float64]:
-    """The polyline `curve` (N, d) in even steps of at most `step_m`, both ends kept."""
-    s = arc_length(curve)
-    even = np.linspace(0.0, s[-1], max(int(np.ceil(s[-1] / step_m - 1e-9)), 2) + 1)
-    return np.column_stack([np.interp(even, s, curve[:, k]) for k in range(curve.shape[1])])
 
 
 def polyline_length(curve: NDArray[np.float64]) -> float:

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from cell.simulation.crossings import at, plan_crossings
 from cell.simulation.scenes import StringScene
-from recognition.model import arc_length
+from recognition.polyline import arc_length, points_at
 
 STEP_M = 0.002
 """Distance of the points of the written curves."""
@@ -54,6 +54,6 @@ def true_crossings(scene: StringScene) -> list[dict[str, Any]]:
 
 def _every(curve: NDArray[np.float64], step_m: float) -> NDArray[np.float64]:
     """`curve` (N, 3) at steps of about `step_m`, both ends kept."""
-    s = arc_length(curve)
-    even = np.linspace(0.0, s[-1], max(round(s[-1] / step_m), 1) + 1)
-    return np.column_stack([np.interp(even, s, curve[:, k]) for k in range(3)])
+    length_m = arc_length(curve)[-1]
+    even = np.linspace(0.0, length_m, max(round(length_m / step_m), 1) + 1)
+    return points_at(curve, even)

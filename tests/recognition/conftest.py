@@ -7,9 +7,9 @@ import pytest
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
-from recognition.model import arc_length
 from recognition.normals import NormalCloud
 from recognition.parameters import ChainParameters
+from recognition.polyline import arc_length
 from recognition.registration import Registration
 
 Points = NDArray[np.float64]

@@ -3,10 +3,11 @@
 import numpy as np
 
 from recognition.chains import make_chains, sharp_bends
-from recognition.model import Chain, arc_length
+from recognition.joining import Strand
+from recognition.model import Chain
 from recognition.parameters import ChainParameters
+from recognition.polyline import arc_length
 from recognition.preprocess import Scene
-from recognition.reconstruction import Strand
 
 NOTHING = np.empty((0, 3))
 

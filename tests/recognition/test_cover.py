@@ -16,7 +16,7 @@ def on_line(straight: Callable, tube: Callable, z: float, y: float = 0.0, x0: fl
 
 
 def over(surface: np.ndarray, places: np.ndarray = MIDDLE) -> list[tuple[bool, bool]]:
-    covered, bare = Cover(surface, R).over(places)
+    covered, bare = Cover(surface).over(places, R)
     return list(zip(covered.tolist(), bare.tolist(), strict=True))
 
 

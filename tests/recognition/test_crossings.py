@@ -10,9 +10,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from recognition.crossings import find_crossings
+from recognition.joining import Strand
 from recognition.model import Crossing
 from recognition.parameters import ChainParameters
-from recognition.reconstruction import Strand
 
 NOTHING_SEEN = np.empty((0, 3))
 R = 0.0042

@@ -8,9 +8,10 @@ import pytest
 from recognition.centre_line import CentreLine, estimate_centre_line
 from recognition.ends import end_kinds, extend_ends
 from recognition.enhanced import match_enhanced
+from recognition.joining import Strand
 from recognition.parameters import ChainParameters
 from recognition.preprocess import Scene
-from recognition.reconstruction import Strand, reconstruct
+from recognition.reconstruction import reconstruct
 from recognition.thinning import thin
 
 HALF_M = 0.06

@@ -6,9 +6,9 @@ from dataclasses import replace
 import numpy as np
 
 from recognition.evidence import SIGMA_FLOOR_M, evidence
+from recognition.joining import Strand
 from recognition.normals import NormalCloud
 from recognition.parameters import ChainParameters
-from recognition.reconstruction import Strand
 
 X = np.arange(0.0, 0.1001, 0.004)
 

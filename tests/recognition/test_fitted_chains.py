@@ -26,9 +26,10 @@ def found(
     views: Registration, scene: Scene | None = None, parameters: ChainParameters = PARAMETERS
 ) -> tuple[tuple[Chain, ...], list[str]]:
     """What the graph method makes of the surface."""
-    graph = trace_strands(views.points - parameters.r * views.normals, views.points, parameters)
+    cover = Cover(views.points)
+    graph = trace_strands(views.points - parameters.r * views.normals, cover, parameters)
     refinement = refine(graph.strands, views.points, views.normals, parameters)
-    return fitted_chains(refinement, views, scene or Scene(), parameters)
+    return fitted_chains(refinement, views, cover, scene or Scene(), parameters)
 
 
 def fitted(points: np.ndarray) -> FittedStrand:
@@ -111,7 +112,7 @@ def test_an_end_at_the_border_of_the_workspace_is_unseen(
 
 def test_an_end_that_goes_on_under_another_strand_is_unseen(seen: Callable, straight: Callable) -> None:
     over = straight((0, -0.05, 3 * R), (0, 0.05, 3 * R))
-    cover = Cover(seen([over])[0], R)
+    cover = Cover(seen([over])[0])
     line = straight((-0.06, 0, R), (-R, 0, R), 0.003)
     assert end_kinds(fitted(line), cover, Scene(), PARAMETERS) == ("free", "unseen")
     assert end_kinds(fitted(line[::-1]), cover, Scene(), PARAMETERS) == ("unseen", "free")
@@ -171,6 +172,6 @@ def test_a_ring_is_closed_and_its_length_is_its_perimeter(seen: Callable, arc: C
 def test_no_strands_are_no_chains_and_told(seen: Callable, straight: Callable, registered: Callable) -> None:
     views = registered([seen([straight((0, 0, R), (0.1, 0, R))])])
     nothing = Refinement([], np.full(len(views.points), -1), 0.0)
-    chains, warnings = fitted_chains(nothing, views, Scene(), PARAMETERS)
+    chains, warnings = fitted_chains(nothing, views, Cover(views.points), Scene(), PARAMETERS)
     assert chains == ()
     assert warnings == ["no string found: nothing above the table is long and thin"]

@@ -56,7 +56,7 @@ def test_the_confidence_weighs_the_gap_against_both_sigmas() -> None:
     assert crossing.confidence == pytest.approx(ndtr(gap / 0.005), abs=1e-9)
     # 88 %: under nine in ten it is told.
     (told,) = ambiguities
-    assert told.endswith("heights differ by 5.9 mm only; which strand is over is not certain")
+    assert told.endswith("heights differ by 5.9 mm only; which is over is not certain")
     certain, none_told = only(towards(0, 0, R, sigma=0.001), towards(1, 80, R + gap, sigma=0.001))
     assert certain.confidence > 0.9999
     assert none_told == []

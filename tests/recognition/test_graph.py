@@ -8,6 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import recognition.graph
+from recognition.cover import Cover
 from recognition.errors import TooCrowdedError
 from recognition.graph import Graph, told_doubts, trace_strands
 from recognition.pairing import FragmentEnds, Pairing
@@ -22,7 +23,7 @@ Surface = tuple[np.ndarray, np.ndarray]
 
 def trace(surface: Surface, parameters: ChainParameters = PARAMETERS) -> Graph:
     points, normals = surface
-    return trace_strands(points - parameters.r * normals, points, parameters)
+    return trace_strands(points - parameters.r * normals, Cover(points), parameters)
 
 
 def strings_of(graph: Graph, curves: Sequence[np.ndarray], scale: float = 1.0) -> list[int]:

@@ -14,10 +14,10 @@ from recognition.crossings import find_crossings
 from recognition.grasp_places import FAR_M
 from recognition.grasps import find_grasps
 from recognition.gripper import Gripper
+from recognition.joining import Strand
 from recognition.model import Chain, Crossing, Grasp, PointChainModel, StrandPoint
 from recognition.parameters import ChainParameters
 from recognition.preprocess import Scene
-from recognition.reconstruction import Strand
 from service.model_schema import GraspDocument
 
 R = 0.0042

@@ -3,9 +3,10 @@
 import numpy as np
 import pytest
 
-from recognition.model import arc_length
+from recognition.joining import End, Strand, bridge, join, strand_ends
 from recognition.parameters import ChainParameters
-from recognition.reconstruction import End, Strand, bridge, join, reconnect_close_ends, strand_ends
+from recognition.polyline import arc_length
+from recognition.reconstruction import reconnect_close_ends
 
 PARAMETERS = ChainParameters.for_radius(0.01)
 

@@ -7,17 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from recognition.model import (
-    METHODS,
-    Chain,
-    Crossing,
-    Grasp,
-    PointChainModel,
-    Quality,
-    StrandPoint,
-    ViewQuality,
-    arc_length,
-)
+from recognition.model import METHODS, Chain, Crossing, Grasp, PointChainModel, Quality, StrandPoint, ViewQuality
 from recognition.parameters import ChainParameters
 
 T_BASE_GRASP = np.array([(0.6, -0.8, 0, 0.1), (-0.8, -0.6, 0, -0.2), (0, 0, -1, 1 / 3), (0, 0, 0, 1)])
@@ -145,8 +135,6 @@ def test_no_string_is_a_valid_model(table_1: ChainParameters) -> None:
 
 
 def test_lengths_by_hand() -> None:
-    np.testing.assert_allclose(arc_length(SQUARE), (0, 0.03, 0.07, 0.1), rtol=0, atol=1e-15)
-    np.testing.assert_array_equal(arc_length(SQUARE[:1]), [0.0])
     assert chain(0, SQUARE).length_m == pytest.approx(0.1, abs=1e-15)
     # All the way round.
     assert chain(0, SQUARE, closed=True).length_m == pytest.approx(0.14, abs=1e-15)

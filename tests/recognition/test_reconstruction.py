@@ -5,15 +5,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from recognition.joining import Strand, strand_ends
 from recognition.parameters import ChainParameters
 from recognition.reconstruction import (
-    Strand,
     connect_across_gaps,
     connect_at_intersections,
     inner_products,
     reconnect_close_ends,
     reconstruct,
-    strand_ends,
 )
 
 NO_CENTRES = np.empty((0, 3))

@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from recognition.model import arc_length
+from recognition.joining import Strand
 from recognition.parameters import ChainParameters
-from recognition.reconstruction import Strand
+from recognition.polyline import arc_length
 from recognition.refinement import FittedStrand, refine
 
 R = 0.0042

@@ -2,9 +2,10 @@
 
 import numpy as np
 
-from recognition.model import arc_length
+from recognition.joining import Strand
 from recognition.parameters import ChainParameters
-from recognition.reconstruction import Strand, open_side_contacts, reconstruct
+from recognition.polyline import arc_length
+from recognition.reconstruction import open_side_contacts, reconstruct
 
 PARAMETERS = ChainParameters.for_radius(0.01)
 NO_CENTRES = np.empty((0, 3))

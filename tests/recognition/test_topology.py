@@ -11,9 +11,9 @@ from hypothesis import strategies as st
 
 from cell.simulation.scenes import make_scene
 from recognition.crossings import find_crossings
+from recognition.joining import Strand
 from recognition.model import Chain, Crossing, PointChainModel, StrandPoint
 from recognition.parameters import ChainParameters
-from recognition.reconstruction import Strand
 from recognition.topology import (
     CrossingElement,
     EndElement,

@@ -4,8 +4,9 @@ import pytest
 from cell.simulation.clearance import deepest_overlap
 from cell.simulation.clutter import distance_to_box
 from cell.simulation.scenes import SCENES, SceneError, StringScene, make_scene
-from cell.simulation.shapes import arc_length, polyline_length
+from cell.simulation.shapes import polyline_length
 from cell.simulation.truth import true_crossings
+from recognition.polyline import arc_length
 
 FIXED_CROSSINGS = {"straight": 0, "arc": 0, "loop": 1, "figure-eight": 1, "overhand-knot": 3, "coil": 2}
 

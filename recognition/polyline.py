@@ -1,0 +1,26 @@
+"""Polylines: lengths along them, and points at lengths."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+def arc_length(points: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(N,) distances of `points` (N, D) from the first, along the polyline."""
+    return np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
+
+
+def points_at(points: NDArray[np.float64], s: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(M, D) places on the polyline `points` (N, D) at the arc lengths `s` (M,); its ends beyond them."""
+    along = arc_length(points)
+    return np.column_stack([np.interp(s, along, coordinate) for coordinate in points.T])
+
+
+def evenly(points: NDArray[np.float64], step: float) -> NDArray[np.float64]:
+    """(M, D) places on the polyline `points` (N, D): from end to end in two or more even steps of at most `step`."""
+    length = float(arc_length(points)[-1])
+    return points_at(points, np.linspace(0.0, length, max(int(np.ceil(length / step - 1e-9)), 2) + 1))
+
+
+def closed_up(points: NDArray[np.float64], closed: bool) -> NDArray[np.float64]:
+    """`points` (N, 3), of a closed line with the first once more behind the last."""
+    return np.vstack([points, points[:1]]) if closed else points
