@@ -10,6 +10,7 @@ from recognition.errors import TooCrowdedError
 from recognition.fragments import Fragment, cut_over_bare_table, link
 from recognition.joining import End, Strand, join
 from recognition.line_nodes import LineNodes, line_nodes
+from recognition.melted import cut_where_melted
 from recognition.pairing import Pairing, pair_ends
 from recognition.parameters import ChainParameters
 from recognition.wording import in_mm
@@ -41,6 +42,7 @@ def trace_strands(single: NDArray[np.float64], cover: Cover, parameters: ChainPa
     """
     nodes = line_nodes(single, parameters)
     fragments = cut_over_bare_table(link(nodes, parameters), cover, parameters.r)
+    fragments = cut_where_melted(fragments, cover.surface, parameters)
     if len(fragments) > MAX_FRAGMENTS:
         raise TooCrowdedError(
             f"what is above the table falls into {len(fragments)} pieces: check the string's radius and the workspace"
