@@ -15,7 +15,7 @@ LOOKED_AT = 2
 """Of so many surface points of a view one is looked at."""
 SEEN_BY = 2
 """Surface points that a view must have beside a point of the line to have seen it."""
-INDEPENDENT_SHARE = 0.35
+INDEPENDENT_SHARE = 0.5
 """Share of the surface points that speak for themselves: depth errors are correlated over neighbouring pixels.
 Measured on simulated scans, so that twice the sigma holds 95 of 100."""
 FLOOR_M = 0.0001

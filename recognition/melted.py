@@ -57,9 +57,9 @@ def _aside(fragments: Sequence[Fragment], surface: NDArray[np.float64], r: float
     points = np.vstack(lines)
     way = np.vstack([np.gradient(line[:, :2], axis=0) for line in lines])
     way /= np.maximum(np.linalg.norm(way, axis=1, keepdims=True), 1e-12)
-    distance, nearest = KDTree(points).query(surface, distance_upper_bound=BESIDE_SHARE * r)
+    distance, found = KDTree(points).query(surface, distance_upper_bound=BESIDE_SHARE * r)
     about = np.isfinite(distance)
-    nearest, off = nearest[about], distance[about] > OFF_SHARE * r
+    nearest, off = np.asarray(found)[about], np.asarray(distance)[about] > OFF_SHARE * r
     offset = surface[about] - points[nearest]
     left = offset[:, 1] * way[nearest, 0] - offset[:, 0] * way[nearest, 1]
     high = offset[:, 2] > HIGH_SHARE * r
