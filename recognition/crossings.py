@@ -1,14 +1,13 @@
 """Crossings of strands as seen from above, and which strand is over, by measured height."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr
 
 from recognition.joining import Strand
+from recognition.meetings import Meeting, meetings
 from recognition.model import Crossing, StrandPoint
 from recognition.parameters import ChainParameters
 from recognition.polyline import arc_length, closed_up, points_at
@@ -16,32 +15,10 @@ from recognition.wording import in_mm
 
 TOP_PERCENTILE = 90.0
 """Of the points beside a strand's middle, the height taken as its top: above most noise, below flying pixels."""
-PARALLEL = 1e-6
-"""Sine of the angle under which links count as parallel: where such meet is rounding."""
-ROUNDING = 1e-9
-"""Share of a link within which rounding may put a crossing beyond its end."""
-SAME_PLACE_M = 1e-6
-"""Crossings closer than this along both strands are one, found in two links."""
 CERTAIN = 0.9
 """Least confidence of a crossing that is not told as ambiguous."""
 HEIGHT_SIGMA_M = 0.0005
 """One sigma of a strand's measured height: depth noise averaged over a patch of r."""
-
-
-@dataclass(frozen=True, eq=False)
-class Meeting:
-    """Two strands crossing in the projection onto the table."""
-
-    strands: tuple[int, int]
-    """Indices; the same twice for a strand that crosses itself."""
-    s_m: tuple[float, float]
-    """Arc length along each."""
-    heights_m: tuple[float, float]
-    """z of each polyline there."""
-    directions: tuple[NDArray[np.float64], NDArray[np.float64]]
-    """(2,) unit vectors of each in the table plane."""
-    xy: NDArray[np.float64]
-    """(2,)."""
 
 
 def find_crossings(
@@ -92,68 +69,6 @@ def not_certain(crossing: Crossing, why: str) -> str:
 def heights_differ_by(gap_m: float) -> str:
     """In words, why a crossing is not certain where the strands are too near in height."""
     return f"the strands' heights differ by {gap_m * 1000:.1f} mm only"
-
-
-class Line(Protocol):
-    """What can cross: strands and chains."""
-
-    @property
-    def points(self) -> NDArray[np.float64]: ...
-    @property
-    def closed(self) -> bool: ...
-
-
-def meetings(strands: Sequence[Line]) -> list[Meeting]:
-    """Where the strands cross one another or themselves, as seen from above."""
-    if not strands:
-        return []
-    low, high = (np.array([end(strand.points[:, :2], axis=0) for strand in strands]) for end in (np.min, np.max))
-    margin = ROUNDING * (high - low).max(initial=0.0)
-    # Most of many strands are nowhere near one another.
-    near = ((low[:, None] <= high[None] + margin) & (low[None] <= high[:, None] + margin)).all(axis=2)
-    found = []
-    for i, j in zip(*np.nonzero(np.triu(near)), strict=True):
-        found += _intersections(strands, int(i), int(j))
-    return found
-
-
-def _intersections(strands: Sequence[Line], i: int, j: int) -> list[Meeting]:
-    """Where strand i crosses strand j in the xy plane: every pair of links at once."""
-    P, Q = (closed_up(strands[k].points, strands[k].closed) for k in (i, j))
-    s, t = arc_length(P), arc_length(Q)
-    p, q = P[:-1, None, :2], Q[None, :-1, :2]
-    u, v = np.diff(P[:, :2], axis=0)[:, None], np.diff(Q[:, :2], axis=0)[None]
-    determinant = u[..., 0] * v[..., 1] - u[..., 1] * v[..., 0]
-    w = q - p
-    parallel = np.abs(determinant) <= PARALLEL * np.linalg.norm(u, axis=-1) * np.linalg.norm(v, axis=-1)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        a = (w[..., 0] * v[..., 1] - w[..., 1] * v[..., 0]) / determinant
-        b = (w[..., 0] * u[..., 1] - w[..., 1] * u[..., 0]) / determinant
-        # A little beyond the links' ends, so that no crossing in a point of the chain falls between two of them.
-        hit = ~parallel & (np.abs(a - 0.5) <= 0.5 + ROUNDING) & (np.abs(b - 0.5) <= 0.5 + ROUNDING)
-    if i == j:
-        m, n = np.indices(hit.shape)
-        # Neighbouring links share a point and do not cross; in a closed strand also the last and the first.
-        hit &= (n > m + 1) & ~(strands[i].closed & (m == 0) & (n == hit.shape[1] - 1))
-    meetings: list[Meeting] = []
-    for m, n in zip(*np.nonzero(hit), strict=True):
-        places = (float(s[m] + a[m, n] * (s[m + 1] - s[m])), float(t[n] + b[m, n] * (t[n + 1] - t[n])))
-        if any(np.allclose(places, known.s_m, rtol=0, atol=SAME_PLACE_M) for known in meetings):
-            continue
-        directions = tuple(d / np.linalg.norm(d) for d in (u[m, 0], v[0, n]))
-        meetings.append(
-            Meeting(
-                strands=(i, j),
-                s_m=places,
-                heights_m=(
-                    float(P[m, 2] + a[m, n] * (P[m + 1, 2] - P[m, 2])),
-                    float(Q[n, 2] + b[m, n] * (Q[n + 1, 2] - Q[n, 2])),
-                ),
-                directions=(directions[0], directions[1]),
-                xy=P[m, :2] + a[m, n] * u[m, 0],
-            )
-        )
-    return meetings
 
 
 def _height(

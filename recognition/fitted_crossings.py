@@ -6,7 +6,8 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.special import ndtr
 
-from recognition.crossings import CERTAIN, Meeting, crossing_of, heights_differ_by, meetings, not_certain
+from recognition.crossings import CERTAIN, crossing_of, heights_differ_by, not_certain
+from recognition.meetings import Meeting, meetings
 from recognition.model import Chain, Crossing
 
 LEAST_GAP = 0.6

@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
-NEIGHBOURS = 16
+NEIGHBOURS = 8
 """Neighbours, the point itself among them, whose mean distance is looked at."""
 SURFACE_RATIO = 2.0
 """Standard deviations above the mean at which a point of a measured surface is an outlier."""

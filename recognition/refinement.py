@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recognition.joining import Strand
+from recognition.meeting_ends import joined_where_ends_meet
 from recognition.neighbourhoods import group_sums
 from recognition.parameters import ChainParameters
 from recognition.polyline import arc_length, closed_up, points_at
@@ -17,9 +18,9 @@ STEP_SHARE = 0.7
 """Distance of the fitted points as a share of r."""
 FIRST_LOOK = 2
 """Of so many surface points one is used for the first fit."""
-STEPS = (2, 2)
+STEPS = (2, 1)
 """Gauss-Newton steps of the first fit: after so many the surface is assigned to the lines anew."""
-LAST_STEPS = (3,)
+LAST_STEPS = (2,)
 """The same of the second fit, which begins near its end: the last step moves a line by micrometres."""
 RADIUS_TIE_SHARE = 0.3
 """One sigma by which a string's radius may differ from the one told, as a share of it."""
@@ -109,6 +110,13 @@ def refine(
             # What lies about another string is not this one's end.
             own = (owner == k) | (owner < 0)
             lines[k] = _to_both_ends(lines[k], surface[own], normals[own], radii[k])
+    brought = [
+        strand if strand.closed else Strand(line, np.zeros(len(line), dtype=bool))
+        for strand, line in zip(strands, lines, strict=True)
+    ]
+    joined = joined_where_ends_meet(brought, parameters)
+    if joined is not None:
+        return refine(joined, surface, normals, parameters, table_z_m)
     fit = TubeFit(lines, r, surface, normals)
     fit.radii = radii
     assigned = _settle(fit, LAST_STEPS, None)

@@ -9,15 +9,15 @@ from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import KDTree
 
-from calibration.transforms import inverse, rotation_angle, transform_points
+from calibration.transforms import transform_points
 from recognition.agreement import strangers
 from recognition.alignment import Alignment, align, transforms
+from recognition.fitness import fitness
 from recognition.merging import merge
 from recognition.model import ViewQuality
 from recognition.normals import NormalCloud
-from recognition.overlap import MIN_COSINE, Overlap, anchors, overlaps
+from recognition.overlap import Overlap, overlaps
 from recognition.parameters import ChainParameters
 from recognition.pose_prior import PoseSigmas, pose_prior
 
@@ -29,8 +29,6 @@ USUAL_SPREAD = 1.6
 the sigmas are right: part of each error cannot be told from the data and stays nought."""
 LOOSE_SPREAD = 1.3
 """Times the usual from which on the sigmas are too small for this robot and its calibration."""
-_JUDGED = 150
-"""Points of each view by which its fitness is judged."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,7 +86,7 @@ def register(
         looser = replace(sigmas, **{name: spread * value for name, value in asdict(sigmas).items()})
         alignment, placed = _aligned(used, pairs, centre, parameters, looser)
     points, normals = merge(placed, parameters)
-    views = [_quality(cloud, placed, parameters) for cloud in placed]
+    views = fitness(placed, parameters)
     views += [
         ViewQuality(cloud.view, False, reasons[cloud.view], len(cloud.points))
         for cloud in clouds
@@ -139,30 +137,3 @@ def _drift(calibration: NDArray[np.float64], sigmas: PoseSigmas) -> list[str]:
         f"{np.degrees(np.linalg.norm(turn)):.2f} degrees from where the hand-eye calibration puts it, {length:.0f} "
         "sigma of a good one; calibrate anew"
     ]
-
-
-def _quality(cloud: NormalCloud, placed: Sequence[NormalCloud], parameters: ChainParameters) -> ViewQuality:
-    """How the view's anchors lie on the surface of the others, as registered, and how far they were moved."""
-    own = anchors(cloud, _JUDGED)
-    points, normals = cloud.points[own], cloud.normals[own]
-    others = [(other, anchors(other, _JUDGED)) for other in placed if other is not cloud]
-    surface = np.vstack([np.empty((0, 3)), *(other.points[some] for other, some in others)])
-    directions = np.vstack([np.empty((0, 3)), *(other.normals[some] for other, some in others)])
-    distance, nearest = KDTree(surface).query(points, distance_upper_bound=parameters.r)
-    near = np.flatnonzero(distance < np.inf)
-    nearest = np.asarray(nearest)[near]
-    near, nearest = (a[(normals[near] * directions[nearest]).sum(axis=1) > MIN_COSINE] for a in (near, nearest))
-    normal = normals[near] + directions[nearest]
-    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
-    apart = ((points[near] - surface[nearest]) * normal).sum(axis=1)
-    middle = cloud.points.mean(axis=0)
-    return ViewQuality(
-        index=cloud.view,
-        used=True,
-        reason=None,
-        points=len(cloud.points),
-        fitness=len(near) / len(own),
-        rms_m=float(np.sqrt(np.mean(apart**2))) if len(near) else None,
-        correction_m=float(np.linalg.norm(middle - transform_points(inverse(cloud.T_correction), middle))),
-        correction_rad=rotation_angle(cloud.T_correction),
-    )
