@@ -58,10 +58,10 @@ class View:
             raise InvalidViewError(f"{where}: K must be a finite 3x3 matrix, got {K.tolist()}")
         height, width = self.depth.shape
         fx, fy, cx, cy = K[0, 0], K[1, 1], K[0, 2], K[1, 2]
-        if not (fx > 0 and fy > 0 and K[2, 2] == 1):
-            raise InvalidViewError(
-                f"{where}: K has focal lengths {fx:g}, {fy:g} and K[2][2] = {K[2, 2]:g}; not a camera's"
-            )
+        if not (fx > 0 and fy > 0):
+            raise InvalidViewError(f"{where}: K has focal lengths {fx:g}, {fy:g}; not a camera's")
+        if not np.array_equal(K, [(fx, 0, cx), (0, fy, cy), (0, 0, 1)]):
+            raise InvalidViewError(f"{where}: K is {K.tolist()}; [[fx, 0, cx], [0, fy, cy], [0, 0, 1]] is needed")
         if not (0 < cx < width and 0 < cy < height):
             raise InvalidViewError(
                 f"{where}: K has its centre at ({cx:g}, {cy:g}), outside the {width}x{height} depth image: "

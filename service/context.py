@@ -31,14 +31,14 @@ async def _context(request: Request) -> Context:
 Service = Annotated[Context, Depends(_context)]
 
 
-def _scan(id: Annotated[str, Path(pattern=ID_PATTERN)], service: Service) -> ScanRow:  # noqa: A002
+def _scan(id: Annotated[str, Path(pattern=ID_PATTERN)], service: Service) -> ScanRow:  # noqa: A002 (the path's own name)
     scan = service.store.scan(id)
     if scan is None:
         raise ProblemError(404, "scan-not-found", f"there is no scan {id}; GET /api/scans lists them")
     return scan
 
 
-def _recording(id: Annotated[str, Path(pattern=ID_PATTERN)], service: Service) -> RecordingRow:  # noqa: A002
+def _recording(id: Annotated[str, Path(pattern=ID_PATTERN)], service: Service) -> RecordingRow:  # noqa: A002 (the path's own name)
     recording = service.store.recording(id)
     if recording is None:
         raise ProblemError(404, "recording-not-found", f"there is no recording {id}; GET /api/recordings lists them")

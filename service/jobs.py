@@ -155,7 +155,7 @@ class Jobs:
                 return
             try:
                 self._process(running)
-            except Exception:
+            except Exception:  # whatever it is, this scan is told as failed and the next one is taken
                 log.exception("scan %s could not be recorded", running.scan.id)
                 self._give_up(running)
             running.ended.set()

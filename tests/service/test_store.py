@@ -125,7 +125,7 @@ def test_a_recording_whose_row_cannot_be_written_leaves_no_file(store: Store) ->
     received = store.folder.incoming("upload")
     write_synced(received, b"abc")
     with pytest.raises(sqlite3.IntegrityError):
-        store.add_recording(dataclasses.replace(recording_row(), sha256=None), received)  # type: ignore[arg-type]
+        store.add_recording(dataclasses.replace(recording_row(), sha256=None), received)  # type: ignore[arg-type] (the database must refuse it, not the type checker)
     assert store.recording("r1") is None
     assert not store.folder.recording("r1").exists()
 
