@@ -1,0 +1,103 @@
+"""What must hold of every answer of recognition."""
+
+import json
+
+import numpy as np
+
+from recognition.errors import RecognitionError
+from recognition.model import Chain, PointChainModel, StrandPoint
+from recognition.pipeline import recognise, stages_of
+from recognition.topology import gauss_code_of
+from tests.recognition.odd_scans import Case
+
+ADVICE = ("check", "give", "needed", "must", "no model is made")
+"""Words, one of which is in every refusal: what to do, or what is needed."""
+
+
+def check(case: Case) -> PointChainModel | RecognitionError:
+    """The answer to `case`, seen to be a valid model or a refusal that says what to do."""
+    try:
+        model = recognise(case.views, case.parameters, case.scene, case.method).model
+    except RecognitionError as error:
+        assert_helpful(error)
+        return error
+    assert_valid(model, case)
+    return model
+
+
+def assert_helpful(error: RecognitionError) -> None:
+    words = str(error).lower()
+    assert type(error).slug != RecognitionError.slug, "a refusal of no kind"
+    assert any(word in words for word in ADVICE), f"{type(error).__name__} does not say what to do: {words}"
+    assert not {"nan", "inf"} & set(words.split())
+
+
+def assert_valid(model: PointChainModel, case: Case) -> None:
+    document = model.to_json()
+    json.dumps(document, allow_nan=False)
+    assert model.method == case.method
+    assert set(document["timing_s"]) in ({"preprocess"}, set(stages_of(case.method)))
+    if case.parameters is not None:
+        assert model.parameters == case.parameters
+    assert [chain.id for chain in model.chains] == list(range(len(model.chains)))
+    for chain in model.chains:
+        assert_valid_chain(chain)
+    assert [x.id for x in model.crossings] == list(range(len(model.crossings)))
+    for x in model.crossings:
+        assert x.point.shape == (3,)
+        assert np.isfinite(x.point).all()
+        for place in (x.over, x.under):
+            assert_on_chain(place, model)
+        assert x.gap_m >= 0
+        assert 0 <= x.angle_rad <= np.pi / 2
+        assert x.sign in (-1, 1)
+        assert 0.5 <= x.confidence <= 1
+    assert gauss_code_of(model.p_data()) == [code for code, _ in zip(model.gauss_code(), model.chains, strict=True)]
+    for grasp in model.grasps:
+        assert_on_chain(StrandPoint(grasp.chain, grasp.s_m), model)
+        R = grasp.T_base_grasp[:3, :3]
+        # A rotation, to rounding.
+        np.testing.assert_allclose(R @ R.T, np.eye(3), rtol=0, atol=1e-9)
+        assert np.linalg.det(R) > 0
+        assert np.isfinite(grasp.T_base_grasp).all()
+        assert min(grasp.opening_m, grasp.reach_m) > 0
+        assert grasp.clearance_m >= 0
+        assert 0 <= grasp.score <= 1
+    assert [grasp.score for grasp in model.grasps] == sorted((g.score for g in model.grasps), reverse=True)
+    assert_valid_quality(model, case)
+
+
+def assert_valid_chain(chain: Chain) -> None:
+    count = len(chain.points)
+    assert chain.points.shape == (count, 3)
+    assert count >= 2
+    assert chain.sigma_m.shape == chain.views.shape == chain.arc_length_m.shape == (count,)
+    assert np.isfinite(chain.points).all()
+    assert np.isfinite(chain.sigma_m).all()
+    assert (chain.sigma_m > 0).all()
+    assert (chain.views >= 0).all()
+    assert np.issubdtype(chain.views.dtype, np.integer)
+    assert (np.diff(chain.arc_length_m) > 0).all()
+    assert chain.arc_length_m[-1] <= chain.length_m
+    assert 0.0002 < chain.radius_m < 0.05
+    assert set(chain.ends) <= {"free", "unseen"}
+
+
+def assert_on_chain(place: StrandPoint, model: PointChainModel) -> None:
+    assert 0 <= place.chain < len(model.chains)
+    # Rounding of an arc length.
+    assert -1e-9 <= place.s_m <= model.chains[place.chain].length_m + 1e-9
+
+
+def assert_valid_quality(model: PointChainModel, case: Case) -> None:
+    quality = model.quality
+    assert sorted(view.index for view in quality.views) == sorted(view.index for view in case.views)
+    for view in quality.views:
+        assert view.used == (view.reason is None)
+        assert view.points >= 0
+        figures = [view.fitness, view.rms_m, view.correction_m, view.correction_rad]
+        assert all(figure is None or (np.isfinite(figure) and figure >= 0) for figure in figures)
+    assert model.chains or quality.warnings, "no string, and no word why"
+    for words in (*quality.warnings, *quality.ambiguities):
+        assert words.strip()
+        assert "nan" not in words.lower().split()
