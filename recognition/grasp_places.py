@@ -2,11 +2,11 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
+from recognition.chain_line import ChainLine
 from recognition.gripper import Gripper
 from recognition.model import Chain, Crossing
 from recognition.parameters import ChainParameters
@@ -40,36 +40,11 @@ class Places:
     """Score but for clearance and way of approach."""
 
 
-@dataclass(frozen=True, eq=False)
-class Line:
-    """A chain to be asked for values at any arc length; a closed one goes round and round."""
-
-    chain: Chain
-
-    @cached_property
-    def _s(self) -> NDArray[np.float64]:
-        s, length = self.chain.arc_length_m, self.chain.length_m
-        return np.concatenate([s - length, s, s + length, [2 * length]]) if self.chain.closed else s
-
-    def __call__(self, s: NDArray[np.float64], values: NDArray[np.float64]) -> NDArray[np.float64]:
-        """`values` (N,) or (N, 3), given at the chain's points, at arc lengths `s` of any shape."""
-        if self.chain.closed:
-            values = np.concatenate([values, values, values, values[:1]])
-        if values.ndim == 1:
-            return np.interp(s, self._s, values)
-        return np.stack([np.interp(s, self._s, values[:, k]) for k in range(values.shape[1])], axis=-1)
-
-    def apart(self, s: NDArray[np.float64], t: NDArray[np.float64] | float) -> NDArray[np.float64]:
-        """Distances along the chain, the shorter way round where it is closed."""
-        way = np.abs(s - t)
-        return np.minimum(way, self.chain.length_m - way) if self.chain.closed else way
-
-
 def find_places(
     chain: Chain, crossings: Sequence[Crossing], parameters: ChainParameters, gripper: Gripper
 ) -> tuple[Places | None, str]:
     """Places that could be grasped if nothing else were there; and why there is none, or no grasp at them."""
-    line, length, half, r = Line(chain), chain.length_m, gripper.finger_width_m / 2, chain.radius_m
+    line, length, half, r = ChainLine(chain), chain.length_m, gripper.finger_width_m / 2, chain.radius_m
     if len(chain.points) < 2 or length <= 2 * half:
         return None, f"its {length * 1000:.0f} mm are no longer than a finger is wide"
     first, last = (0.0, length) if chain.closed else (half, length - half)
@@ -112,13 +87,13 @@ def find_places(
     return Places(s[good], point[good], along[good], opening[good], merit[good]), told
 
 
-def _from_passes(line: Line, s: NDArray[np.float64], crossings: Sequence[Crossing]) -> NDArray[np.float64]:
+def _from_passes(line: ChainLine, s: NDArray[np.float64], crossings: Sequence[Crossing]) -> NDArray[np.float64]:
     """(N,) distances along the chain to its nearest pass through a crossing; infinite without one."""
     passes = [p.s_m for x in crossings for p in (x.over, x.under) if p.chain == line.chain.id]
     return np.min([np.full(len(s), np.inf), *(line.apart(s, t) for t in passes)], axis=0)
 
 
-def _from_under_passes(line: Line, s: NDArray[np.float64], crossings: Sequence[Crossing]) -> NDArray[np.float64]:
+def _from_under_passes(line: ChainLine, s: NDArray[np.float64], crossings: Sequence[Crossing]) -> NDArray[np.float64]:
     """The same for passes underneath."""
     passes = [x.under for x in crossings] + [x.over for x in crossings if x.confidence < SURE]
     below = [line.apart(s, p.s_m) for p in passes if p.chain == line.chain.id]

@@ -10,10 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
-from recognition.grasp_places import FAR_M, ROUNDING_M, Line, Places, find_places
+from recognition.chain_line import ChainLine
+from recognition.grasp_places import FAR_M, ROUNDING_M, Places, find_places
 from recognition.gripper import Gripper, swept_distance
+from recognition.merging import VOXEL_SHARE
 from recognition.model import Chain, Crossing, Grasp
-from recognition.obstacles import Obstacles, gather_obstacles
+from recognition.obstacles import Obstacles, Things, gather_obstacles
 from recognition.parameters import ChainParameters
 from recognition.preprocess import Scene
 
@@ -54,9 +56,10 @@ def find_grasps(
     fingertips that only just reach beyond the centre line, a full one at r.
 
     Args:
-        surface: (N, 3) measured points higher than z_t above the table, of strings and anything else.
+        surface: (N, 3) measured points higher than z_t above the table, of strings and anything else, merged to
+            voxels of r * `VOXEL_SHARE`.
     """
-    obstacles = gather_obstacles(chains, surface)
+    obstacles = gather_obstacles(chains, surface, VOXEL_SHARE * parameters.r)
     grasps: list[Grasp] = []
     warnings = []
     for chain in chains:
@@ -71,7 +74,6 @@ def find_grasps(
 def _best(chain: Chain, places: Places, obstacles: Obstacles, table_z_m: float, gripper: Gripper) -> list[Grasp]:
     """The best way for each place that has one."""
     best: list[Grasp | None] = [None] * len(places.s_m)
-    tree = KDTree(obstacles.points[:, :2])
     crowded = np.arange(len(places.s_m))
     for degrees, share in WAYS:
         if len(crowded) == 0:
@@ -84,7 +86,8 @@ def _best(chain: Chain, places: Places, obstacles: Obstacles, table_z_m: float, 
         height = places.point[at, 2] - table_z_m - abs(np.sin(tilt)) * corner
         room = (height - gripper.table_clearance_m) / np.cos(tilt)
         reach = np.minimum(share * chain.radius_m, room)
-        clearance, touches = _clearance(chain, places.s_m[at], T, opening, reach, obstacles, tree, gripper)
+        clearance, touches = _from_strings(chain, places.s_m[at], T, opening, reach, obstacles, gripper)
+        clearance = np.minimum(clearance, _from_things(T, opening, reach, obstacles.things, gripper))
         possible = (reach >= LEAST_REACH * chain.radius_m) & ~touches & (clearance >= gripper.clearance_m)
         held = 0.5 + 0.5 * np.clip(reach / chain.radius_m, 0, 1)
         score = places.merit[at] * np.clip(clearance / ROOM_M, 0, 1) * held * np.cos(tilt)
@@ -101,36 +104,81 @@ def _best(chain: Chain, places: Places, obstacles: Obstacles, table_z_m: float, 
     return [grasp for grasp in best if grasp is not None]
 
 
-def _clearance(
+def _from_strings(
     chain: Chain,
     s: NDArray[np.float64],
     T: NDArray[np.float64],
     opening: NDArray[np.float64],
     reach: NDArray[np.float64],
-    obstacles: Obstacles,
-    tree: KDTree,
+    strings: Obstacles,
     gripper: Gripper,
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-    """(N,) distances from what is not gripped, at most `FAR_M`, and (N,) whether the string itself is touched."""
+    """(N,) distances from strands not gripped, at most `FAR_M`, and (N,) whether the string itself is touched."""
     clearance, touches = np.full(len(s), FAR_M), np.zeros(len(s), dtype=bool)
-    radius = FAR_M + np.hypot(gripper.stroke_m / 2 + gripper.finger_thickness_m, gripper.palm_width_m / 2)
-    # A tilted gripper meets high things beside its place.
-    higher = float(np.ptp(np.append(obstacles.points[:, 2], T[:, 2, 3])))
-    radius += higher * float(np.abs(T[:, 2, 0] / T[:, 2, 2]).max())
-    near = KDTree(T[:, :2, 3]).sparse_distance_matrix(tree, radius, output_type="ndarray")
-    pose, ball = near["i"], near["j"]
-    way = obstacles.points[ball] - T[pose, :3, 3]
-    local = np.einsum("ni,nij->nj", way, T[pose, :3, :3])
-    own = obstacles.chain[ball] == chain.id
-    along = Line(chain).apart(obstacles.s_m[ball], s[pose])
+    pose, ball = _near(T, strings.points, float(strings.radius_m.max()), gripper)
+    way, local = _seen_from(T, pose, strings.points[ball])
+    own = strings.chain[ball] == chain.id
+    along = ChainLine(chain).apart(strings.s_m[ball], s[pose])
     # The gripped string counts with the others where it has come back.
     itself = own & (along <= 2 * np.linalg.norm(way, axis=1) + gripper.finger_width_m)
-    distance = swept_distance(local, opening[pose], reach[pose], gripper, ~itself) - obstacles.radius_m[ball]
+    distance = swept_distance(local, opening[pose], reach[pose], gripper, ~itself) - strings.radius_m[ball]
     np.minimum.at(clearance, pose[~itself], distance[~itself])
     # It was to pass between the fingers with half the margin to either side.
     kept = min(gripper.clearance_m, gripper.opening_margin_m / 2) - ROUNDING_M
     touches[pose[itself & (distance < kept)]] = True
     return clearance, touches
+
+
+def _from_things(
+    T: NDArray[np.float64],
+    opening: NDArray[np.float64],
+    reach: NDArray[np.float64],
+    things: Things,
+    gripper: Gripper,
+) -> NDArray[np.float64]:
+    """(N,) distances from things, at most `FAR_M`; less than the gripper's clearance, but not exact, if too near.
+
+    A cell of things is looked at ball by ball only where it may hold the nearest.
+    """
+    clearance, closing = np.full(len(T), FAR_M), np.ones(len(T), dtype=bool)
+    if len(things.points) == 0:
+        return clearance
+    pose, cell = _near(T, things.centre, float(things.extent_m.max()) + things.radius_m, gripper)
+    _, local = _seen_from(T, pose, things.centre[cell])
+    to_centre = swept_distance(local, opening[pose], reach[pose], gripper, closing[pose]) - things.radius_m
+    np.minimum.at(clearance, pose, to_centre + things.extent_m[cell])
+    open_still = to_centre - things.extent_m[cell] < clearance[pose]
+    open_still &= clearance[pose] >= gripper.clearance_m
+    pose, cell = pose[open_still], cell[open_still]
+    count = things.count[cell]
+    first = np.cumsum(things.count) - things.count
+    ball = np.arange(count.sum()) + np.repeat(first[cell] - (np.cumsum(count) - count), count)
+    pose = np.repeat(pose, count)
+    _, local = _seen_from(T, pose, things.points[ball])
+    distance = swept_distance(local, opening[pose], reach[pose], gripper, closing[pose]) - things.radius_m
+    np.minimum.at(clearance, pose, distance)
+    return clearance
+
+
+def _near(
+    T: NDArray[np.float64], points: NDArray[np.float64], extent_m: float, gripper: Gripper
+) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Pairs of a pose and of a point around which something of that extent may be nearer to it than `FAR_M`."""
+    radius = FAR_M + extent_m
+    radius += np.hypot(gripper.stroke_m / 2 + gripper.finger_thickness_m, gripper.palm_width_m / 2)
+    # A tilted gripper meets high things beside its place.
+    higher = float(np.ptp(np.append(points[:, 2], T[:, 2, 3])))
+    radius += higher * float(np.abs(T[:, 2, 0] / T[:, 2, 2]).max())
+    near = KDTree(T[:, :2, 3]).sparse_distance_matrix(KDTree(points[:, :2]), radius, output_type="ndarray")
+    return near["i"], near["j"]
+
+
+def _seen_from(
+    T: NDArray[np.float64], pose: NDArray[np.intp], points: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """(K, 3) ways from the poses numbered `pose` (K,) to the points (K, 3), in the base frame and in the pose's."""
+    way = points - T[pose, :3, 3]
+    return way, np.einsum("ni,nij->nj", way, T[pose, :3, :3])
 
 
 def _frames(point: NDArray[np.float64], along: NDArray[np.float64], tilt: float) -> NDArray[np.float64]:

@@ -1,4 +1,4 @@
-"""Grasps with known answers, and that none of those on simulated tangles touches the true strings."""
+"""Grasps with known answers, and what holds of those on any chains."""
 
 from dataclasses import replace
 from itertools import pairwise
@@ -7,47 +7,21 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.spatial import KDTree
 
-from cell.simulation.scenes import make_scene
-from recognition.crossings import find_crossings
 from recognition.grasp_places import FAR_M
-from recognition.grasps import find_grasps
 from recognition.gripper import Gripper
-from recognition.joining import Strand
-from recognition.model import Chain, Crossing, Grasp, PointChainModel, StrandPoint
-from recognition.parameters import ChainParameters
-from recognition.preprocess import Scene
+from recognition.model import Chain, Crossing, PointChainModel, StrandPoint
 from service.model_schema import GraspDocument
-
-R = 0.0042
-PARAMETERS = ChainParameters.for_radius(R)
-GRIPPER = Gripper()
-HALF_FINGER = GRIPPER.finger_width_m / 2
-NOTHING = np.empty((0, 3))
-TABLE_Z = 0.3
-"""Not 0, so that heights above the table and heights are told apart."""
-
-
-def chain(points: np.ndarray, number: int = 0, closed: bool = False, sigma: float = 0.0) -> Chain:
-    n = len(points)
-    return Chain(number, closed, R, points, np.full(n, sigma), np.full(n, 8, dtype=np.int64), ("free", "free"))
-
-
-def straight(y: float = 0.0, z: float = R, length: float = 0.2, degrees: float = 0.0, number: int = 0) -> Chain:
-    """A string along x, turned about the origin, in its middle."""
-    c, s = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
-    x = np.linspace(-length / 2, length / 2, 51)
-    return chain(np.column_stack([c * x - s * y, s * x + c * y, np.full(51, TABLE_Z + z)]), number)
-
-
-def grasps_of(
-    *chains: Chain,
-    crossings: tuple[Crossing, ...] = (),
-    surface: np.ndarray = NOTHING,
-    gripper: Gripper = GRIPPER,
-) -> tuple[tuple[Grasp, ...], list[str]]:
-    return find_grasps(chains, crossings, surface, Scene(table_z_m=TABLE_Z), PARAMETERS, gripper)
+from tests.recognition.straight_strings import (
+    GRIPPER,
+    HALF_FINGER,
+    PARAMETERS,
+    TABLE_Z,
+    R,
+    chain,
+    grasps_of,
+    straight,
+)
 
 
 @pytest.mark.parametrize("degrees", [0, 37, 180, -110])
@@ -77,18 +51,6 @@ def test_a_straight_string_is_taken_from_above_and_across(degrees: float) -> Non
     assert 0 < scores[-1] < scores[0] <= 1
 
 
-def test_every_frame_is_a_rigid_transform_on_the_centre_line() -> None:
-    scene = make_scene("overhand-knot", 1)
-    grasps, _ = grasps_of(*laid(scene.curves)[0], crossings=laid(scene.curves)[1])
-    for grasp in grasps:
-        T = grasp.T_base_grasp
-        np.testing.assert_allclose(T[:3, :3].T @ T[:3, :3], np.eye(3), rtol=0, atol=1e-9)
-        assert np.linalg.det(T[:3, :3]) == pytest.approx(1, abs=1e-9)
-        np.testing.assert_array_equal(T[3], (0, 0, 0, 1))
-        # Chords of the 1 mm polyline.
-        assert KDTree(scene.curves[0] + [0, 0, TABLE_Z]).query(T[:3, 3])[0] < 0.0006
-
-
 def test_the_opening_grows_with_sigma_and_bend() -> None:
     unsure = replace(straight(), sigma_m=np.full(51, 0.001))
     grasps, _ = grasps_of(unsure)
@@ -106,47 +68,6 @@ def test_the_opening_grows_with_sigma_and_bend() -> None:
     assert len(grasps) == int(ring.length_m / 0.005) + 1
     scores = [grasp.score for grasp in grasps]
     assert max(scores) - min(scores) < 0.01
-
-
-def crossed(height: float, confidence: float = 1.0) -> tuple[Chain, Chain, Crossing]:
-    """A string along x on the table, one along y over it at that height of its centre line, crossing in the middle."""
-    under, over = straight(), straight(z=height, degrees=90, number=1)
-    middle = np.array([0, 0, TABLE_Z + (height + R) / 2])
-    return (
-        under,
-        over,
-        Crossing(0, middle, StrandPoint(1, 0.1), StrandPoint(0, 0.1), height - R, np.pi / 2, 1, confidence),
-    )
-
-
-def test_none_near_a_crossing_on_the_strand_underneath() -> None:
-    under, over, crossing = crossed(height=3 * R)
-    grasps, _ = grasps_of(under, over, crossings=(crossing,))
-    away = PARAMETERS.r_cn + HALF_FINGER
-    below = np.abs([grasp.s_m - 0.1 for grasp in grasps if grasp.chain == 0])
-    assert away <= below.min() < away + 0.005
-    # The strand above can be taken there, as long as the fingertips stay above the one below by their clearance.
-    above = [grasp for grasp in grasps if grasp.chain == 1 and abs(grasp.s_m - 0.1) < 0.004]
-    assert above
-    for grasp in above:
-        tips = 3 * R - grasp.reach_m - 2 * R
-        assert grasp.clearance_m == pytest.approx(tips, abs=2e-4)  # balls fill the string but for r / 30
-        assert grasp.clearance_m >= GRIPPER.clearance_m
-    best_away = max(grasp.score for grasp in grasps if grasp.chain == 1)
-    assert max(grasp.score for grasp in above) < best_away / 2
-
-
-def test_a_strand_pressed_into_the_one_below_is_not_taken_there() -> None:
-    under, over, crossing = crossed(height=R + 0.6 * 2 * R)
-    grasps, _ = grasps_of(under, over, crossings=(crossing,))
-    assert min(abs(grasp.s_m - 0.1) for grasp in grasps if grasp.chain == 1) > R
-
-
-def test_where_over_and_under_are_not_certain_neither_is_taken() -> None:
-    under, over, crossing = crossed(height=3 * R, confidence=0.7)
-    grasps, _ = grasps_of(under, over, crossings=(crossing,))
-    away = PARAMETERS.r_cn + HALF_FINGER
-    assert min(abs(grasp.s_m - 0.1) for grasp in grasps) >= away
 
 
 def test_none_where_no_view_saw_the_string() -> None:
@@ -176,40 +97,6 @@ def test_strands_side_by_side_need_room_for_a_finger(apart: float, possible: boo
         assert "would touch" in warnings[0]
 
 
-def box(x: float, y: float, size: float = 0.03, height: float = 0.03) -> np.ndarray:
-    """Points of a box's top and the side towards the string, every millimetre."""
-    a = np.arange(0, size + 1e-9, 0.001)
-    u, v = (grid.ravel() for grid in np.meshgrid(a, a))
-    top = np.column_stack([x + u, y + v, np.full(len(u), height)])
-    side = np.column_stack([x + u, np.full(len(u), y), v * height / size])
-    return np.vstack([top, side]) + np.array([0, 0, TABLE_Z])
-
-
-def test_a_box_beside_the_string_takes_grasps_away() -> None:
-    free, _ = grasps_of(straight())
-    # 9 mm from the centre line: a finger of 5 mm does not fit between. It stands from 100 to 130 mm.
-    grasps, _ = grasps_of(straight(), surface=box(0.0, 0.009))
-    assert len(grasps) < len(free)
-    s = np.array([grasp.s_m for grasp in grasps])
-    assert not ((s > 0.1 - HALF_FINGER) & (s < 0.13 + HALF_FINGER)).any()
-    assert (s < 0.1 - HALF_FINGER - 0.005).any()
-    assert (s > 0.13 + HALF_FINGER + 0.005).any()
-    # Farther away it only costs clearance: 25 mm less a finger's outer face; balls of voxels are up to 2.1 mm nearer.
-    grasps, _ = grasps_of(straight(), surface=box(0.0, 0.025, height=0.02))
-    assert len(grasps) == len(free)
-    nearest = min(grasp.clearance_m for grasp in grasps if grasp.T_base_grasp[2, 2] < -0.999)
-    assert 0.025 - 0.0112 - 0.0021 < nearest <= 0.025 - 0.0112
-
-
-def test_high_things_are_in_the_palms_way() -> None:
-    # 30 mm beside, where only the palm passes, 36.8 mm above the string's centre line.
-    low, _ = grasps_of(straight(), surface=box(-0.1, 0.03, height=0.02))
-    high, warnings = grasps_of(straight(length=0.06), surface=box(-0.015, 0.03, height=0.06))
-    assert low
-    assert high == ()
-    assert "would touch" in warnings[0]
-
-
 def test_a_stroke_smaller_than_the_string_is_said() -> None:
     grasps, warnings = grasps_of(straight(), gripper=Gripper(stroke_m=0.012))
     assert grasps == ()
@@ -236,7 +123,6 @@ def test_a_chain_shorter_than_a_finger_is_said() -> None:
 
 def test_no_string_no_grasp() -> None:
     assert grasps_of() == ((), [])
-    assert grasps_of(surface=box(0, 0)) == ((), [])
 
 
 def test_a_long_string_has_places_all_along() -> None:
@@ -254,55 +140,6 @@ def test_turning_the_chain_round_turns_the_grasps() -> None:
         other = by_place[round(grasp.s_m, 6)].T_base_grasp
         np.testing.assert_allclose(other[:, :2], -grasp.T_base_grasp[:, :2], rtol=0, atol=1e-9)
         np.testing.assert_allclose(other[:, 2:], grasp.T_base_grasp[:, 2:], rtol=0, atol=1e-9)
-
-
-def laid(curves: tuple[np.ndarray, ...]) -> tuple[tuple[Chain, ...], tuple[Crossing, ...]]:
-    strands = [Strand(curve + np.array([0, 0, TABLE_Z]), np.zeros(len(curve), dtype=bool)) for curve in curves]
-    crossings, _ = find_crossings(strands, NOTHING, PARAMETERS)
-    return tuple(chain(strand.points, k) for k, strand in enumerate(strands)), tuple(crossings)
-
-
-def finger_points(grasp: Grasp) -> np.ndarray:
-    """Points in both fingers, base frame, less than 2 mm apart, from the tips to 30 mm before them."""
-    inner = grasp.opening_m / 2
-    x = np.concatenate([side * np.linspace(inner, inner + GRIPPER.finger_thickness_m, 4) for side in (-1, 1)])
-    y = np.linspace(-HALF_FINGER, HALF_FINGER, 7)
-    z = grasp.reach_m - np.linspace(0, 0.03, 17)
-    grid = np.stack(np.meshgrid(x, y, z, indexing="ij"), axis=-1).reshape(-1, 3)
-    return grid @ grasp.T_base_grasp[:3, :3].T + grasp.T_base_grasp[:3, 3]
-
-
-@pytest.mark.parametrize("name", ["figure-eight", "overhand-knot", "coil", "several"])
-def test_no_finger_is_in_a_string_or_the_table(name: str) -> None:
-    curves = make_scene(name, 2).curves
-    chains, crossings = laid(curves)
-    grasps, _ = grasps_of(*chains, crossings=crossings)
-    assert len(grasps) > 20
-    tree = KDTree(np.vstack([c.points for c in chains]))
-    for grasp in grasps:
-        fingers = finger_points(grasp)
-        # 0.2 mm: the curves are polylines of 1 mm, the balls fill a string but for r / 30.
-        assert tree.query(fingers)[0].min() > R + GRIPPER.clearance_m - 2e-4
-        assert fingers[:, 2].min() - TABLE_Z == pytest.approx(grasp.table_clearance_m, abs=1e-9)
-        assert grasp.table_clearance_m > GRIPPER.table_clearance_m - 1e-9
-    assert {grasp.chain for grasp in grasps} == {c.id for c in chains}
-
-
-def test_a_strand_is_taken_tilted_where_straight_down_is_blocked() -> None:
-    # Centre line at 20 mm, fingertips at 15.8; on the left, from 8.5 mm on, everything is 17 mm high.
-    raised = straight(z=0.02)
-    shelf = box(-0.11, 0.0085, size=0.22, height=0.017)
-    grasps, _ = grasps_of(raised, surface=shelf)
-    assert len(grasps) == len(grasps_of(raised)[0])
-    for grasp in grasps:
-        # Only leaning by 30 degrees, with the left finger up: its tip is then at 19.5 mm.
-        np.testing.assert_allclose(grasp.T_base_grasp[2, :3], (0.5, 0, -np.sqrt(0.75)), rtol=0, atol=1e-9)
-        # Less up to 2.1 mm for the balls of voxels.
-        assert GRIPPER.clearance_m <= grasp.clearance_m < 0.0025
-        fingers = finger_points(grasp)
-        assert fingers[fingers[:, 1] > 0.0085][:, 2].min() > TABLE_Z + 0.019
-    others, _ = grasps_of(raised, surface=shelf * np.array([1, -1, 1]))
-    assert {round(grasp.T_base_grasp[2, 0], 9) for grasp in others} == {-0.5}
 
 
 @st.composite

@@ -1,0 +1,51 @@
+"""Strings laid by hand, their grasps, and where the fingers are: for the tests of grasps."""
+
+import numpy as np
+
+from recognition.grasps import find_grasps
+from recognition.gripper import Gripper
+from recognition.model import Chain, Crossing, Grasp
+from recognition.parameters import ChainParameters
+from recognition.preprocess import Scene
+
+R = 0.0042
+PARAMETERS = ChainParameters.for_radius(R)
+GRIPPER = Gripper()
+HALF_FINGER = GRIPPER.finger_width_m / 2
+NOTHING = np.empty((0, 3))
+TABLE_Z = 0.3
+"""Not 0, so that heights above the table and heights are told apart."""
+
+
+def chain(points: np.ndarray, number: int = 0, closed: bool = False, sigma: float = 0.0, r: float = R) -> Chain:
+    n = len(points)
+    return Chain(number, closed, r, points, np.full(n, sigma), np.full(n, 8, dtype=np.int64), ("free", "free"))
+
+
+def straight(
+    y: float = 0.0, z: float = R, length: float = 0.2, degrees: float = 0.0, number: int = 0, r: float = R
+) -> Chain:
+    """A string along x, turned about the origin, in its middle."""
+    c, s = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
+    x = np.linspace(-length / 2, length / 2, 51)
+    return chain(np.column_stack([c * x - s * y, s * x + c * y, np.full(51, TABLE_Z + z)]), number, r=r)
+
+
+def grasps_of(
+    *chains: Chain,
+    crossings: tuple[Crossing, ...] = (),
+    surface: np.ndarray = NOTHING,
+    gripper: Gripper = GRIPPER,
+    parameters: ChainParameters = PARAMETERS,
+) -> tuple[tuple[Grasp, ...], list[str]]:
+    return find_grasps(chains, crossings, surface, Scene(table_z_m=TABLE_Z), parameters, gripper)
+
+
+def finger_points(grasp: Grasp) -> np.ndarray:
+    """Points in both fingers, base frame, less than 2 mm apart, from the tips to 30 mm before them."""
+    inner = grasp.opening_m / 2
+    x = np.concatenate([side * np.linspace(inner, inner + GRIPPER.finger_thickness_m, 4) for side in (-1, 1)])
+    y = np.linspace(-HALF_FINGER, HALF_FINGER, 7)
+    z = grasp.reach_m - np.linspace(0, 0.03, 17)
+    grid = np.stack(np.meshgrid(x, y, z, indexing="ij"), axis=-1).reshape(-1, 3)
+    return grid @ grasp.T_base_grasp[:3, :3].T + grasp.T_base_grasp[:3, 3]
