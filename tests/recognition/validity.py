@@ -7,7 +7,7 @@ import numpy as np
 from recognition.errors import RecognitionError
 from recognition.model import Chain, PointChainModel, StrandPoint
 from recognition.pipeline import recognise, stages_of
-from recognition.topology import gauss_code_of
+from tests.recognition.invariants import gauss_code_of
 from tests.recognition.odd_scans import Case
 
 ADVICE = ("check", "give", "needed", "must", "no model is made")
