@@ -76,6 +76,11 @@ def strangers(
                 f"to fit the others its pose would have to be corrected by {robot_sigma[k]:.0f} sigma of the arm's "
                 f"accuracy (the other views: {usual:.0f}): it was not taken where the arm says"
             )
+    if len(clouds) - len(reasons) <= len(clouds) / 2:
+        raise ContradictingViewsError(
+            f"{len(reasons)} of {len(clouds)} views would have to be left out, and no majority agrees: "
+            f"{'; '.join(f'view {view}: {reason}' for view, reason in reasons.items())}; check the poses and the arm"
+        )
     return reasons
 
 

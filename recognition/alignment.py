@@ -43,8 +43,6 @@ class Alignment:
     """(6,) the hand-eye calibration's error that the views have in common, in the camera's frame."""
     robot: NDArray[np.float64]
     """(V,) the robot's error in each view, in sigmas (of its six directions together)."""
-    pairs: tuple[Overlap, ...]
-    """Those of the last pass."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,15 +93,15 @@ def align(
         pairs = _pairs(clouds, state, centre, parameters, FINE) or pairs
         rows = _rows(clouds, pairs, state, centre)
         state, information = _fit(rows, state, prior)
-        by_pose = _misfit(first_rows, told, first_pairs, parameters)
-        if _misfit(rows, state, pairs, parameters) > by_pose:
+        looked = sum(pair.looked for pair in first_pairs)
+        by_pose = _misfit(first_rows, told, first_pairs, looked, parameters)
+        if _misfit(rows, state, pairs, looked, parameters) > by_pose:
             state, information = told, prior.information
     return Alignment(
         twists=state[:-COMMON].reshape(-1, 6),
         covariance=np.asarray(np.linalg.inv(information)[:-COMMON, :-COMMON], dtype=np.float64),
         calibration=state[-COMMON:-1],
         robot=np.array([float(np.linalg.norm(D @ state + d)) for D, d in prior.robot]),
-        pairs=tuple(pairs),
     )
 
 
@@ -185,15 +183,18 @@ def _fit(rows: _Rows, state: NDArray[np.float64], prior: PosePrior) -> tuple[NDA
     return state, information
 
 
-def _misfit(rows: _Rows, state: NDArray[np.float64], pairs: Sequence[Overlap], parameters: ChainParameters) -> float:
-    """How far the surfaces are apart, metres: the mean over all points that looked, `FINE`'s reach where none was near.
+def _misfit(
+    rows: _Rows, state: NDArray[np.float64], pairs: Sequence[Overlap], looked: int, parameters: ChainParameters
+) -> float:
+    """How far the surfaces are apart, metres: the mean over all that `looked`, `FINE`'s reach where nothing was near.
 
-    Only pairs as the last pass takes them count, so that a view wins nothing by leaving the others.
+    Only pairs as the last pass takes them count, and `looked` is that of the overlaps with which all began: so a view
+    wins nothing by leaving the others.
     """
     reach = FINE[0] * parameters.r
     near = np.concatenate([(pair.distance < reach) & (pair.cosine > FINE[1]) for pair in pairs])
     closer = float(np.maximum(reach - np.abs(rows.at(state)), 0)[near].sum())
-    return reach - closer / sum(pair.looked for pair in pairs)
+    return reach - closer / looked
 
 
 def _moved(clouds: Sequence[NormalCloud], change: NDArray[np.float64], centre: NDArray[np.float64]) -> float:

@@ -14,6 +14,7 @@ from recognition.normals import NormalCloud
 from recognition.parameters import ChainParameters
 from recognition.polyline import arc_length
 from recognition.preprocess import Scene
+from recognition.reading_order import reading_order
 from recognition.wording import in_mm
 
 SHARP_RAD = np.radians(75)
@@ -29,8 +30,7 @@ def make_chains(
 ) -> tuple[list[Strand], tuple[Chain, ...], list[str]]:
     """The strands in the model's order and direction, the chains made of them, and what was left out, in words.
 
-    The longest chain comes first, and each begins at its end of smaller x (then y), so that the same string in
-    the same place always reads the same. Strands shorter than r_cn, an intersection's extent, are an
+    The longest chain comes first. Strands shorter than r_cn, an intersection's extent, are an
     intersection's remains or noise, and are left out.
     """
     kept, warnings = [], []
@@ -55,10 +55,8 @@ def make_chains(
 
 
 def _directed(strand: Strand) -> Strand:
-    first, last = strand.points[0], strand.points[-1]
-    if tuple(first) <= tuple(last):
-        return strand
-    return replace(strand, points=strand.points[::-1].copy(), bridged=strand.bridged[::-1].copy())
+    order = reading_order(strand.points, strand.closed)
+    return replace(strand, points=strand.points[order], bridged=strand.bridged[order])
 
 
 def sharp_bends(chains: Sequence[Chain]) -> list[str]:

@@ -59,14 +59,19 @@ def end_kinds(
 
 
 def _end_kind(end: End, single: NDArray[np.float64], scene: Scene, parameters: ChainParameters) -> EndKind:
-    if scene.workspace_m is not None:
-        low, high = np.asarray(scene.workspace_m, dtype=np.float64)[:2].T
-        margin = parameters.r_f
-        if ((end.point[:2] < low + margin) | (end.point[:2] > high - margin)).any():
-            return "unseen"
+    if at_border(end.point, scene, parameters.r_f):
+        return "unseen"
     ahead = _ahead(single, end.point, end.direction, parameters)
     goes_on = ((ahead > parameters.r_n) & (ahead < parameters.r_cn)).any()
     return "unseen" if goes_on else "free"
+
+
+def at_border(point: NDArray[np.float64], scene: Scene, margin: float) -> bool:
+    """Whether the workspace ends within `margin` of the `point` (3,), to a side or above: below is the table."""
+    if scene.workspace_m is None:
+        return False
+    low, high = np.asarray(scene.workspace_m, dtype=np.float64).T
+    return bool((point[:2] < low[:2] + margin).any() or (point > high - margin).any())
 
 
 def _ahead(

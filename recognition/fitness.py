@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.spatial import KDTree
+from numpy.typing import NDArray
 
 from calibration.transforms import inverse, rotation_angle, transform_points
 from recognition.model import ViewQuality
@@ -11,52 +11,58 @@ from recognition.normals import NormalCloud
 from recognition.overlap import MIN_COSINE, anchors
 from recognition.parameters import ChainParameters
 
-JUDGED = 100
-"""Points of each view by which its fitness is judged, ..."""
-JUDGED_IN_ALL = 2400
-"""... but no more than this of all views together: what lies within r of one another is held in memory."""
+JUDGED = 60
+"""Points of each view by which its fitness is judged."""
+PARTNERS = 7
+"""Other views in which they are looked for; of more, so many evenly spread: time then grows with the number of views
+and not with its square."""
 
 
-def fitness(placed: Sequence[NormalCloud], parameters: ChainParameters) -> list[ViewQuality]:
-    """For each of the registered clouds, how its anchors lie on those of the others, and how far it was moved.
+def fitness(
+    clouds: Sequence[NormalCloud], placed: Sequence[NormalCloud], parameters: ChainParameters
+) -> list[ViewQuality]:
+    """For each view, how its anchors lie on the other views' surfaces, and how far it was moved.
 
-    An anchor fits where another view has one within r whose normal is alike; how far the nearest such is off is
-    measured along the mean of both normals.
+    `clouds` are the views as they came and `placed` as registered. An anchor fits where another view has a point
+    within r whose normal is alike; how far it is from the nearest such is measured along the mean of both normals.
     """
-    chosen = [anchors(cloud, min(JUDGED, JUDGED_IN_ALL // len(placed))) for cloud in placed]
-    points, normals = (
-        np.vstack([values[own] for values, own in zip(of_clouds, chosen, strict=True)])
-        for of_clouds in ([cloud.points for cloud in placed], [cloud.normals for cloud in placed])
-    )
-    looked = np.array([len(own) for own in chosen])
-    view = np.repeat(np.arange(len(placed)), looked)
-    i, j = KDTree(points).query_pairs(parameters.r, output_type="ndarray").T
-    i, j = np.concatenate([i, j]), np.concatenate([j, i])
-    alike = (view[i] != view[j]) & (np.vecdot(normals[i], normals[j]) > MIN_COSINE)
-    i, j = i[alike], j[alike]
-    way = points[i] - points[j]
-    nearest_first = np.lexsort((np.vecdot(way, way), i))
-    nearest = nearest_first[np.diff(i[nearest_first], prepend=-1) > 0]
-    i, j, way = i[nearest], j[nearest], way[nearest]
-    normal = normals[i] + normals[j]
-    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
-    fitting = np.bincount(view[i], minlength=len(placed))
-    squares = np.bincount(view[i], np.vecdot(way, normal) ** 2, len(placed))
-    return [
-        _quality(cloud, int(count), int(of), float(square))
-        for cloud, count, of, square in zip(placed, fitting, looked, squares, strict=True)
-    ]
+    # The clouds' trees stay where they were built: anchors are brought there.
+    back = [cloud.T_correction @ inverse(there.T_correction) for cloud, there in zip(clouds, placed, strict=True)]
+    qualities = []
+    for k, view in enumerate(placed):
+        own = anchors(view, JUDGED)
+        points, normals = view.points[own], view.normals[own]
+        distance, apart = np.full(len(own), np.inf), np.zeros(len(own))
+        for j in _partners(k, len(placed)):
+            found, nearest = clouds[j].tree.query(transform_points(back[j], points), distance_upper_bound=parameters.r)
+            near = np.flatnonzero(np.asarray(found) < distance)
+            other = np.asarray(nearest)[near]
+            there = placed[j].normals[other]
+            alike = np.vecdot(normals[near], there) > MIN_COSINE
+            near, other, there = near[alike], other[alike], there[alike]
+            normal = normals[near] + there
+            way = points[near] - placed[j].points[other]
+            distance[near] = np.asarray(found)[near]
+            apart[near] = np.vecdot(way, normal) / np.sqrt(np.vecdot(normal, normal))
+        qualities.append(_quality(view, apart[np.isfinite(distance)], len(own)))
+    return qualities
 
 
-def _quality(cloud: NormalCloud, fitting: int, looked: int, squares: float) -> ViewQuality:
-    middle = cloud.points.mean(axis=0)
+def _partners(view: int, count: int) -> list[int]:
+    """Up to `PARTNERS` of the other views, evenly spread."""
+    others = [k for k in range(count) if k != view]
+    return [others[int(k)] for k in np.linspace(0, len(others) - 1, min(PARTNERS, len(others)))]
+
+
+def _quality(view: NormalCloud, apart: NDArray[np.float64], looked: int) -> ViewQuality:
+    middle = view.points.mean(axis=0)
     return ViewQuality(
-        index=cloud.view,
+        index=view.view,
         used=True,
         reason=None,
-        points=len(cloud.points),
-        fitness=fitting / looked,
-        rms_m=float(np.sqrt(squares / fitting)) if fitting else None,
-        correction_m=float(np.linalg.norm(middle - transform_points(inverse(cloud.T_correction), middle))),
-        correction_rad=rotation_angle(cloud.T_correction),
+        points=len(view.points),
+        fitness=len(apart) / looked,
+        rms_m=float(np.sqrt(np.mean(apart**2))) if len(apart) else None,
+        correction_m=float(np.linalg.norm(middle - transform_points(inverse(view.T_correction), middle))),
+        correction_rad=rotation_angle(view.T_correction),
     )

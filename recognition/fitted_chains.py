@@ -1,9 +1,9 @@
 """From fitted strands to the chains of the model: how well each point is known, and what the ends are."""
 
 import numpy as np
-from numpy.typing import NDArray
 
 from recognition.cover import Cover
+from recognition.ends import at_border
 from recognition.fitted_evidence import evidence
 from recognition.model import Chain, End
 from recognition.parameters import ChainParameters
@@ -12,6 +12,8 @@ from recognition.refinement import FittedStrand, Refinement
 from recognition.registration import Registration
 from recognition.strings import select_strings
 
+NOISY = 0.22
+"""Scatter of the surface, as a share of r, from which on lines come out some tenths of a millimetre high."""
 OTHER_RADIUS = 0.25
 """A measured radius that differs by more than this share from the told one is told."""
 
@@ -25,7 +27,15 @@ def fitted_chains(
     """
     strands, warnings = select_strings(refinement, registration.points, parameters)
     if not strands:
-        warnings.append("no string found: nothing above the table is long and thin")
+        warnings.append(
+            f"no string of radius {parameters.r * 1000:.1f} mm found: nothing above the table is long, round and about "
+            "as thick; check the radius"
+        )
+    elif refinement.scatter_m > NOISY * parameters.r:
+        warnings.append(
+            f"depth scatters by {refinement.scatter_m * 1000:.1f} mm about the strings, much for their radius: they "
+            "may lie lower than told, and thin ones may be missing; come nearer, or use a longer baseline"
+        )
     chains = []
     for number, strand in enumerate(strands):
         sigma_m, views = evidence(strand, registration, refinement.scatter_m)
@@ -54,12 +64,5 @@ def end_kinds(strand: FittedStrand, cover: Cover, scene: Scene, parameters: Chai
         way /= max(float(np.linalg.norm(way)), 1e-12)
         ahead = points[0] + np.linspace(0.3, 1.3, 5)[:, None] * parameters.r * way
         hidden = cover.over(ahead, max(parameters.r, strand.radius_m))[0].mean() > 0.5
-        kinds.append("unseen" if hidden or _at_border(points[0], scene, parameters.r_f) else "free")
+        kinds.append("unseen" if hidden or at_border(points[0], scene, parameters.r_f) else "free")
     return kinds[0], kinds[1]
-
-
-def _at_border(point: NDArray[np.float64], scene: Scene, margin: float) -> bool:
-    if scene.workspace_m is None:
-        return False
-    low, high = np.asarray(scene.workspace_m, dtype=np.float64)[:2].T
-    return bool(((point[:2] < low + margin) | (point[:2] > high - margin)).any())

@@ -6,15 +6,19 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.special import ndtr
 
+from recognition.chain_line import ChainLine
 from recognition.crossings import CERTAIN, crossing_of, heights_differ_by, not_certain
 from recognition.meetings import Meeting, meetings
 from recognition.model import Chain, Crossing
 
-LEAST_GAP = 0.6
-"""Strands that cross are at least this share of both radii apart in height, also where they are pressed together."""
+FLAT = 0.3
+"""Strands whose heights differ by less than this share of both radii are not on one another: pressed together they
+are 0.6 apart, and what is measured scatters about that."""
 GRAZING = 6.0
-"""Two crossings of the same strands nearer than this, in radii, along both, without a gap in height, are one grazing
-contact: side by side, not across."""
+"""Two flat meetings of the same strands nearer than this, in radii, along both are one grazing contact: side by side,
+not across."""
+UNDECIDED = 0.6
+"""Most confidence of a crossing whose strands are flat, or of which the view contradicts the heights."""
 
 
 def fitted_crossings(chains: Sequence[Chain]) -> tuple[list[Crossing], list[str]]:
@@ -32,9 +36,8 @@ def fitted_crossings(chains: Sequence[Chain]) -> tuple[list[Crossing], list[str]
         confidence = float(ndtr(gap / sigma))
         seen = [_at(chains[meeting.strands[k]], meeting.s_m[k], "views") for k in (over, 1 - over)]
         contradicted = seen[0] < 0.5 <= seen[1]
-        radii = sum(chains[k].radius_m for k in meeting.strands)
-        if contradicted or gap < 0.5 * LEAST_GAP * radii:
-            confidence = min(confidence, 0.6)
+        if contradicted or _flat(meeting, chains):
+            confidence = min(confidence, UNDECIDED)
         crossings.append(crossing_of(meeting, len(crossings), heights, confidence))
         if confidence < CERTAIN:
             why = "the upper one was not seen there" if contradicted else heights_differ_by(gap)
@@ -44,25 +47,34 @@ def fitted_crossings(chains: Sequence[Chain]) -> tuple[list[Crossing], list[str]
 
 def _across(found: Sequence[Meeting], chains: Sequence[Chain]) -> list[Meeting]:
     """The meetings without grazing contacts: couples near one another at which the heights hardly differ."""
-    flat = [
-        k
-        for k, meeting in enumerate(found)
-        if abs(meeting.heights_m[0] - meeting.heights_m[1])
-        < LEAST_GAP * sum(chains[strand].radius_m for strand in meeting.strands)
-    ]
+    flat = [k for k, meeting in enumerate(found) if _flat(meeting, chains)]
     dropped: set[int] = set()
     for place, k in enumerate(flat):
         if k in dropped:
             continue
-        reach = GRAZING * chains[found[k].strands[0]].radius_m
         for other in flat[place + 1 :]:
-            near = np.abs(np.subtract(found[k].s_m, found[other].s_m)) < reach
-            if other not in dropped and found[k].strands == found[other].strands and near.all():
+            if other not in dropped and _one_contact(found[k], found[other], chains):
                 dropped |= {k, other}
                 break
     return [meeting for k, meeting in enumerate(found) if k not in dropped]
 
 
+def _flat(meeting: Meeting, chains: Sequence[Chain]) -> bool:
+    gap = abs(meeting.heights_m[0] - meeting.heights_m[1])
+    return gap < FLAT * sum(chains[strand].radius_m for strand in meeting.strands)
+
+
+def _one_contact(one: Meeting, other: Meeting, chains: Sequence[Chain]) -> bool:
+    if one.strands != other.strands:
+        return False
+    ways = [
+        ChainLine(chains[strand]).apart(np.array(s), t)
+        for strand, s, t in zip(one.strands, one.s_m, other.s_m, strict=True)
+    ]
+    return max(map(float, ways)) < GRAZING * max(chains[strand].radius_m for strand in one.strands)
+
+
 def _at(chain: Chain, s_m: float, field: str) -> float:
     """A chain's value, given for each of its points, at arc length `s_m`."""
-    return float(np.interp(s_m, chain.arc_length_m, getattr(chain, field)))
+    values = np.asarray(getattr(chain, field), dtype=np.float64)
+    return float(ChainLine(chain)(np.array(s_m), values))

@@ -15,9 +15,10 @@ LOOKED_AT = 2
 """Of so many surface points of a view one is looked at."""
 SEEN_BY = 2
 """Surface points that a view must have beside a point of the line to have seen it."""
-INDEPENDENT_SHARE = 0.5
-"""Share of the surface points that speak for themselves: depth errors are correlated over neighbouring pixels.
-Measured on simulated scans, so that twice the sigma holds 95 of 100."""
+SYSTEMATIC_SHARE = 0.35
+"""Share of the surface's scatter that is the same in all views and in neighbouring pixels, so that nothing averages it
+out: errors of stereo that repeat with the disparity. Measured on simulated scans, so that twice the sigma holds 95 of
+100 there, and of all that comes out of a short baseline at a long distance too."""
 FLOOR_M = 0.0001
 """No point is claimed better than this: lens and depth scale are common to all views."""
 BRIDGE_BEND = 8.0
@@ -29,13 +30,12 @@ def evidence(
 ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     """(N,) one sigma across the string, metres, and (N,) number of views, for each point of the strand.
 
-    Twice the sigma holds the true centre line in 95 of 100 cases. Three errors add up: that of the views' poses after
+    Twice the sigma holds the true centre line in 95 of 100 cases. Four errors add up: that of the views' poses after
     registration, which moves the whole string; that of the fit, from the surface's scatter and how much of it bears
-    the point; and, where the string is hidden, how far it may bend unseen.
+    the point; that which all depth shares; and, where the string is hidden, how far it may bend unseen.
     """
     views = np.where(strand.bridged, 0, _views(strand, registration.clouds))
-    support = np.maximum(strand.support * INDEPENDENT_SHARE, 1e-3)
-    fit = 1.5 * scatter_m**2 / support
+    fit = 1.5 * scatter_m**2 / np.maximum(strand.support, 1e-3)
     unseen = strand.bridged
     hidden = np.zeros(len(unseen))
     if unseen.any() and not unseen.all():
@@ -43,7 +43,8 @@ def evidence(
         way, nearest = KDTree(s[~unseen, None]).query(s[unseen, None])
         fit[unseen] = fit[~unseen][np.asarray(nearest)]
         hidden[unseen] = np.asarray(way) ** 2 / (2 * BRIDGE_BEND * strand.radius_m)
-    return np.sqrt(_pose_variance(strand.points, registration) + fit + hidden**2 + FLOOR_M**2), views
+    common = FLOOR_M**2 + (SYSTEMATIC_SHARE * scatter_m) ** 2
+    return np.sqrt(_pose_variance(strand.points, registration) + fit + hidden**2 + common), views
 
 
 def _views(strand: FittedStrand, clouds: Sequence[NormalCloud]) -> NDArray[np.int64]:

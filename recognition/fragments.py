@@ -42,6 +42,23 @@ class Fragment:
     closed: bool = False
     """The last node links to the first."""
 
+    def pieces(self, kept: NDArray[np.bool_], cut: NDArray[np.bool_]) -> list["Fragment"]:
+        """What is left without the nodes that are not `kept` (N,) and the links that are `cut` (N,).
+
+        Link k leads from node k to the next; of a closed fragment, the last one leads to the first node. Pieces of
+        fewer than `MIN_NODES` nodes are left out.
+        """
+        if kept.all() and not (cut if self.closed else cut[:-1]).any():
+            return [self]
+        broken = cut | ~kept | ~np.roll(kept, -1)
+        broken[-1] |= not self.closed
+        first = (int(np.flatnonzero(broken)[-1]) + 1) % len(broken)
+        order = np.roll(np.arange(len(broken)), -first)
+        runs = np.split(order, np.flatnonzero(broken[order])[:-1] + 1)
+        return [
+            Fragment(self.points[run], self.support[run]) for run in runs if kept[run].all() and len(run) >= MIN_NODES
+        ]
+
 
 def link(nodes: LineNodes, parameters: ChainParameters) -> list[Fragment]:
     """The strands as far as they can be followed from node to node.
@@ -66,15 +83,11 @@ def cut_over_bare_table(fragments: Sequence[Fragment], cover: Cover, r: float) -
     parts = []
     for fragment in fragments:
         points = fragment.points
-        way = np.linalg.norm(np.diff(points, axis=0), axis=1)
-        long = np.flatnonzero(way > LONG_SHARE * r)
-        bare = long[cover.over((points[long] + points[long + 1]) / 2, r)[1]] if len(long) else long
-        if len(bare) == 0:
-            parts.append(fragment)
-            continue
-        for part in np.split(np.arange(len(points)), bare + 1):
-            if len(part) >= MIN_NODES:
-                parts.append(Fragment(points[part], fragment.support[part]))
+        following = np.roll(points, -1, axis=0)
+        cut = np.linalg.norm(following - points, axis=1) > LONG_SHARE * r
+        if cut.any():
+            cut[cut] = cover.over((points[cut] + following[cut]) / 2, r)[1]
+        parts += fragment.pieces(np.ones(len(points), dtype=bool), cut)
     return parts
 
 

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recognition.joining import Strand, join, strand_ends
+from recognition.pairing import SHORTEST_RING
 from recognition.parameters import ChainParameters
 from recognition.polyline import arc_length
 
@@ -19,8 +20,6 @@ MOST_OVERLAP = 8.0
 """Both ends are continued by a few radii at most."""
 CUT_SHARE = 1.0
 """So much more than half the overlap is taken off each, as a share of r: near an end a line is known worst."""
-SHORTEST_RING = 12.0
-"""A strand shorter than this, in radii, can't meet itself."""
 
 
 def joined_where_ends_meet(strands: Sequence[Strand], parameters: ChainParameters) -> list[Strand] | None:

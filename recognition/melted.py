@@ -4,11 +4,12 @@ from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import uniform_filter1d
 from scipy.spatial import KDTree
 
-from recognition.fragments import MIN_NODES, Fragment
+from recognition.fragments import Fragment
 from recognition.parameters import ChainParameters
-from recognition.polyline import arc_length, closed_up, evenly
+from recognition.polyline import arc_length, closed_up, even_lengths, points_at
 
 LINE_SHARE = 0.35
 """Step, as a share of r, in which the fragments' lines are looked at."""
@@ -38,14 +39,11 @@ def cut_where_melted(
     aside = _aside(fragments, surface, parameters.r)
     parts = []
     for fragment, share in zip(fragments, aside, strict=True):
-        keep = share < LEAST_ASIDE
+        kept = share < LEAST_ASIDE
         # All along, it is a string thicker than told.
-        if keep.all() or np.median(share) >= LEAST_ASIDE / 2:
-            parts.append(fragment)
-            continue
-        for run in np.split(np.arange(len(keep)), np.flatnonzero(np.diff(keep)) + 1):
-            if keep[run[0]] and len(run) >= MIN_NODES:
-                parts.append(Fragment(fragment.points[run], fragment.support[run]))
+        if np.median(share) >= LEAST_ASIDE / 2:
+            kept[:] = True
+        parts += fragment.pieces(kept, np.zeros(len(kept), dtype=bool))
     return parts
 
 
@@ -53,7 +51,9 @@ def _aside(fragments: Sequence[Fragment], surface: NDArray[np.float64], r: float
     """For each fragment (N,), at its points, the share of the surface about it that is aside on both sides."""
     if not fragments:
         return []
-    lines = [evenly(closed_up(fragment.points, fragment.closed), LINE_SHARE * r) for fragment in fragments]
+    whole = [closed_up(fragment.points, fragment.closed) for fragment in fragments]
+    lengths = [even_lengths(line, LINE_SHARE * r) for line in whole]
+    lines = [points_at(line, s) for line, s in zip(whole, lengths, strict=True)]
     points = np.vstack(lines)
     way = np.vstack([np.gradient(line[:, :2], axis=0) for line in lines])
     way /= np.maximum(np.linalg.norm(way, axis=1, keepdims=True), 1e-12)
@@ -69,12 +69,11 @@ def _aside(fragments: Sequence[Fragment], surface: NDArray[np.float64], r: float
     ]
     shares = []
     first = 0
-    for fragment, line in zip(fragments, lines, strict=True):
+    for fragment, line, at in zip(fragments, lines, lengths, strict=True):
         total, one, other = (
-            np.convolve(count[first : first + len(line)], np.ones(SMOOTHED), "same") for count in counts
+            uniform_filter1d(count[first : first + len(line)], SMOOTHED, mode="constant") for count in counts
         )
         first += len(line)
-        share = np.minimum(one, other) / np.maximum(total, 1)
-        at = np.linspace(0.0, arc_length(line)[-1], len(line))
+        share = np.minimum(one, other) / np.maximum(total, 1 / SMOOTHED)
         shares.append(np.interp(arc_length(fragment.points), at, share))
     return shares

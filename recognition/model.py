@@ -111,11 +111,11 @@ class ViewQuality:
     points: int
     """Points of the string's height that it gave."""
     fitness: float | None = None
-    """Share of its points that have a neighbour in the merged cloud."""
+    """Share of its points beside which, within r, another view has measured the same surface."""
     rms_m: float | None = None
-    """Root mean square distance of those to the merged surface."""
+    """Root mean square distance of those from the other views' surface."""
     correction_m: float | None = None
-    """How far registration moved it from its hand-eye pose, at the view's centroid."""
+    """How far levelling and registration moved it from where arm and hand-eye calibration put it, at its centroid."""
     correction_rad: float | None = None
 
 
@@ -144,7 +144,7 @@ class PointChainModel:
     """The best first."""
 
     def to_json(self) -> dict[str, Any]:
-        """The model as the JSON document of schema `pointchain/1`: only finite numbers, lengths to a micrometre."""
+        """The model as the JSON document of schema `pointchain/1`: only finite numbers, places to a micrometre."""
         return {
             "schema": SCHEMA,
             "frame": self.frame,

@@ -2,7 +2,8 @@
 
 import time
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +15,7 @@ from recognition.cover import Cover
 from recognition.crossings import find_crossings
 from recognition.ends import extend_ends
 from recognition.enhanced import EnhancedMatching, match_enhanced
+from recognition.errors import InvalidParametersError
 from recognition.fitted_chains import fitted_chains
 from recognition.fitted_crossings import fitted_crossings
 from recognition.graph import Graph, told_doubts, trace_strands
@@ -21,7 +23,7 @@ from recognition.grasps import find_grasps
 from recognition.gripper import Gripper
 from recognition.joining import Strand
 from recognition.matching import match
-from recognition.model import Chain, Crossing, Method, PointChainModel, Quality
+from recognition.model import METHODS, Chain, Crossing, Method, PointChainModel, Quality
 from recognition.normals import NormalCloud
 from recognition.parameters import ChainParameters
 from recognition.preprocess import DepthView, Scene, TargetCloud
@@ -61,12 +63,14 @@ class Recognition:
 
 @dataclass(frozen=True, eq=False)
 class _Found:
-    """What a method made of the centre line."""
+    """What a method made of the centre line, and the stages that led to it."""
 
     chains: tuple[Chain, ...]
     crossings: Sequence[Crossing]
     ambiguities: Sequence[str]
     warnings: Sequence[str]
+    stages: dict[str, Any]
+    """Fields of `Recognition`."""
 
 
 @dataclass
@@ -103,12 +107,16 @@ def recognise(
     each stage (`STAGES`) as it begins.
 
     Raises:
+        InvalidParametersError: an unknown method.
+        DuplicateViewError: two views with the same index.
         InsufficientViewsError: fewer than two views, or fewer that can be used.
         ContradictingViewsError: no majority of the views shows the same scene.
         NoDepthError: no view measured anything in the workspace.
         TooCrowdedError: far more is above the table than strings.
         RadiusUnknownError: no parameters, and nothing to measure a radius of.
     """
+    if method not in METHODS:
+        raise InvalidParametersError(f"there is no method {method!r}; it must be one of {', '.join(METHODS)}")
     scene = scene or Scene()
     clock = _Clock(on_stage)
 
@@ -119,9 +127,8 @@ def recognise(
     arrivals = receive(views, parameters, scene)
     if arrivals.empty_because is not None:
         clock.begin(None)
-        quality = Quality(views=arrivals.left_out, warnings=(arrivals.empty_because,))
-        empty = PointChainModel(method, parameters, quality=quality, timing_s=clock.timing_s)
-        return Recognition(empty, arrivals.targets)
+        quality = Quality(arrivals.left_out, warnings=(arrivals.empty_because,))
+        return Recognition(PointChainModel(method, parameters, (), (), quality, clock.timing_s), arrivals.targets)
 
     clock.begin("registration")
     registration = register(arrivals.clouds, parameters, arrivals.pairs)
@@ -129,14 +136,11 @@ def recognise(
     clock.begin("centre_line")
     centre_line = estimate_centre_line(registration.points, registration.normals, parameters)
 
-    stages = Recognition(
-        PointChainModel(method, parameters), arrivals.targets, arrivals.clouds, registration, centre_line
-    )
     if method == "graph":
-        found, stages = _by_graph(stages, parameters, scene, clock)
+        found = _by_graph(registration, centre_line, parameters, scene, clock)
     else:
-        found, stages = _by_sequences(stages, method, parameters, scene, clock)
-    warnings = [*registration.warnings, *found.warnings, *unexplained(registration.points, found.chains, parameters)]
+        found = _by_sequences(method, registration, centre_line, parameters, scene, clock)
+    left_over = unexplained(registration.points, found.chains, parameters)
 
     clock.begin("grasps")
     grasps, ungraspable = find_grasps(
@@ -144,22 +148,24 @@ def recognise(
     )
     clock.begin(None)
 
-    view_quality = tuple(sorted(registration.views + arrivals.left_out, key=lambda view: view.index))
-    quality = Quality(view_quality, tuple(found.ambiguities), (*warnings, *ungraspable))
+    views_told = tuple(sorted(registration.views + arrivals.left_out, key=lambda view: view.index))
+    warnings = (*registration.warnings, *found.warnings, *left_over, *ungraspable)
+    quality = Quality(views_told, tuple(found.ambiguities), warnings)
     model = PointChainModel(
         method, parameters, found.chains, tuple(found.crossings), quality, clock.timing_s, grasps=grasps
     )
-    return replace(stages, model=model)
+    return Recognition(model, arrivals.targets, arrivals.clouds, registration, centre_line, **found.stages)
 
 
 def _by_sequences(
-    stages: Recognition, method: Method, parameters: ChainParameters, scene: Scene, clock: _Clock
-) -> tuple[_Found, Recognition]:
+    method: Method,
+    registration: Registration,
+    centre_line: CentreLine,
+    parameters: ChainParameters,
+    scene: Scene,
+    clock: _Clock,
+) -> _Found:
     """The paper's methods: points linked one after the other (II.G and III)."""
-    registration, centre_line = stages.registration, stages.centre_line
-    assert registration is not None
-    assert centre_line is not None
-
     clock.begin("matching")
     thinned = enhanced = reconstruction = None
     if method == "matching":
@@ -179,18 +185,14 @@ def _by_sequences(
     clock.begin("topology")
     strands, chains, warnings = make_chains(strands, centre_line.single, registration.clouds, scene, parameters)
     crossings, ambiguities = find_crossings(strands, registration.points, parameters)
-    found = _Found(chains, crossings, [*ambiguities, *sharp_bends(chains)], warnings)
-    return found, replace(stages, thinned=thinned, enhanced=enhanced, segments=segments, reconstruction=reconstruction)
+    stages = {"thinned": thinned, "enhanced": enhanced, "segments": segments, "reconstruction": reconstruction}
+    return _Found(chains, crossings, [*ambiguities, *sharp_bends(chains)], warnings, stages)
 
 
 def _by_graph(
-    stages: Recognition, parameters: ChainParameters, scene: Scene, clock: _Clock
-) -> tuple[_Found, Recognition]:
+    registration: Registration, centre_line: CentreLine, parameters: ChainParameters, scene: Scene, clock: _Clock
+) -> _Found:
     """Our method: strands as paths in a graph, joined all at once, and fitted to the surface."""
-    registration, centre_line = stages.registration, stages.centre_line
-    assert registration is not None
-    assert centre_line is not None
-
     clock.begin("matching")
     cover = Cover(registration.points)
     graph = trace_strands(centre_line.single, cover, parameters)
@@ -202,4 +204,4 @@ def _by_graph(
     chains, warnings = fitted_chains(refinement, registration, cover, scene, parameters)
     crossings, ambiguities = fitted_crossings(chains)
     ambiguities = [*ambiguities, *told_doubts(graph.pairing), *sharp_bends(chains)]
-    return _Found(chains, crossings, ambiguities, warnings), replace(stages, graph=graph, refinement=refinement)
+    return _Found(chains, crossings, ambiguities, warnings, {"graph": graph, "refinement": refinement})

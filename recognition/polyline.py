@@ -17,8 +17,13 @@ def points_at(points: NDArray[np.float64], s: NDArray[np.float64]) -> NDArray[np
 
 def evenly(points: NDArray[np.float64], step: float) -> NDArray[np.float64]:
     """(M, D) places on the polyline `points` (N, D): from end to end in two or more even steps of at most `step`."""
+    return points_at(points, even_lengths(points, step))
+
+
+def even_lengths(points: NDArray[np.float64], step: float) -> NDArray[np.float64]:
+    """(M,) arc lengths at which the places of `evenly` lie."""
     length = float(arc_length(points)[-1])
-    return points_at(points, np.linspace(0.0, length, max(int(np.ceil(length / step - 1e-9)), 2) + 1))
+    return np.linspace(0.0, length, max(int(np.ceil(length / step - 1e-9)), 2) + 1)
 
 
 def closed_up(points: NDArray[np.float64], closed: bool) -> NDArray[np.float64]:

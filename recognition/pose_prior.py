@@ -54,7 +54,6 @@ class PosePrior:
     """(6 V + 7,): the most probable state x is that of `information x = -gradient`."""
     robot: tuple[tuple[NDArray[np.float64], NDArray[np.float64]], ...]
     """For each view (D, d): `D x + d` (6,) are the robot's errors in sigmas."""
-    sigmas: PoseSigmas
 
 
 def pose_prior(clouds: Sequence[NormalCloud], centre: NDArray[np.float64], sigmas: PoseSigmas) -> PosePrior:
@@ -88,7 +87,7 @@ def pose_prior(clouds: Sequence[NormalCloud], centre: NDArray[np.float64], sigma
             level = np.array([sigmas.level_rad, sigmas.level_rad, np.inf, np.inf, np.inf, sigmas.level_m])
             information[own, own] += np.diag(level**-2.0)
         robot.append((D, d))
-    return PosePrior(information, gradient, tuple(robot), sigmas)
+    return PosePrior(information, gradient, tuple(robot))
 
 
 def twist_of(T: NDArray[np.float64], centre: NDArray[np.float64]) -> NDArray[np.float64]:

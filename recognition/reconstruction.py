@@ -219,8 +219,8 @@ def least_bending_pairs(
     for column, couple in enumerate(couples):
         each_end_once[list(couple), column] = 1.0
     best = milp(
-        # A couple less by 3 than its inner product (at least -1): no total makes up for a couple missing.
-        c=[b[couple] - 3.0 for couple in couples],
+        # Inner products are 1 at the most: no total of them makes up for a couple missing.
+        c=[b[couple] - (len(ends) + 2.0) for couple in couples],
         integrality=np.ones(len(couples)),
         bounds=Bounds(0, 1),
         constraints=LinearConstraint(each_end_once, ub=1),

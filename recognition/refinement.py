@@ -25,7 +25,10 @@ LAST_STEPS = (2,)
 RADIUS_TIE_SHARE = 0.3
 """One sigma by which a string's radius may differ from the one told, as a share of it."""
 SAME_RADIUS = 0.12
-"""A measured radius within this share of the told one does not contradict it, and the told one holds."""
+"""A measured radius within this share of the told one does not contradict it, and the told one holds, ..."""
+SAME_AS_SCATTER = 0.8
+"""... nor one within this share of the surface's scatter: where that is a quarter of the radius, radii come out a
+sixth off, and lines with them."""
 RESTING_PERCENTILE = 20.0
 """Of the heights of a string's points, the one taken for where it rests on the table."""
 RESTING_AGREES = 0.2
@@ -40,6 +43,8 @@ SECTORS = 9
 """Parts of the profile."""
 FEW_IN_SECTOR = 10
 """Fewer surface points in a part say nothing."""
+MOST_JOINS = 3
+"""Times that strands are joined where their ends meet: all that do are joined at once, so one is enough."""
 OVERLAP = 8
 """Points by which a closed strand is continued beyond its seam, so that it is fitted there like elsewhere."""
 
@@ -58,7 +63,7 @@ class FittedStrand:
     radius_m: float
     """Of the tube."""
     measured_radius_m: float
-    """That fits the surface best."""
+    """By its height where it rests on the table, else that fits the surface best."""
     out_of_round_m: float
     """Standard deviation of its mean profile about the tube: noise averages out, an edge stays."""
 
@@ -80,6 +85,7 @@ def refine(
     normals: NDArray[np.float64],
     parameters: ChainParameters,
     table_z_m: float = 0.0,
+    joins: int = MOST_JOINS,
 ) -> Refinement:
     """Strands fitted to the `surface` (M, 3) with outward `normals` (M, 3), above a table at `table_z_m`.
 
@@ -87,6 +93,8 @@ def refine(
     underside, and inwards in bends. Here each centre line is a polyline whose points minimise the squared distance
     of the surface from the tube about it (robust weights), with a price on bending. Points that lie on no tube, as
     those of other things, count nothing.
+
+    Strands whose ends turn out to lie over one another are joined and fitted anew, at most `joins` times.
 
     Each string's radius is measured along (`_measured_radii`); where it does not contradict the told one, the told
     one is used.
@@ -97,9 +105,9 @@ def refine(
         return Refinement([], np.full(len(surface), -1), 0.0)
     # A part of the surface is enough to bring the lines near and to measure radii.
     fit = TubeFit([_even(strand, r) for strand in strands], r, surface[::FIRST_LOOK], normals[::FIRST_LOOK])
-    _settle(fit, STEPS, RADIUS_TIE_SHARE * r)
+    scatter = _settle(fit, STEPS, RADIUS_TIE_SHARE * r).sigma
     measured = _measured_radii(fit, table_z_m)
-    contradicts = np.abs(measured / r - 1) > SAME_RADIUS
+    contradicts = np.abs(measured - r) > max(SAME_RADIUS * r, SAME_AS_SCATTER * scatter)
     radii = np.where(contradicts, measured, r)
     lines = [fit.points[fit.line(k)] for k in range(len(strands))]
     fit = TubeFit(lines, r, surface, normals)
@@ -114,9 +122,9 @@ def refine(
         strand if strand.closed else Strand(line, np.zeros(len(line), dtype=bool))
         for strand, line in zip(strands, lines, strict=True)
     ]
-    joined = joined_where_ends_meet(brought, parameters)
+    joined = joined_where_ends_meet(brought, parameters) if joins else None
     if joined is not None:
-        return refine(joined, surface, normals, parameters, table_z_m)
+        return refine(joined, surface, normals, parameters, table_z_m, joins - 1)
     fit = TubeFit(lines, r, surface, normals)
     fit.radii = radii
     assigned = _settle(fit, LAST_STEPS, None)

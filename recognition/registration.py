@@ -86,7 +86,7 @@ def register(
         looser = replace(sigmas, **{name: spread * value for name, value in asdict(sigmas).items()})
         alignment, placed = _aligned(used, pairs, centre, parameters, looser)
     points, normals = merge(placed, parameters)
-    views = fitness(placed, parameters)
+    views = fitness(used, placed, parameters)
     views += [
         ViewQuality(cloud.view, False, reasons[cloud.view], len(cloud.points))
         for cloud in clouds

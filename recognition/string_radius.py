@@ -27,7 +27,7 @@ def measured_parameters(views: Sequence[DepthView], scene: Scene) -> ChainParame
     """Parameters for the radius that most of the string in the views has.
 
     A rough radius from the heights above the table is enough to find the strings; tubes fitted to them then tell
-    it. Strings thinner than about 1.2 mm in radius do not stand out of the table for this.
+    it. Strings thinner than about 1.5 mm in radius do not stand out of the table for this.
 
     Raises:
         RadiusUnknownError: something is above the table, but nothing to measure a string's radius of.

@@ -7,7 +7,8 @@ from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
 from recognition.parameters import ChainParameters
-from recognition.polyline import arc_length
+from recognition.polyline import arc_length, closed_up
+from recognition.reading_order import reading_order
 from recognition.refinement import FittedStrand, Refinement
 from recognition.wording import in_mm
 
@@ -32,15 +33,15 @@ def select_strings(
 ) -> tuple[list[FittedStrand], list[str]]:
     """The fitted strands that are strings, in the model's order and direction, and in words what the others are.
 
-    A string is round: the surface beside it lies on its tube. The longest comes first, and each begins at its end of
-    smaller x (then y), so that the same string in the same place always reads the same.
+    A string is round: the surface beside it lies on its tube. The longest comes first.
     """
     strands = refinement.strands
     on_tube = _on_tube(refinement, surface, parameters.r)
     kept: list[int] = []
     left_out = []
-    for k in np.argsort([-arc_length(strand.points)[-1] for strand in strands], kind="stable").tolist():
-        strand, length = strands[k], float(arc_length(strands[k].points)[-1])
+    lengths = [float(arc_length(closed_up(strand.points, strand.closed))[-1]) for strand in strands]
+    for k in np.argsort(-np.array(lengths), kind="stable").tolist():
+        strand, length = strands[k], lengths[k]
         usual = float(np.median(strands[kept[0]].support)) if kept else 0.0
         borne = np.mean(strand.support >= BORNE * usual) >= BORNE_SHARE
         circular = strand.out_of_round_m <= OUT_OF_ROUND * max(strand.radius_m, parameters.r)
@@ -48,7 +49,13 @@ def select_strings(
         if length >= SHORTEST * parameters.r and borne and round_:
             kept.append(k)
             continue
-        why = "not round like a string" if length >= SHORTEST * parameters.r else "too short to be told from noise"
+        why = (
+            "too short to be told from noise"
+            if length < SHORTEST * parameters.r
+            else "hardly seen"
+            if not borne
+            else "not round like a string"
+        )
         left_out.append(f"left out a piece of {length * 1000:.0f} mm at {in_mm(strand.points.mean(axis=0))}: {why}")
     return [_directed(strands[k]) for k in kept], left_out
 
@@ -70,11 +77,5 @@ def _on_tube(refinement: Refinement, surface: NDArray[np.float64], r: float) -> 
 
 
 def _directed(strand: FittedStrand) -> FittedStrand:
-    if tuple(strand.points[0]) <= tuple(strand.points[-1]):
-        return strand
-    return replace(
-        strand,
-        points=strand.points[::-1].copy(),
-        bridged=strand.bridged[::-1].copy(),
-        support=strand.support[::-1].copy(),
-    )
+    order = reading_order(strand.points, strand.closed)
+    return replace(strand, points=strand.points[order], bridged=strand.bridged[order], support=strand.support[order])

@@ -25,6 +25,8 @@ CUT_SIGMAS = 3.0
 """Residuals beyond this many sigma count nothing (Tukey)."""
 SIGMA_FLOOR = 0.03
 """Residuals are never taken to be smaller than this share of r: the lines themselves begin a tenth of r off."""
+BANDS = 6
+"""Off-diagonals of the points' normal matrix: bending couples the coordinates of points two apart."""
 CANDIDATES = 4
 """Nearest links looked at for each surface point: at a crossing, both strands must be among them."""
 
@@ -105,16 +107,16 @@ class TubeFit:
         border = -(J.T @ weight)
         A = csr_array(J.T @ (weight[:, None] * J)) + self._bending
         size = self.points.size
-        bands = np.zeros((9, size))
-        for away in range(min(9, size)):
-            bands[8 - away, away:] = A.diagonal(away)
+        bands = np.zeros((BANDS + 1, size))
+        for away in range(min(BANDS + 1, size)):
+            bands[BANDS - away, away:] = A.diagonal(away)
         # Nothing measured holds the points along their line, nor those that no surface bears: they stay.
-        hold = 3 * float(bands[8].mean())
-        bands[8] += 1e-3 * hold
+        hold = 3 * float(bands[BANDS].mean())
+        bands[BANDS] += 1e-3 * hold
         t = self._tangents()
         for p in range(3):
             for q in range(p, 3):
-                bands[8 - (q - p), q::3] += hold * t[:, p] * t[:, q]
+                bands[BANDS - (q - p), q::3] += hold * t[:, p] * t[:, q]
         solved = solveh_banded(bands, np.column_stack([gradient, border]))
         change = np.zeros(len(self.radii))
         line, owner = np.repeat(self.strand, 3), self.strand[assigned.link]

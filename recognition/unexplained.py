@@ -31,13 +31,13 @@ def unexplained(surface: NDArray[np.float64], chains: Sequence[Chain], parameter
     if len(rest) == 0:
         return []
     _, piece = connected_components(within(rest, rest, parameters.r), directed=False)
-    found = []
-    for number in range(int(piece.max()) + 1):
-        points = rest[piece == number]
-        size = float(np.linalg.norm(np.ptp(points, axis=0)))
-        if size >= parameters.r_cn:
-            found.append((size, points.mean(axis=0)))
-    found.sort(key=lambda entry: -entry[0])
+    order = np.argsort(piece, kind="stable")
+    rest, first = rest[order], np.flatnonzero(np.diff(piece[order], prepend=-1))
+    extent = np.maximum.reduceat(rest, first) - np.minimum.reduceat(rest, first)
+    sizes = np.linalg.norm(extent, axis=1)
+    middles = np.add.reduceat(rest, first) / np.diff(first, append=len(rest))[:, None]
+    large = np.flatnonzero(sizes >= parameters.r_cn)
+    found = [(float(sizes[k]), middles[k]) for k in large[np.argsort(-sizes[large], kind="stable")]]
     told = [
         f"something of {size * 1000:.0f} mm at {in_mm(middle)} is above the table and in no chain"
         for size, middle in found[:MOST]

@@ -98,6 +98,26 @@ def test_two_crossings_near_one_another_with_a_gap_in_height_are_two(straight: C
     assert {c.sign for c in crossings} == {1, -1}
 
 
+@pytest.mark.parametrize("gap", [0.7, 1.1, 1.25])
+def test_a_clasp_is_two_crossings(gap: float) -> None:
+    # The first over the second and, 4 r on, under it: pressed flat, and yet not one contact.
+    x = np.linspace(-0.03, 0.03, 61)
+    lift = gap * R / 2 * np.clip(-x / (2 * R), -1, 1)
+    y = 0.3 * (np.abs(x) - 2 * R)
+    first, second = np.column_stack([x, y, 2 * R + lift]), np.column_stack([x, -y, 2 * R - lift])
+    crossings, _ = fitted_crossings([chain(0, first), chain(1, second)])
+    assert [(c.over.chain, c.under.chain) for c in crossings] == [(0, 1), (1, 0)]
+
+
+@pytest.mark.parametrize("seam", [0, 20, 45, 59])
+def test_a_ring_is_grazed_wherever_its_seam_is(straight: Callable, seam: int) -> None:
+    angle = np.arange(60) / 60 * 2 * np.pi
+    ring = np.column_stack([0.04 * np.cos(angle), 0.04 * np.sin(angle), np.full(60, R)])
+    # The line cuts a fifth of a millimetre off the ring, at one height.
+    line = straight((0.0398, -0.05, R), (0.0398, 0.05, R), 0.003)
+    assert fitted_crossings([chain(0, np.roll(ring, seam, axis=0), closed=True), chain(1, line)]) == ([], [])
+
+
 def test_three_on_one_another_cross_in_pairs() -> None:
     crossings, _ = fitted_crossings([towards(k, 60.0 * k, (1 + 2 * k) * R) for k in range(3)])
     assert {(c.over.chain, c.under.chain) for c in crossings} == {(1, 0), (2, 0), (2, 1)}

@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from recognition.fitted_evidence import BRIDGE_BEND, FLOOR_M, evidence
+from recognition.fitted_evidence import BRIDGE_BEND, FLOOR_M, SYSTEMATIC_SHARE, evidence
 from recognition.refinement import FittedStrand
 from recognition.registration import Registration
 
@@ -81,7 +81,7 @@ def test_a_displacement_along_the_string_is_no_error(seen: Callable, straight: C
 def test_the_fit_is_worth_its_points(seen: Callable, straight: Callable, registered: Callable) -> None:
     taken = registered(views(seen, straight, 0.11), 0.0)
     excess = [
-        evidence(strand(support=support), taken, scatter)[0] ** 2 - FLOOR_M**2
+        evidence(strand(support=support), taken, scatter)[0] ** 2 - FLOOR_M**2 - (SYSTEMATIC_SHARE * scatter) ** 2
         for scatter, support in ((0.0002, 40.0), (0.0004, 40.0), (0.0002, 10.0))
     ]
     # Variances go with the scatter's square and with one over the number of points.

@@ -1,15 +1,19 @@
 """Nodes linked to fragments, on hand-made nodes in millimetres with r = 10 mm."""
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from recognition.fragments import Fragment, link
+from recognition.cover import Cover
+from recognition.fragments import Fragment, cut_over_bare_table, link
 from recognition.line_nodes import LineNodes
 from recognition.parameters import ChainParameters
 
 PARAMETERS = ChainParameters.for_radius(0.01)
+R = 0.0042
 
 
 def nodes(points_mm: np.ndarray, directions: np.ndarray, support: float = 1.0, rho: float = 0.95) -> LineNodes:
@@ -138,3 +142,43 @@ def test_neither_the_order_of_nodes_nor_the_sense_of_directions_matters(seed: in
     sense = rng.choice((-1.0, 1.0), (len(order), 1))
     same = LineNodes(scene.points[order], sense * scene.directions[order], scene.support[order], scene.rho[order])
     assert spans(link(same, PARAMETERS)) == spans(link(scene, PARAMETERS))
+
+
+def test_a_ring_is_cut_once_wherever_its_first_node_is() -> None:
+    ring = Fragment(np.eye(20, 3), np.arange(20.0), closed=True)
+    everything, nothing = np.ones(20, dtype=bool), np.zeros(20, dtype=bool)
+    assert ring.pieces(everything, nothing) == [ring]
+    for k in range(20):
+        # One link cut: the same nodes in order, from behind it all round to before it.
+        (piece,) = ring.pieces(everything, np.arange(20) == k)
+        np.testing.assert_array_equal(piece.support, (np.arange(20) + k + 1) % 20)
+        assert not piece.closed
+        # A node taken out; then both, 8 nodes on.
+        (piece,) = ring.pieces(np.arange(20) != k, nothing)
+        np.testing.assert_array_equal(piece.support, (np.arange(19) + k + 1) % 20)
+        pieces = ring.pieces(np.arange(20) != k, np.arange(20) == (k + 8) % 20)
+        assert sorted(len(piece.points) for piece in pieces) == [8, 11]
+
+
+def test_an_open_fragment_falls_into_its_pieces() -> None:
+    line = Fragment(np.eye(12, 3), np.arange(12.0))
+    everything, last = np.ones(12, dtype=bool), np.arange(12) == 11
+    # Nothing follows the last node.
+    assert line.pieces(everything, last) == [line]
+    pieces = line.pieces(np.arange(12) != 7, np.arange(12) == 3)
+    # 0 to 3, 4 to 6 and 8 to 11; what has fewer than three nodes is left out.
+    assert sorted(piece.support.tolist() for piece in pieces) == [[0, 1, 2, 3], [4, 5, 6], [8, 9, 10, 11]]
+    assert [len(piece.points) for piece in line.pieces(everything, np.arange(12) == 1)] == [10]
+
+
+def test_a_link_over_bare_table_is_cut_in_rings_too(seen: Callable, arc: Callable) -> None:
+    angle = np.radians(np.arange(0, 360, 10))
+    ring = np.column_stack([0.04 * np.cos(angle), 0.04 * np.sin(angle), np.full(36, R)])
+    # 28 mm between two nodes, 7 mm elsewhere; nothing is seen in the long one.
+    ring = np.delete(ring, [10, 11, 12], axis=0)
+    surface, _ = seen([arc(0.04, 125, 90 + 360)], R)
+    for first in (0, 10, 11, 30):
+        fragment = Fragment(np.roll(ring, -first, axis=0), np.ones(len(ring)), closed=True)
+        (piece,) = cut_over_bare_table([fragment], Cover(surface), R)
+        assert not piece.closed
+        assert len(piece.points) == len(ring)

@@ -76,6 +76,11 @@ def test_a_string_thicker_than_told_stays_whole(seen: Callable, heap: Callable) 
     assert cut_where_melted(whole, surface, ChainParameters.for_radius(0.6 * R)) == whole
 
 
+def test_a_fragment_no_longer_than_a_radius_is_looked_at_too(seen: Callable) -> None:
+    short = Fragment(np.array([(0.0, 0.0, R), (0.3 * R, 0.0, R), (0.6 * R, 0.1 * R, R)]), np.ones(3))
+    assert cut_where_melted([short], seen(eye(1.3), R)[0], PARAMETERS) == [short]
+
+
 def test_nothing_seen_and_no_fragments() -> None:
     whole = [fragment(eye(1.3)[0])]
     assert cut_where_melted(whole, np.empty((0, 3)), PARAMETERS) == whole

@@ -16,7 +16,7 @@ from cell.simulation.camera import camera_model
 from cell.simulation.poses import NO_ERRORS
 from cell.simulation.scenes import make_scene
 from cell.simulation.simulate import SimulatedScan, simulate
-from recognition.errors import InsufficientViewsError, NoDepthError
+from recognition.errors import InsufficientViewsError, InvalidParametersError, NoDepthError
 from recognition.model import METHODS, Method
 from recognition.parameters import ChainParameters
 from recognition.pipeline import Recognition, recognise, stages_of
@@ -49,7 +49,7 @@ def empty_table(view: View) -> View:
 
 
 def document(recognition: Recognition) -> dict[str, Any]:
-    """The model's JSON, read back, without what differs from run to run: times, and ICP's last digits."""
+    """The model's JSON, read back, without what differs from run to run: the times."""
     written = json.dumps(recognition.model.to_json(), allow_nan=False)
     read_back = json.loads(written, parse_float=lambda figure: round(float(figure), 9))
     del read_back["timing_s"]
@@ -267,3 +267,8 @@ def test_a_wrong_radius_still_gives_a_finite_model(scan: SimulatedScan, scene: S
         for chain in model["chains"]:
             lengths = {len(chain[name]) for name in ("points", "arc_length_m", "sigma_m", "views")}
             assert len(lengths) == 1
+
+
+def test_an_unknown_method_is_refused(scan: SimulatedScan, scene: Scene, table_1: ChainParameters) -> None:
+    with pytest.raises(InvalidParametersError, match="no method 'grpah'; it must be one of matching, enhanced, graph"):
+        recognise(scan.views, table_1, scene, "grpah")  # type: ignore[arg-type]  # the name must be refused, not typed

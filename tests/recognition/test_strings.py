@@ -54,7 +54,7 @@ def test_what_is_hardly_borne_or_short_is_none(seen: Callable, straight: Callabl
     hardly = replace(fitted(line), support=np.where(np.arange(len(line)) < 10, 40.0, 4.0))
     (kept,), told = selected(surface, hardly, fitted(longer))
     np.testing.assert_array_equal(kept.points, longer)
-    assert told == NOT_ROUND
+    assert told == ["left out a piece of 100 mm at (50, 0, 4) mm: hardly seen"]
     (kept,), told = selected(surface, fitted(line[:7]), fitted(longer))
     assert told == ["left out a piece of 18 mm at (9, 0, 4) mm: too short to be told from noise"]
 
