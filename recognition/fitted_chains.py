@@ -8,12 +8,13 @@ from recognition.fitted_evidence import evidence
 from recognition.model import Chain, End
 from recognition.parameters import ChainParameters
 from recognition.preprocess import Scene
-from recognition.refinement import FittedStrand, Refinement
+from recognition.refinement import RESTING_PERCENTILE, FittedStrand, Refinement
 from recognition.registration import Registration
 from recognition.strings import select_strings
 
-NOISY = 0.22
-"""Scatter of the surface, as a share of r, from which on lines come out some tenths of a millimetre high."""
+FLOATING = 0.4
+"""A string rests on the table somewhere; where there is more room below all of it, as a share of its radius, that is
+told."""
 OTHER_RADIUS = 0.25
 """A measured radius that differs by more than this share from the told one is told."""
 
@@ -25,22 +26,23 @@ def fitted_chains(
 
     `cover` looks down on the registered surface.
     """
-    strands, warnings = select_strings(refinement, registration.points, parameters)
+    strands, warnings = select_strings(refinement, registration.points, parameters, scene.table_z_m)
     if not strands:
         warnings.append(
             f"no string of radius {parameters.r * 1000:.1f} mm found: nothing above the table is long, round and about "
             "as thick; check the radius"
-        )
-    elif refinement.scatter_m > NOISY * parameters.r:
-        warnings.append(
-            f"depth scatters by {refinement.scatter_m * 1000:.1f} mm about the strings, much for their radius: they "
-            "may lie lower than told, and thin ones may be missing; come nearer, or use a longer baseline"
         )
     chains = []
     for number, strand in enumerate(strands):
         sigma_m, views = evidence(strand, registration, refinement.scatter_m)
         ends = end_kinds(strand, cover, scene, parameters)
         chains.append(Chain(number, strand.closed, strand.radius_m, strand.points, sigma_m, views, ends))
+        below = float(np.percentile(strand.points[:, 2], RESTING_PERCENTILE)) - scene.table_z_m - strand.radius_m
+        if below > FLOATING * strand.radius_m:
+            warnings.append(
+                f"chain {number} lies {below * 1000:.1f} mm above the table nearly all along: it rests on something, "
+                "or is no string but the edge of a thing"
+            )
         if abs(strand.measured_radius_m / parameters.r - 1) > OTHER_RADIUS:
             warnings.append(
                 f"chain {number} measures {strand.measured_radius_m * 1000:.1f} mm in radius, not the "

@@ -22,6 +22,11 @@ BESIDE = 2.2
 OUT_OF_ROUND = 0.04
 """Largest deviation of a string's profile from a circle (standard deviation), as a share of its radius or, if that is
 larger, the told one. Strings had up to 0.03 in simulated and foreign scans, edges of boxes and bars 0.05 and more."""
+SUNK = 0.6
+"""A string's centre line is its radius above the table or higher; lower than this share of it runs something else,
+like the edge of a leaning plate, ..."""
+SUNK_PERCENTILE = 15.0
+"""... if so much of it does, in per cent: ends are known worst."""
 BORNE_SHARE = 0.5
 """Least share of a strand's points that the surface bears as well as `BORNE`."""
 BORNE = 0.25
@@ -29,11 +34,11 @@ BORNE = 0.25
 
 
 def select_strings(
-    refinement: Refinement, surface: NDArray[np.float64], parameters: ChainParameters
+    refinement: Refinement, surface: NDArray[np.float64], parameters: ChainParameters, table_z_m: float = 0.0
 ) -> tuple[list[FittedStrand], list[str]]:
     """The fitted strands that are strings, in the model's order and direction, and in words what the others are.
 
-    A string is round: the surface beside it lies on its tube. The longest comes first.
+    A string is round: the surface beside it lies on its tube. It lies on the table, not in it. The longest comes first.
     """
     strands = refinement.strands
     on_tube = _on_tube(refinement, surface, parameters.r)
@@ -46,7 +51,8 @@ def select_strings(
         borne = np.mean(strand.support >= BORNE * usual) >= BORNE_SHARE
         circular = strand.out_of_round_m <= OUT_OF_ROUND * max(strand.radius_m, parameters.r)
         round_ = circular and on_tube[k] >= STRING_SHARE
-        if length >= SHORTEST * parameters.r and borne and round_:
+        sunk = float(np.percentile(strand.points[:, 2], SUNK_PERCENTILE)) - table_z_m < SUNK * strand.radius_m
+        if length >= SHORTEST * parameters.r and borne and round_ and not sunk:
             kept.append(k)
             continue
         why = (
@@ -55,6 +61,8 @@ def select_strings(
             else "hardly seen"
             if not borne
             else "not round like a string"
+            if not round_
+            else "its tube would reach into the table"
         )
         left_out.append(f"left out a piece of {length * 1000:.0f} mm at {in_mm(strand.points.mean(axis=0))}: {why}")
     return [_directed(strands[k]) for k in kept], left_out

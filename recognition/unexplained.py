@@ -20,14 +20,18 @@ MOST = 5
 def unexplained(surface: NDArray[np.float64], chains: Sequence[Chain], parameters: ChainParameters) -> list[str]:
     """In words, the pieces of `surface` (N, 3) larger than r_cn that lie farther than 2 r from every chain.
 
+    From a chain thicker than told, twice its own radius.
     A model that leaves string out is a wrong model, and a grasp beside a thing that the model does not know may
     collide with it: both must be told.
     """
     if not chains or len(surface) == 0:
         return []
     lines = [evenly(closed_up(chain.points, chain.closed), parameters.r) for chain in chains]
-    distance, _ = KDTree(np.vstack(lines)).query(surface, distance_upper_bound=2 * parameters.r)
-    rest = surface[~np.isfinite(distance)]
+    reach = np.repeat([2 * max(chain.radius_m, parameters.r) for chain in chains], [len(line) for line in lines])
+    distance, nearest = KDTree(np.vstack(lines)).query(surface, distance_upper_bound=float(reach.max()))
+    far = ~np.isfinite(distance)
+    far[~far] = np.asarray(distance)[~far] > reach[np.asarray(nearest)[~far]]
+    rest = surface[far]
     if len(rest) == 0:
         return []
     _, piece = connected_components(within(rest, rest, parameters.r), directed=False)

@@ -156,6 +156,9 @@ def _nodes(figure: "Figure", recognition: Recognition, truth: Truth) -> None:
         *nodes.points[:, :2].T * MM,
         *nodes.directions[:, :2].T,
         pivot="mid",
+        color="0.6",
+        width=0.0012,
+        zorder=1,
         headwidth=0,
         headlength=0,
         headaxislength=0,
@@ -176,7 +179,8 @@ def _couples(figure: "Figure", recognition: Recognition, truth: Truth) -> None:
     for fragment in recognition.graph.fragments:
         axes.plot(*fragment.points[:, :2].T * MM, color="0.7")
     ends = recognition.graph.pairing.ends
-    axes.quiver(*ends.points[:, :2].T * MM, *ends.directions[:, :2].T, width=0.003)
+    if len(ends.points):  # rings have none
+        axes.quiver(*ends.points[:, :2].T * MM, *ends.directions[:, :2].T, width=0.003)
     for couple in recognition.graph.pairing.couples:
         axes.plot(*ends.points[list(couple), :2].T * MM, "o-", color="crimson")
     _true_lines(axes, truth)

@@ -177,3 +177,16 @@ def test_no_strands_are_no_chains_and_told(seen: Callable, straight: Callable, r
     (warning,) = warnings
     assert warning.startswith("no string of radius 4.2 mm found")
     assert warning.endswith("check the radius")
+
+
+def test_a_string_that_nothing_holds_up_is_told(seen: Callable, straight: Callable, registered: Callable) -> None:
+    def warnings(*strings: np.ndarray) -> list[str]:
+        return found(registered([seen(list(strings), noise=NOISE, seed=seed) for seed in range(2)]))[1]
+
+    (told,) = warnings(straight((0, 0, 1.6 * R), (0.15, 0, 1.6 * R)))
+    assert told.startswith("chain 0 lies 2.")
+    assert "above the table nearly all along" in told
+    # One that rests on another in the middle lies on the table elsewhere.
+    over = straight((0, 0, R), (0.2, 0, R))
+    over[:, 2] += 2 * R * np.exp(-(((over[:, 0] - 0.1) / 0.025) ** 2))
+    assert warnings(over, straight((0.1, -0.1, R), (0.1, 0.1, R))) == []

@@ -92,3 +92,19 @@ def test_turning_a_strand_round_turns_all_that_goes_with_its_points(seen: Callab
 
 def test_no_strands_no_strings() -> None:
     assert select_strings(Refinement([], np.empty(0, dtype=np.int64), 0.0), np.empty((0, 3)), PARAMETERS) == ([], [])
+
+
+def test_a_tube_that_reaches_into_the_table_is_no_string(seen: Callable, straight: Callable) -> None:
+    line = straight((0, 0, R), (0.1, 0, R), 0.003)
+    surface, _ = seen([line])
+    sunk = line - (0, 0, 0.45 * R)
+    assert selected(surface, fitted(sunk)) == (
+        [],
+        ["left out a piece of 100 mm at (50, 0, 2) mm: its tube would reach into the table"],
+    )
+    # One end alone may be wrong; and heights count from the table.
+    sunk[4:, 2] = R
+    assert len(selected(surface, fitted(sunk))[0]) == 1
+    lower = fitted(line - (0, 0, R))
+    refinement = Refinement([lower], np.zeros(len(surface), dtype=np.int64), 0.0002)
+    assert len(select_strings(refinement, surface - (0, 0, R), PARAMETERS, -R)[0]) == 1

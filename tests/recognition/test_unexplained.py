@@ -1,5 +1,7 @@
 """What is above the table and in no chain is told."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from recognition.model import Chain
@@ -24,6 +26,12 @@ ALONG_X = chain(line((0, 0), (100, 0), 20))
 def test_the_surface_of_a_chain_is_explained(table_1: ChainParameters) -> None:
     beside = line((0, 8), (100, 8), 1)
     assert unexplained(beside, [ALONG_X], table_1) == []
+
+
+def test_the_surface_of_a_thicker_chain_is_explained(table_1: ChainParameters) -> None:
+    beside = line((0, 11), (100, 11), 1)
+    assert len(unexplained(beside, [ALONG_X], table_1)) == 1
+    assert unexplained(beside, [replace(ALONG_X, radius_m=0.006)], table_1) == []
 
 
 def test_something_else_is_told_with_its_size_and_place(table_1: ChainParameters) -> None:
