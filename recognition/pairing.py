@@ -1,17 +1,13 @@
 """Which ends of fragments belong together: all of a scene at once, by least bending (eq. 8 generalised)."""
 
-import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import Bounds, LinearConstraint, milp
-from scipy.sparse import csr_array
-from scipy.sparse.csgraph import connected_components
 
+from recognition.couples import best_couples
 from recognition.cover import Cover
-from recognition.errors import TooCrowdedError
 from recognition.fragments import Fragment
 from recognition.parabola import end_parabola
 from recognition.parameters import ChainParameters
@@ -43,8 +39,6 @@ BARE = 1.0
 """Length of a gap, in radii, that may lie over bare table: noise leaves such holes, and no string is hidden there."""
 SAFE_MARGIN = 2.0
 """A couple without which the rest costs no more than this above the best is a doubt to be told."""
-SOLVE_S = 3.0
-"""Longest search for the best couples of a scene; real ones take milliseconds."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,7 +94,7 @@ def pair_ends(fragments: Sequence[Fragment], cover: Cover, parameters: ChainPara
     cost = _misfit(ends, a, b, parameters.r) + _gap_cost(ends, a, b, cover, parameters.r)
     gain = alone[a] + alone[b] - cost
     worth = gain > 0
-    couples, margins = _best_couples(len(ends.points), a[worth], b[worth], gain[worth])
+    couples, margins = best_couples(len(ends.points), a[worth], b[worth], gain[worth])
     doubts = [
         (ends.points[i] + ends.points[j]) / 2
         for (i, j), margin in zip(couples, margins, strict=True)
@@ -195,63 +189,6 @@ def _covered_ahead(ends: FragmentEnds, cover: Cover, r: float) -> NDArray[np.flo
     flat = ends.directions * (1, 1, 0)
     places = ends.points[:, None] + ahead * flat[:, None]
     return cover.over(places.reshape(-1, 3), r)[0].reshape(len(ends.points), -1).mean(axis=1)
-
-
-def _best_couples(
-    count: int, a: NDArray[np.int64], b: NDArray[np.int64], gain: NDArray[np.float64]
-) -> tuple[list[tuple[int, int]], list[float]]:
-    """The couples, each end in one at most, of the largest gain in sum, and what each is ahead of doing without it.
-
-    Ends that no couple links directly or through others don't compete: each such group is solved by itself. Margins
-    that there is no time for are 0.
-    """
-    until = time.monotonic() + SOLVE_S
-    _, group = connected_components(csr_array((np.ones(len(a)), (a, b)), shape=(count, count)), directed=False)
-    chosen: list[tuple[NDArray[np.int64], list[int], float]] = []
-    for number in np.unique(group[a]):
-        members = np.flatnonzero(group[a] == number)
-        solved = _solve(a[members], b[members], gain[members], until)
-        if solved is None:
-            raise TooCrowdedError(
-                f"the strands have {count} ends, and which belong together cannot be found within {SOLVE_S:g} s: "
-                "check the string's radius and the workspace"
-            )
-        chosen.append((members, *solved))
-    couples: list[tuple[int, int]] = []
-    margins: list[float] = []
-    for members, best, total in chosen:
-        for k in best:
-            others = np.delete(members, k)
-            without = _solve(a[others], b[others], gain[others], until)
-            couples.append((int(a[members[k]]), int(b[members[k]])))
-            margins.append(0.0 if without is None else total - without[1])
-    return couples, margins
-
-
-def _solve(
-    a: NDArray[np.int64], b: NDArray[np.int64], gain: NDArray[np.float64], until: float
-) -> tuple[list[int], float] | None:
-    """Which couples to take, and their gain in sum: an integer programme, trivial for one couple; None out of time."""
-    if len(a) == 0:
-        return [], 0.0
-    if len(a) == 1:
-        return ([0], float(gain[0])) if gain[0] > 0 else ([], 0.0)
-    left = until - time.monotonic()
-    if left <= 0:
-        return None
-    ends = np.unique(np.concatenate([a, b]))
-    each_once = (ends[:, None] == a) | (ends[:, None] == b)
-    found = milp(
-        -gain,
-        integrality=np.ones(len(gain)),
-        bounds=Bounds(0, 1),
-        constraints=LinearConstraint(each_once.astype(np.float64), ub=1),
-        options={"time_limit": left},
-    )
-    if not found.success:
-        return None
-    taken = [int(k) for k in np.flatnonzero(found.x > 0.5)]
-    return taken, float(gain[taken].sum())
 
 
 def _angle(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -5,10 +5,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import Bounds, LinearConstraint, milp
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import KDTree
 
+from recognition.couples import best_couples
 from recognition.errors import TooCrowdedError
 from recognition.joining import End, Strand, join, strand_ends
 from recognition.parameters import ChainParameters
@@ -22,8 +22,6 @@ FACING = 0.5
 """Cosine between an end's direction and the way to its partner: within 60 degrees it faces it."""
 MAX_SEGMENTS = 2000
 """Pieces taken; a string of ten metres with a hundred crossings has a few hundred."""
-SOLVE_S = 5.0
-"""Longest search for the best couples; real scenes take milliseconds. What is found by then counts."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -215,20 +213,10 @@ def least_bending_pairs(
     ]
     if not couples:
         return []
-    each_end_once = np.zeros((len(ends), len(couples)))
-    for column, couple in enumerate(couples):
-        each_end_once[list(couple), column] = 1.0
-    best = milp(
-        # Inner products are 1 at the most: no total of them makes up for a couple missing.
-        c=[b[couple] - (len(ends) + 2.0) for couple in couples],
-        integrality=np.ones(len(couples)),
-        bounds=Bounds(0, 1),
-        constraints=LinearConstraint(each_end_once, ub=1),
-        options={"time_limit": SOLVE_S},
-    )
-    if best.x is None:
-        return []
-    return [couple for couple, chosen in zip(couples, best.x, strict=True) if chosen > 0.5]
+    j, k = np.array(couples).T
+    # Inner products are 1 at the most: no total of them makes up for a couple missing.
+    taken, _ = best_couples(len(ends), j, k, len(ends) + 2.0 - b[j, k])
+    return taken
 
 
 def inner_products(ends: Sequence[End]) -> NDArray[np.float64]:

@@ -5,12 +5,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from recognition.joining import Strand, strand_ends
+from recognition.joining import End, Strand, strand_ends
 from recognition.parameters import ChainParameters
 from recognition.reconstruction import (
     connect_across_gaps,
     connect_at_intersections,
     inner_products,
+    least_bending_pairs,
     reconnect_close_ends,
     reconstruct,
 )
@@ -216,3 +217,17 @@ def test_no_measured_point_is_lost_and_direction_does_not_matter(arms: list[tupl
         measured = np.vstack([s.points[~s.bridged] for s in strands])
         assert sorted(map(tuple, measured)) == sorted(map(tuple, surface))
     assert spans(found[0]) == spans(found[1])
+
+
+def test_as_many_couples_as_can_be_are_joined_however_well_fewer_would_fit() -> None:
+    # Six ends in a row: those next to one another may be joined. Two couples would go straight on, three bend.
+    turns = np.radians([0, 60, 240, 300, 120, 180])
+    ends = [
+        End(k, True, np.array([0.1 * k, 0.0, 0.0]), np.array([np.cos(turn), np.sin(turn), 0.0]))
+        for k, turn in enumerate(turns)
+    ]
+    allowed = np.abs(np.subtract.outer(np.arange(6), np.arange(6))) == 1
+    strands = [strand((100 * k, 0), (100 * k, 100)) for k in range(6)]
+    products = inner_products(ends)
+    np.testing.assert_allclose(products[[0, 1, 2, 3, 4], [1, 2, 3, 4, 5]], [0.5, -1, 0.5, -1, 0.5], atol=1e-12)
+    assert sorted(least_bending_pairs(ends, allowed, strands, PARAMETERS)) == [(0, 1), (2, 3), (4, 5)]
