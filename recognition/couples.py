@@ -15,12 +15,12 @@ SOLVE_S = 3.0
 
 
 def best_couples(
-    count: int, a: NDArray[np.int64], b: NDArray[np.int64], gain: NDArray[np.float64]
+    count: int, a: NDArray[np.int64], b: NDArray[np.int64], gain: NDArray[np.float64], margins: bool = True
 ) -> tuple[list[tuple[int, int]], list[float]]:
     """The couples, each end in one at most, of the largest gain in sum, and what each is ahead of doing without it.
 
     Ends that no couple links directly or through others don't compete: each such group is solved by itself. Margins
-    that there is no time for are 0.
+    that there is no time for are 0; nor are there any without `margins`, each of which is a programme of its own.
 
     Args:
         count: number of ends.
@@ -43,14 +43,15 @@ def best_couples(
             )
         chosen.append((members, *solved))
     couples: list[tuple[int, int]] = []
-    margins: list[float] = []
+    ahead: list[float] = []
     for members, best, total in chosen:
         for k in best:
-            others = np.delete(members, k)
-            without = _solve(a[others], b[others], gain[others], until)
             couples.append((int(a[members[k]]), int(b[members[k]])))
-            margins.append(0.0 if without is None else total - without[1])
-    return couples, margins
+            if margins:
+                others = np.delete(members, k)
+                without = _solve(a[others], b[others], gain[others], until)
+                ahead.append(0.0 if without is None else total - without[1])
+    return couples, ahead
 
 
 def _solve(

@@ -115,7 +115,7 @@ def _from_strings(
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
     """(N,) distances from strands not gripped, at most `FAR_M`, and (N,) whether the string itself is touched."""
     clearance, touches = np.full(len(s), FAR_M), np.zeros(len(s), dtype=bool)
-    pose, ball = _near(T, strings.points, float(strings.radius_m.max()), gripper)
+    pose, ball = _near(T, strings.points, strings.from_above, float(strings.radius_m.max()), gripper)
     way, local = _seen_from(T, pose, strings.points[ball])
     own = strings.chain[ball] == chain.id
     along = ChainLine(chain).apart(strings.s_m[ball], s[pose])
@@ -143,7 +143,7 @@ def _from_things(
     clearance, closing = np.full(len(T), FAR_M), np.ones(len(T), dtype=bool)
     if len(things.points) == 0:
         return clearance
-    pose, cell = _near(T, things.centre, float(things.extent_m.max()) + things.radius_m, gripper)
+    pose, cell = _near(T, things.centre, things.from_above, float(things.extent_m.max()) + things.radius_m, gripper)
     _, local = _seen_from(T, pose, things.centre[cell])
     to_centre = swept_distance(local, opening[pose], reach[pose], gripper, closing[pose]) - things.radius_m
     np.minimum.at(clearance, pose, to_centre + things.extent_m[cell])
@@ -161,7 +161,7 @@ def _from_things(
 
 
 def _near(
-    T: NDArray[np.float64], points: NDArray[np.float64], extent_m: float, gripper: Gripper
+    T: NDArray[np.float64], points: NDArray[np.float64], from_above: KDTree, extent_m: float, gripper: Gripper
 ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     """Pairs of a pose and of a point around which something of that extent may be nearer to it than `FAR_M`."""
     radius = FAR_M + extent_m
@@ -169,7 +169,7 @@ def _near(
     # A tilted gripper meets high things beside its place.
     higher = float(np.ptp(np.append(points[:, 2], T[:, 2, 3])))
     radius += higher * float(np.abs(T[:, 2, 0] / T[:, 2, 2]).max())
-    near = KDTree(T[:, :2, 3]).sparse_distance_matrix(KDTree(points[:, :2]), radius, output_type="ndarray")
+    near = KDTree(T[:, :2, 3]).sparse_distance_matrix(from_above, radius, output_type="ndarray")
     return near["i"], near["j"]
 
 

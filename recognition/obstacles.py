@@ -2,14 +2,16 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
 from recognition.model import Chain
+from recognition.neighbourhoods import group_sums
 from recognition.polyline import closed_up, even_lengths, points_at
-from recognition.voxels import voxel_means, voxels
+from recognition.voxels import voxels
 
 NEAR_M = 0.004
 """A point nearer than this to a string's surface is the string's own with noise; farther away but nearer than the
@@ -42,6 +44,11 @@ class Things:
     extent_m: NDArray[np.float64]
     """(C,), how far the farthest of a cell's points lies from its centre."""
 
+    @cached_property
+    def from_above(self) -> KDTree:
+        """Of the cells' centres in the table plane."""
+        return KDTree(self.centre[:, :2])
+
 
 @dataclass(frozen=True, eq=False)
 class Obstacles:
@@ -56,6 +63,11 @@ class Obstacles:
     s_m: NDArray[np.float64]
     """(M,), arc length along the chain."""
     things: Things
+
+    @cached_property
+    def from_above(self) -> KDTree:
+        """Of the points in the table plane."""
+        return KDTree(self.points[:, :2])
 
 
 def gather_obstacles(chains: Sequence[Chain], surface: NDArray[np.float64], spacing_m: float) -> Obstacles:
@@ -112,16 +124,12 @@ def _thing_points(
             surface = np.vstack([surface, new])
     if spacing_m * MUCH_FINER > VOXEL_M:
         return surface
-    voxel = np.floor(surface / VOXEL_M)
-    voxel = voxel[np.lexsort(voxel.T)]
-    first = np.ones(len(voxel), dtype=bool)
-    first[1:] = (np.diff(voxel, axis=0) != 0).any(axis=1)
-    return (voxel[first] + 0.5) * VOXEL_M
+    return (np.unique(np.floor(surface / VOXEL_M), axis=0) + 0.5) * VOXEL_M
 
 
 def _things(points: NDArray[np.float64], radius_m: float) -> Things:
     cell, count = voxels(points, CELL_M)
-    centre, _ = voxel_means(points, CELL_M)
+    centre = group_sums(cell, points, len(count)) / count[:, None]
     extent = np.zeros(len(count))
     np.maximum.at(extent, cell, np.linalg.norm(points - centre[cell], axis=1))
     return Things(points[np.argsort(cell, kind="stable")], radius_m, count.astype(np.int64), centre, extent)

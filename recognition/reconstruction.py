@@ -215,7 +215,7 @@ def least_bending_pairs(
         return []
     j, k = np.array(couples).T
     # Inner products are 1 at the most: no total of them makes up for a couple missing.
-    taken, _ = best_couples(len(ends), j, k, len(ends) + 2.0 - b[j, k])
+    taken, _ = best_couples(len(ends), j, k, len(ends) + 2.0 - b[j, k], margins=False)
     return taken
 
 
