@@ -85,6 +85,15 @@ def test_without_a_majority_there_is_no_answer(table_1: ChainParameters, places:
     assert caught.value.slug == "contradicting-views"
 
 
+def test_a_majority_must_be_left_when_poses_have_gone_too(table_1: ChainParameters) -> None:
+    # Two of five contradict the others; of the three that agree, one is not where the arm says.
+    clouds = [strip(k, y) for k, y in enumerate([0.0, 0.02, 0.0, -0.03, 0.0])]
+    robot = np.array([1.0, 1.0, 1.0, 1.0, MAX_ROBOT_SIGMA + 5])
+    with pytest.raises(ContradictingViewsError, match="3 of 5 views would have to be left out.*view 4: to fit") as told:
+        strangers(clouds, robot, table_1)
+    assert "check the poses" in str(told.value)
+
+
 def test_what_a_view_does_not_see_it_does_not_contradict(table_1: ChainParameters) -> None:
     whole, half = strip(0, 0.0), strip(1, 0.0)
     assert half.image is not None
