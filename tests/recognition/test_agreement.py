@@ -89,7 +89,9 @@ def test_a_majority_must_be_left_when_poses_have_gone_too(table_1: ChainParamete
     # Two of five contradict the others; of the three that agree, one is not where the arm says.
     clouds = [strip(k, y) for k, y in enumerate([0.0, 0.02, 0.0, -0.03, 0.0])]
     robot = np.array([1.0, 1.0, 1.0, 1.0, MAX_ROBOT_SIGMA + 5])
-    with pytest.raises(ContradictingViewsError, match="3 of 5 views would have to be left out.*view 4: to fit") as told:
+    with pytest.raises(
+        ContradictingViewsError, match=r"3 of 5 views would have to be left out.*view 4: to fit"
+    ) as told:
         strangers(clouds, robot, table_1)
     assert "check the poses" in str(told.value)
 
