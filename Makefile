@@ -1,13 +1,14 @@
 # `make demo` and `make test` are all that a fresh machine needs: both first install what is missing.
 
-.PHONY: help setup demo test serve lint bench lock clean
+.PHONY: help setup demo test soak serve lint bench lock clean
 
 help:
-	@echo 'make demo    simulate a scan, recognise the string in it, show the result'
+	@echo 'make demo    a live scan by the simulated cell, the string in it recognised, the result shown'
 	@echo 'make test    run all tests'
+	@echo 'make soak    the tests that take long: 500 live scans, 200 stops'
 	@echo 'make serve   start the HTTP service'
 	@echo 'make lint    check style, types and the direction of imports'
-	@echo 'make bench   measure accuracy on simulated scans'
+	@echo 'make bench   measure speed, the simulated cell, and accuracy on simulated scans'
 	@echo 'make setup   make .venv; what the others do first when it is missing or out of date'
 	@echo 'make lock    renew requirements.lock from pyproject.toml; UPGRADE=1 takes newer versions'
 	@echo 'make clean   remove what these commands made'
@@ -24,6 +25,9 @@ demo: setup
 
 test: setup
 	@.venv/bin/pytest -n auto
+
+soak: setup
+	@.venv/bin/pytest -m soak
 
 serve: setup
 	@.venv/bin/pointchain serve

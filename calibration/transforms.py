@@ -6,7 +6,6 @@ left to right: `T_base_camera = T_base_flange @ T_flange_camera`.
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.spatial.transform import Rotation
 
 ROTATION_TOLERANCE = 1e-4
 """Largest deviation of R^T R from the identity: 0.1 mm at a metre, above the rounding of any file format."""
@@ -71,6 +70,8 @@ def from_quaternion(translation: ArrayLike, quaternion_xyzw: ArrayLike, name: st
     Raises:
         NotRigidError: not finite, or a quaternion that is not of unit length (within 1e-3).
     """
+    from scipy.spatial.transform import Rotation
+
     t = np.asarray(translation, dtype=np.float64)
     q = np.asarray(quaternion_xyzw, dtype=np.float64)
     if not (np.isfinite(t).all() and np.isfinite(q).all()):
@@ -87,16 +88,22 @@ def from_quaternion(translation: ArrayLike, quaternion_xyzw: ArrayLike, name: st
 
 def to_quaternion(T: NDArray[np.float64]) -> NDArray[np.float64]:
     """The rotation of `T` as a quaternion (x, y, z, w)."""
+    from scipy.spatial.transform import Rotation
+
     return Rotation.from_matrix(T[:3, :3]).as_quat()
 
 
 def rotation_angle(T: NDArray[np.float64]) -> float:
     """The angle of the rotation of `T`, radians, 0 to pi."""
+    from scipy.spatial.transform import Rotation
+
     return float(Rotation.from_matrix(T[:3, :3]).magnitude())
 
 
 def from_rotation_vector(translation: ArrayLike, rotation_vector: ArrayLike) -> NDArray[np.float64]:
     """The transform with the given translation (3,) in metres and axis-angle vector (3,) in radians."""
+    from scipy.spatial.transform import Rotation
+
     T = np.eye(4)
     T[:3, :3] = Rotation.from_rotvec(np.asarray(rotation_vector, dtype=np.float64)).as_matrix()
     T[:3, 3] = np.asarray(translation, dtype=np.float64)

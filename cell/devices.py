@@ -1,6 +1,7 @@
-"""What the cell's devices deliver, whether live, simulated or recorded."""
+"""The cell's devices and what they deliver, whether live, simulated or recorded."""
 
 from dataclasses import dataclass, field
+from typing import Literal, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -75,3 +76,140 @@ class View:
     def T_base_camera(self) -> NDArray[np.float64]:
         """Maps camera points to base."""
         return self.T_base_flange @ self.T_flange_camera
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """What a camera gives for one look: the median of several exposures taken at rest."""
+
+    depth: NDArray[np.uint16]
+    """(H, W), in units of `depth_unit_m` along the optical axis; 0 = not measured."""
+    depth_unit_m: float
+    """Metres per depth count."""
+    K: NDArray[np.float64]
+    """(3, 3) pinhole matrix of the depth image, pixels."""
+    stamp_s: float
+    """When the last exposure began, seconds since the epoch."""
+    exposures: int
+    """How many were combined."""
+    colour_jpeg: bytes | None = field(default=None, repr=False)
+
+
+@dataclass(frozen=True)
+class ArmInfo:
+    """Which arm answered."""
+
+    model: str
+    """As the controller names it."""
+    serial: str
+    software: str
+    """The controller's version, as 5.25.1."""
+
+
+RobotMode = Literal[
+    "no_controller", "disconnected", "confirm_safety", "booting", "power_off", "power_on", "idle", "backdrive",
+    "running", "updating_firmware",
+]  # fmt: skip
+SafetyMode = Literal[
+    "normal", "reduced", "protective_stop", "recovery", "safeguard_stop", "system_emergency_stop",
+    "robot_emergency_stop", "violation", "fault", "validate_joint_id", "undefined",
+]  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class ArmState:
+    """The arm at one moment, as its controller tells it."""
+
+    q_rad: NDArray[np.float64]
+    """(6,) actual joint angles."""
+    qd_rad_s: NDArray[np.float64]
+    """(6,) actual joint speeds."""
+    T_base_flange: NDArray[np.float64]
+    """(4, 4) actual flange pose by the controller's own calibrated kinematics."""
+    robot_mode: RobotMode
+    safety_mode: SafetyMode
+    moving: bool
+    """A move of ours is under way, or the joints still turn."""
+    controller_s: float
+    """The controller's clock, seconds since its start."""
+    age_s: float
+    """How long ago the controller last sent anything new."""
+
+
+@dataclass(frozen=True)
+class CameraInfo:
+    """Which camera answered, and how it is."""
+
+    product: str
+    device_id: str
+    width: int
+    """Of its depth image, pixels."""
+    height: int
+    connection: str
+    """As "USB 3 (SUPER)", "USB 2 (HIGH)", "TCP", "simulated"."""
+    temperature_c: float | None
+    """Of its chip; None where it has no sensor."""
+    warnings: tuple[str, ...]
+    """What an operator should know: a slow USB link, intrinsics that differ from the factory's ..."""
+
+
+class Arm(Protocol):
+    """What a scan needs of an arm. Every method but `stop` belongs to one thread; `stop` to any."""
+
+    def connect(self) -> ArmInfo:
+        """Takes the arm: after this it can be moved. It does not move.
+
+        Raises: RobotUnreachableError, RobotNotReadyError, ProtectiveStopError, EmergencyStopError.
+        """
+        ...
+
+    def state(self) -> ArmState:
+        """The arm now. Raises RobotLostError."""
+        ...
+
+    def move(self, q_rad: NDArray[np.float64]) -> ArmState:
+        """Moves to the joint angles (6,) and returns the state at rest there.
+
+        Raises: RobotLostError, ProtectiveStopError, EmergencyStopError, RobotNotReadyError, MotionError,
+        StoppedError (after `stop`).
+        """
+        ...
+
+    def stop(self) -> None:
+        """Stops the arm at once: sent when this returns. A move under way raises StoppedError, and so does every later
+        one until `connect`."""
+        ...
+
+    def acknowledge(self) -> None:
+        """A person has looked at the cell after a protective stop: unlocks the robot and ends its program. No motion.
+
+        Raises: TooEarlyError, RobotNotReadyError, RobotUnreachableError.
+        """
+        ...
+
+    def close(self) -> None:
+        """Lets the arm go. A move under way is stopped first."""
+        ...
+
+
+class Camera(Protocol):
+    """What a scan needs of a depth camera; for use by one thread."""
+
+    def connect(self) -> CameraInfo:
+        """Opens the camera and waits for its first frame. Raises CameraUnreachableError."""
+        ...
+
+    def capture(self, after_s: float) -> Frame:
+        """The scene at rest: only exposures that began after `after_s` (seconds of `time.monotonic()`).
+
+        Raises: CameraLostError, BadFrameError.
+        """
+        ...
+
+    def info(self) -> CameraInfo:
+        """The camera now. Raises CameraLostError."""
+        ...
+
+    def close(self) -> None:
+        """Lets the camera go."""
+        ...

@@ -1,0 +1,173 @@
+"""A device's driver in a process of its own.
+
+Vendor libraries hold the interpreter's lock, hang, and crash. In a child process they can do so without taking the
+service, the stop button or the other device with them: the child is killed, and a new one made by whoever decides to
+connect again. A driver is any class; its methods are called by name, one at a time, and its CellErrors come back as
+they are. A driver with a method `idle` and a number `IDLE_S` has `idle(quiet_s)` called after every so many seconds
+without a call, with how long ago the last one was.
+"""
+
+import contextlib
+import logging
+import os
+import pickle
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from multiprocessing import Pipe
+from multiprocessing.connection import Connection
+from pathlib import Path
+from typing import Any
+
+from cell.errors import CellError
+
+log = logging.getLogger(__name__)
+
+END_S = 1.0
+"""How long a child may take to end by itself before it is killed."""
+
+LAST_WORDS_S = 0.05
+"""A process that has closed its pipe may take so long to end, and to say how, before it is killed."""
+
+
+class ChildLostError(Exception):
+    """The process died, hung, or was killed; the message says which."""
+
+
+class ChildBusyError(Exception):
+    """Another thread's call did not end in the time that this one had to wait for its turn."""
+
+
+@dataclass(frozen=True)
+class _Call:
+    method: str
+    arguments: tuple[Any, ...]
+
+
+class Child:
+    """One process with one driver. Safe to use from any thread."""
+
+    def __init__(self, name: str, make_driver: Callable[..., Any], *arguments: Any) -> None:
+        """Starts the process; it makes its driver by `make_driver(*arguments)` at the first call.
+
+        `make_driver` is named to the child by its module, and so cannot be one of a script.
+        """
+        first = pickle.dumps((make_driver, arguments))
+        self.name = name
+        self._turn = threading.Lock()
+        self._pipe, theirs = Pipe()
+        # Not a process of multiprocessing: that would first import the program that runs here, with all that it needs.
+        with theirs:
+            self._process = subprocess.Popen(
+                [sys.executable, "-c", f"from cell.child import serve; serve({theirs.fileno()})"],
+                stdin=subprocess.PIPE,  # held open; the child ends when it closes, however this process ends
+                pass_fds=[theirs.fileno()],
+                env={**os.environ, "PYTHONPATH": os.pathsep.join(path or str(Path.cwd()) for path in sys.path)},
+                start_new_session=True,
+            )
+        self._pipe.send_bytes(first)
+
+    @property
+    def pid(self) -> int:
+        """The process's id."""
+        return self._process.pid
+
+    @property
+    def alive(self) -> bool:
+        """The process runs. It may hang all the same."""
+        return self._process.poll() is None
+
+    def call(self, method: str, *arguments: Any, timeout_s: float, turn_s: float | None = None) -> Any:
+        """What the driver's method returns. A child that does not answer within `timeout_s` is killed.
+
+        Raises:
+            ChildLostError: the process died or was killed, now or before.
+            ChildBusyError: another thread's call took longer than `turn_s` (for as long as it takes unless given).
+            CellError: what the driver raised.
+        """
+        if not self._turn.acquire(timeout=-1 if turn_s is None else turn_s):
+            raise ChildBusyError(f"the {self.name} process is busy")
+        try:
+            return self._exchange(_Call(method, arguments), timeout_s)
+        finally:
+            self._turn.release()
+
+    def kill(self) -> None:
+        """Ends the process at once, whatever it does; a call under way raises ChildLostError."""
+        self._process.kill()
+
+    def close(self) -> None:
+        """Ends the process: its driver's `close` is called if it still answers. Leaves no zombie behind."""
+        if self.alive:
+            with contextlib.suppress(ChildLostError, ChildBusyError, CellError):
+                self.call("close", timeout_s=END_S, turn_s=END_S)
+        self._end()
+        with self._turn:
+            self._pipe.close()
+
+    def _exchange(self, call: _Call, timeout_s: float) -> Any:
+        try:
+            self._pipe.send(call)
+            if not self._pipe.poll(timeout_s):
+                self._end()
+                raise ChildLostError(f"the {self.name} process did not answer {call.method!r} within {timeout_s:g} s")
+            answer = self._pipe.recv()
+        except (EOFError, OSError) as error:
+            code = self._end(LAST_WORDS_S)
+            raise ChildLostError(f"the {self.name} process has ended (exit code {code})") from error
+        if isinstance(answer, Exception):
+            raise answer
+        return answer
+
+    def _end(self, wait_s: float = 0.0) -> int:
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            self._process.wait(wait_s)
+        self.kill()
+        code = self._process.wait()
+        assert self._process.stdin is not None
+        self._process.stdin.close()
+        return code
+
+
+def serve(pipe_number: int) -> None:
+    """The child's own loop, over the inherited pipe."""
+    # A service manager's SIGTERM reaches it too; the parent ends it in its own time.
+    for number in (signal.SIGTERM, signal.SIGINT):
+        signal.signal(number, signal.SIG_IGN)
+    os.dup2(2, 1)  # vendor libraries print; stdout is for our own output
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+    with contextlib.suppress(EOFError, OSError), Connection(pipe_number) as pipe:
+        make_driver, arguments = pickle.loads(pipe.recv_bytes())
+        _answer_calls(pipe, make_driver, arguments)
+
+
+def _answer_calls(pipe: Connection, make_driver: Callable[..., Any], arguments: tuple[Any, ...]) -> None:
+    made: list[Any] = []
+    last_call_s = time.monotonic()
+    while True:
+        # An error in `idle` ends the process: nobody waits for its answer, and the end is what the parent notices.
+        while made and hasattr(made[0], "idle") and not pipe.poll(made[0].IDLE_S):
+            made[0].idle(time.monotonic() - last_call_s)
+        call: _Call = pipe.recv()
+        last_call_s = time.monotonic()
+        try:
+            if not made:
+                made.append(make_driver(*arguments))
+            answer = getattr(made[0], call.method)(*call.arguments)
+        except CellError as error:
+            answer = error
+        except Exception as error:  # a fault of the driver: the parent is told, and the log has where
+            log.exception("%s failed", call.method)
+            answer = CellError(f"{call.method} met an unexpected {type(error).__name__}: {error}; please report it")
+        pipe.send(answer)
+
+
+def _end_with_parent() -> None:
+    """A killed parent leaves no process behind that holds a device."""
+    while os.read(0, 1024):
+        pass
+    os._exit(1)
