@@ -1,0 +1,74 @@
+"""Runs code with the real ur_rtde in a process of its own: it may hang, crash or hold the interpreter's lock."""
+
+import json
+import subprocess
+import sys
+from typing import Any
+
+TIMEOUT_S = 60.0
+
+CONNECT = """
+receive = rtde_receive.RTDEReceiveInterface(host)
+control = rtde_control.RTDEControlInterface(host)
+"""
+
+_HEAD = """
+import json, os, sys, time
+import rtde_control, rtde_io, rtde_receive, dashboard_client
+host, arguments = sys.argv[1], json.loads(sys.argv[2])
+def answer(**values):
+    print("ANSWER" + json.dumps(values), flush=True)
+    os._exit(0)  # the destructors wait half a second each
+def say(word):
+    print(word, flush=True)
+    sys.stdin.readline()
+"""
+
+
+def _command(host: str, code: str, arguments: dict[str, Any]) -> list[str]:
+    return [sys.executable, "-c", _HEAD + code, host, json.dumps(arguments)]
+
+
+def run(host: str, code: str, **arguments: Any) -> dict[str, Any]:
+    """What the code gives to `answer`. It sees `host` and `arguments`."""
+    done = subprocess.run(_command(host, code, arguments), capture_output=True, timeout=TIMEOUT_S, check=False)
+    lines = [line for line in done.stdout.decode().splitlines() if line.startswith("ANSWER")]
+    assert lines, f"exit code {done.returncode}, no answer:\n{done.stdout.decode()}\n{done.stderr.decode()}"
+    return json.loads(lines[-1].removeprefix("ANSWER"))
+
+
+class Talk:
+    """The same in steps: the code calls `say(word)` and waits there until `go`."""
+
+    def __init__(self, host: str, code: str, **arguments: Any) -> None:
+        self.process = subprocess.Popen(
+            _command(host, code, arguments), stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL
+        )
+
+    def __enter__(self) -> "Talk":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.process.kill()
+        self.process.communicate()
+
+    def hear(self, word: str) -> None:
+        """Waits until the code says the word."""
+        assert self.process.stdout is not None
+        for line in self.process.stdout:
+            if line.decode().strip() == word:
+                return
+        raise AssertionError(f"the client ended (exit code {self.process.wait()}) before it said {word!r}")
+
+    def go(self) -> None:
+        """Lets the code go on."""
+        assert self.process.stdin is not None
+        self.process.stdin.write(b"\n")
+        self.process.stdin.flush()
+
+    def answer(self) -> dict[str, Any]:
+        """What the code gives to `answer`."""
+        out, _ = self.process.communicate(timeout=TIMEOUT_S)
+        lines = [line for line in out.decode().splitlines() if line.startswith("ANSWER")]
+        assert lines, f"exit code {self.process.returncode}, no answer:\n{out.decode()}"
+        return json.loads(lines[-1].removeprefix("ANSWER"))
