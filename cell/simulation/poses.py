@@ -7,13 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.transforms import from_rotation_vector, inverse
-
-ELEVATIONS_RAD = (np.deg2rad(50.0), np.deg2rad(70.0))
-"""Of the two rings of viewpoints, above the table."""
-ROLL_RAD = np.deg2rad(15.0)
-"""Views are rolled by this much either way: a string along the baseline in one view lies across it in another."""
-FILL = 0.9
-"""Share of the image, from its middle, in which the strings must lie."""
+from cell.look_at import least_distance, look_at, two_rings
 
 T_FLANGE_CAMERA = from_rotation_vector((0.03, -0.06, 0.05), (0.1, 0.05, 0.4))
 """The simulated camera's mounting, before errors. Oblique, so that a wrong order of transforms shows."""
@@ -38,29 +32,6 @@ class PoseErrors:
 NO_ERRORS = PoseErrors(0.0, 0.0, 0.0, 0.0)
 
 
-def look_at(
-    target: NDArray[np.float64], azimuth_rad: float, elevation_rad: float, distance_m: float, roll_rad: float
-) -> NDArray[np.float64]:
-    """`T_base_camera` of a camera at that bearing and distance from `target` (3,), looking at it.
-
-    Without roll the image's x axis is level. Elevation is above the horizon, less than pi/2.
-    """
-    back = np.array(
-        [
-            np.cos(elevation_rad) * np.cos(azimuth_rad),
-            np.cos(elevation_rad) * np.sin(azimuth_rad),
-            np.sin(elevation_rad),
-        ]
-    )
-    level = np.array([-np.sin(azimuth_rad), np.cos(azimuth_rad), 0.0])
-    down = np.cross(-back, level)
-    c, s = np.cos(roll_rad), np.sin(roll_rad)
-    T = np.eye(4)
-    T[:3, 0], T[:3, 1], T[:3, 2] = c * level + s * down, c * down - s * level, -back
-    T[:3, 3] = np.asarray(target) + distance_m * back
-    return T
-
-
 def viewpoints(
     points: NDArray[np.float64],
     K: NDArray[np.float64],
@@ -75,16 +46,10 @@ def viewpoints(
     middle `FILL` of its image of `size` (width, height) and none nearer than `near_m`; the far end of it where
     none is enough.
     """
-    bearings = [(2 * np.pi * k / views, ELEVATIONS_RAD[k % 2], ROLL_RAD * (1, -1, -1, 1)[k % 4]) for k in range(views)]
-    needed = working_m[0]
-    for azimuth, elevation, roll in bearings:
-        local = points @ look_at(np.zeros(3), azimuth, elevation, 0.0, roll)[:3, :3]
-        needed = max(needed, 1.05 * near_m - float(local[:, 2].min()))
-        for axis in range(2):
-            half = FILL * size[axis] / 2 / K[axis, axis]
-            needed = max(needed, float((np.abs(local[:, axis]) / half - local[:, 2]).max()))
-    distance = min(needed, working_m[1])
-    return [look_at(np.zeros(3), *bearing[:2], distance, bearing[2]) for bearing in bearings]
+    bearings = two_rings(views)
+    needed = max(least_distance(points, K, size, near_m, bearing) for bearing in bearings)
+    distance = min(max(working_m[0], needed), working_m[1])
+    return [look_at(np.zeros(3), b.azimuth_rad, b.elevation_rad, distance, b.roll_rad) for b in bearings]
 
 
 def told_flange_poses(

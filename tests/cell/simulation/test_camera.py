@@ -3,9 +3,9 @@ import pytest
 from numpy.typing import NDArray
 
 from calibration.transforms import NotRigidError, transform_points
+from cell.look_at import look_at
 from cell.simulation.camera import CAMERAS, CameraModelError, DepthCamera, camera_model
 from cell.simulation.clutter import Box
-from cell.simulation.poses import look_at
 from cell.simulation.scenes import StringScene, make_scene
 
 SMALL = (320, 200)

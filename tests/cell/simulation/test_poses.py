@@ -2,13 +2,12 @@ import numpy as np
 import pytest
 
 from calibration.transforms import inverse, rigid, rotation_angle, transform_points
+from cell.look_at import ELEVATIONS_RAD, look_at
 from cell.simulation.camera import CAMERAS
 from cell.simulation.poses import (
-    ELEVATIONS_RAD,
     NO_ERRORS,
     T_FLANGE_CAMERA,
     PoseErrors,
-    look_at,
     perturbed,
     told_flange_poses,
     viewpoints,

@@ -1,0 +1,101 @@
+"""The poses wanted of the camera, and those that will do where the arm cannot take them."""
+
+import itertools
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.transforms import inverse
+from cell.look_at import Bearing, least_distance, look_at, two_rings
+from cell.optics import CameraOptics
+from cell.settings import CellSettings
+
+_ROLLS_RAD = np.deg2rad((0, 15, -15, 30, -30, 60, -60, 90, -90, 120, -120, 150, -150, 180))
+_NEARER_M = (0.0, -0.06, 0.06)
+_HIGHER_RAD = np.deg2rad((0.0, 10.0, -10.0, 20.0))
+_STEEPEST_RAD = np.deg2rad(85.0)
+_ASIDE_RAD = np.deg2rad((0.0, 12.0, -12.0))
+
+
+@dataclass(frozen=True, eq=False)
+class Sight:
+    """What is to be looked at, and with which camera."""
+
+    target: NDArray[np.float64]
+    """(3,): the middle of the workspace's floor, base frame."""
+    corners: NDArray[np.float64]
+    """(4, 3): of the floor, from there."""
+    optics: CameraOptics
+    T_flange_camera: NDArray[np.float64]
+
+    @staticmethod
+    def of(settings: CellSettings, optics: CameraOptics, T_flange_camera: NDArray[np.float64]) -> "Sight":
+        """Of a cell's workspace."""
+        (x0, x1), (y0, y1), (floor, _) = settings.workspace_m
+        target = np.array([(x0 + x1) / 2, (y0 + y1) / 2, floor])
+        corners = np.array([(x, y, floor) for x in (x0, x1) for y in (y0, y1)]) - target
+        return Sight(target, corners, optics, T_flange_camera)
+
+
+@dataclass(frozen=True, eq=False)
+class PoseToTry:
+    """A pose of the camera, and where the flange is then."""
+
+    azimuth_rad: float
+    elevation_rad: float
+    distance_m: float
+    roll_rad: float
+    T_base_camera: NDArray[np.float64]
+    T_base_flange: NDArray[np.float64]
+    fallback: str | None
+    """How it differs from the wanted one, in words; None: not at all."""
+
+
+def poses_to_try(sight: Sight, views: int) -> list[Iterator[list[PoseToTry]]]:
+    """For each view lists of poses, the first in the first list the wanted one.
+
+    The later a list, the worse a pose does: first the roll is given up, then the distance, the elevation, the azimuth.
+    """
+    return [_levels(sight, bearing) for bearing in two_rings(views)]
+
+
+def _levels(sight: Sight, bearing: Bearing) -> Iterator[list[PoseToTry]]:
+    nearest, farthest = sight.optics.working_m
+    size = (sight.optics.width, sight.optics.height)
+    seen_from = least_distance(sight.corners, sight.optics.K, size, sight.optics.near_m, bearing)
+    wanted = float(np.clip(seen_from, nearest, farthest))
+    distances = [wanted + nearer for nearer in _NEARER_M if nearest - 1e-9 <= wanted + nearer <= farthest + 1e-9]
+    # By what is given up last: nothing, the roll, the distance, the elevation, the azimuth.
+    levels: list[list[tuple[float, float, float, float]]] = [[], [], [], [], []]
+    for change in itertools.product(_ASIDE_RAD, _HIGHER_RAD, distances, _ROLLS_RAD):
+        aside, higher, distance, roll = change
+        if bearing.elevation_rad + higher > _STEEPEST_RAD:
+            continue
+        levels[4 if aside else 3 if higher else 2 if distance != wanted else 1 if roll else 0].append(change)
+    for level in levels:
+        if level:
+            yield [_pose(sight, bearing, wanted, change) for change in level]
+
+
+def _pose(sight: Sight, bearing: Bearing, wanted_m: float, changes: tuple[float, float, float, float]) -> PoseToTry:
+    aside, higher, distance, roll = changes
+    nearer = distance - wanted_m
+    azimuth, elevation = float(bearing.azimuth_rad + aside), float(bearing.elevation_rad + higher)
+    T_base_camera = look_at(sight.target, azimuth, elevation, distance, bearing.roll_rad + roll)
+    words = [
+        f"rolled by {np.rad2deg(roll):+.0f} deg" if roll else "",
+        f"{abs(nearer) * 100:.0f} cm {'nearer' if nearer < 0 else 'farther'}" if nearer else "",
+        f"{abs(np.rad2deg(higher)):.0f} deg {'higher' if higher > 0 else 'lower'}" if higher else "",
+        f"{np.rad2deg(aside):+.0f} deg round" if aside else "",
+    ]
+    return PoseToTry(
+        azimuth_rad=azimuth,
+        elevation_rad=elevation,
+        distance_m=distance,
+        roll_rad=bearing.roll_rad + roll,
+        T_base_camera=T_base_camera,
+        T_base_flange=T_base_camera @ inverse(sight.T_flange_camera),
+        fallback=", ".join(word for word in words if word) or None,
+    )

@@ -1,0 +1,68 @@
+"""Distances of straight pieces from one another and from boxes, for many at once."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+_ROUNDS = 14
+"""Halvings: the place on the piece is then known to 1e-4 of its length."""
+
+
+def segment_distances(
+    a: NDArray[np.float64], b: NDArray[np.float64], c: NDArray[np.float64], d: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """The distance (...) of each piece from `a` to `b` from that from `c` to `d`, all (..., 3)."""
+    u, v, w = b - a, d - c, a - c
+    uu, vv, uv = (u * u).sum(-1), (v * v).sum(-1), (u * v).sum(-1)
+    uw, vw = (u * w).sum(-1), (v * w).sum(-1)
+    tiny = np.finfo(np.float64).tiny
+    denominator = uu * vv - uv * uv
+    # Parallel pieces: any place on the first will do, if the second's place is then the nearest to it.
+    parallel = denominator <= 1e-12 * uu * vv
+    s = np.where(parallel, 0.0, (uv * vw - vv * uw) / np.where(parallel, 1.0, denominator)).clip(0.0, 1.0)
+    t = ((uv * s + vw) / np.maximum(vv, tiny)).clip(0.0, 1.0)
+    s = ((uv * t - uw) / np.maximum(uu, tiny)).clip(0.0, 1.0)
+    # The nearest places may lie in an end of the second whose partner the clipping above moved.
+    t = ((uv * s + vw) / np.maximum(vv, tiny)).clip(0.0, 1.0)
+    return np.linalg.norm(w + s[..., None] * u - t[..., None] * v, axis=-1)
+
+
+def box_distances(
+    a: NDArray[np.float64],
+    b: NDArray[np.float64],
+    lowest: NDArray[np.float64],
+    highest: NDArray[np.float64],
+    beyond_m: float,
+) -> NDArray[np.float64]:
+    """The distance (...) of each piece from `a` to `b`, (..., 3), from the box between two corners (3,).
+
+    Inside it negative: how deep the deepest point of the piece lies. Where it is more than `beyond_m`, something
+    between that and the distance.
+    """
+    u = b - a
+    # Nothing on a piece is nearer than its middle less half its length.
+    result = _depth(a + 0.5 * u, lowest, highest) - 0.5 * np.linalg.norm(u, axis=-1)
+    near = result <= beyond_m
+    result[near] = _nearest(a[near], u[near], lowest, highest)
+    return result
+
+
+def _nearest(
+    a: NDArray[np.float64], u: NDArray[np.float64], lowest: NDArray[np.float64], highest: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    # A box is convex, and so is the signed distance along the piece: its slope tells where the minimum lies.
+    low, high = np.zeros(len(a)), np.ones(len(a))
+    step = 0.5**_ROUNDS / 4
+    for _ in range(_ROUNDS):
+        middle = (low + high) / 2
+        ahead, behind = (_depth(a + (middle + e)[:, None] * u, lowest, highest) for e in (step, -step))
+        rising = ahead > behind
+        low, high = np.where(rising, low, middle), np.where(rising, middle, high)
+    places = np.stack([low, high])
+    return _depth(a + places[..., None] * u, lowest, highest).min(axis=0)
+
+
+def _depth(p: NDArray[np.float64], lowest: NDArray[np.float64], highest: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Signed distances (...) of points (..., 3) from a box."""
+    beyond = np.maximum(lowest - p, p - highest)
+    outside = beyond.clip(min=0.0)
+    return np.sqrt(np.einsum("...i,...i->...", outside, outside)) + beyond.max(axis=-1).clip(max=0.0)

@@ -1,0 +1,268 @@
+"""From where the camera looks at the workspace, and how the arm gets there: planned whole before anything moves."""
+
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from cell.collision import CollisionModel, collision_model
+from cell.errors import ViewpointsError
+from cell.home import find_home
+from cell.joint_paths import JointPaths, travel_rad
+from cell.optics import camera_optics
+from cell.poses_to_try import PoseToTry, Sight, poses_to_try
+from cell.postures import find_postures, with_turns
+from cell.route import Route, best_route
+from cell.settings import CellSettings
+
+MOST_POSTURES = 12
+"""Of each viewpoint so many enter the search for the best route: those nearest to home."""
+POSES_TRIED = 4
+"""Of the poses that are equally good so many are looked at for a way home."""
+OVERLAP_M = 0.01
+"""Where the arm stands its capsules, thicker than itself, may overlap something by this."""
+APPROACH_M = 0.003
+"""Leaving a place nearer to something than the clearance, it may come still nearer by this."""
+NO_FREE_WAY = "no free way leads there from home, straight or by a lifted flange"
+
+
+@dataclass(frozen=True, eq=False)
+class Viewpoint:
+    """One pose from which the camera is to look."""
+
+    index: int
+    azimuth_rad: float
+    """Of the camera, seen from the workspace's middle, about z from x."""
+    elevation_rad: float
+    """Above the table."""
+    distance_m: float
+    """From the middle of the workspace's floor."""
+    roll_rad: float
+    """About the optical axis."""
+    T_base_camera: NDArray[np.float64]
+    T_base_flange: NDArray[np.float64]
+    q_rad: NDArray[np.float64] | None
+    """Joint angles (6,) there; None: not taken."""
+    reason: str | None
+    """Why it is not taken, in words."""
+    fallback: str | None
+    """How it differs from what was wanted, in words."""
+
+
+@dataclass(frozen=True, eq=False)
+class Leg:
+    """One stretch of the way."""
+
+    view: int | None
+    """Index of the viewpoint at its end; None: home."""
+    waypoints_rad: NDArray[np.float64]
+    """(N, 6) joint angles to pass, each reached in a straight line in joint space; the last is the end."""
+    travel_rad: float
+    """The leading joint's turns, together."""
+
+
+@dataclass(frozen=True, eq=False)
+class ViewpointPlan:
+    """All viewpoints, and the way through those that can be reached."""
+
+    viewpoints: tuple[Viewpoint, ...]
+    """By index."""
+    legs: tuple[Leg, ...]
+    """In the order of execution; the last leads home."""
+    start_q_rad: NDArray[np.float64]
+    """(6,): where the first leg begins; home unless the arm's place was known."""
+    home_q_rad: NDArray[np.float64]
+    """(6,)."""
+    travel_rad: float
+    """Of all legs."""
+    planning_s: float = field(compare=False)
+
+    @property
+    def reached(self) -> int:
+        """How many viewpoints are taken."""
+        return sum(viewpoint.q_rad is not None for viewpoint in self.viewpoints)
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain numbers and words."""
+        return {
+            "reached": self.reached,
+            "viewpoints": [
+                {
+                    "index": v.index,
+                    "azimuth_rad": round(v.azimuth_rad, 6),
+                    "elevation_rad": round(v.elevation_rad, 6),
+                    "distance_m": round(v.distance_m, 6),
+                    "roll_rad": round(v.roll_rad, 6),
+                    "T_base_camera": v.T_base_camera.round(9).tolist(),
+                    "T_base_flange": v.T_base_flange.round(9).tolist(),
+                    "q_rad": None if v.q_rad is None else v.q_rad.round(9).tolist(),
+                    "reason": v.reason,
+                    "fallback": v.fallback,
+                }
+                for v in self.viewpoints
+            ],
+            "legs": [
+                {
+                    "view": leg.view,
+                    "waypoints_rad": leg.waypoints_rad.round(9).tolist(),
+                    "travel_rad": round(leg.travel_rad, 6),
+                }
+                for leg in self.legs
+            ],
+            "start_q_rad": self.start_q_rad.round(9).tolist(),
+            "home_q_rad": self.home_q_rad.round(9).tolist(),
+            "travel_rad": round(self.travel_rad, 6),
+            "planning_s": round(self.planning_s, 3),
+        }
+
+
+def plan_viewpoints(
+    settings: CellSettings, T_flange_camera: NDArray[np.float64], q_now_rad: ArrayLike | None
+) -> ViewpointPlan:
+    """The viewpoints of a scan with the camera mounted so, and the way from `q_now_rad` (6,), or home, and home again.
+
+    Viewpoints that cannot be reached are in the plan with their reason. Nothing moves. The same arguments give the
+    same plan.
+
+    Raises:
+        ViewpointsError: no home posture is free, or no way leads from where the arm stands.
+    """
+    began = time.perf_counter()
+    collisions = collision_model(settings, T_flange_camera)
+    optics = camera_optics(settings.camera)
+    sight = Sight.of(settings, optics, T_flange_camera)
+    home = _home(settings, collisions, sight)
+    start = home if q_now_rad is None else np.array(q_now_rad, dtype=np.float64)
+    start_clearances = _clearances_from(collisions, start)
+
+    paths = JointPaths(collisions, home)
+    chosen = [_choose(tries, collisions, paths, home) for tries in poses_to_try(sight, settings.scan.views)]
+    groups = {index: choice.postures for index, choice in enumerate(chosen) if choice.reason is None}
+    route = best_route(start, home, list(groups.values()), paths, start_clearances)
+    if route is None:
+        raise ViewpointsError(
+            "no free way leads from where the arm stands to home or to a viewpoint: move it by hand (freedrive) to "
+            "above the workspace, clear of the table and obstacles"
+        )
+    return _plan(chosen, groups, route, start, home, time.perf_counter() - began)
+
+
+def home_posture(settings: CellSettings, T_flange_camera: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Joint angles (6,) at which a scan ends: the configured ones, else found.
+
+    Raises:
+        ViewpointsError: the configured ones are not free, or none are.
+    """
+    collisions = collision_model(settings, T_flange_camera)
+    return _home(settings, collisions, Sight.of(settings, camera_optics(settings.camera), T_flange_camera))
+
+
+def require_enough(plan: ViewpointPlan, min_views: int) -> None:
+    """Refuses a plan with too few viewpoints.
+
+    Raises:
+        ViewpointsError: fewer than `min_views` can be reached; names each that cannot, with its reason.
+    """
+    if plan.reached < min_views:
+        missing = "; ".join(f"{v.index}: {v.reason}" for v in plan.viewpoints if v.reason is not None)
+        raise ViewpointsError(
+            f"only {plan.reached} of {len(plan.viewpoints)} viewpoints can be reached, {min_views} are needed: move "
+            f"the workspace, or lower min_views in [scan]. Not reached are {missing}"
+        )
+
+
+def _home(settings: CellSettings, collisions: CollisionModel, sight: Sight) -> NDArray[np.float64]:
+    if settings.arm.home_q_rad is None:
+        return find_home(collisions, sight.target, sight.optics, sight.T_flange_camera)
+    home = np.array(settings.arm.home_q_rad)
+    short = collisions.gaps(home[None])[0] - collisions.clearances
+    if short.min() < 0:
+        raise ViewpointsError(
+            f"home_q_rad in [arm] is not free: {collisions.contacts[short.argmin()]}, by {-short.min():.3f} m; give "
+            "another, or leave it out"
+        )
+    return home
+
+
+def _clearances_from(collisions: CollisionModel, start: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The clearances (C,) that hold on the way from where the arm stands."""
+    gaps = collisions.gaps(start[None])[0]
+    # In the workspace it may well have been at work; out of it leads any way.
+    overlap = np.where(collisions.clearances > 0, -gaps, 0.0)
+    if overlap.max() > OVERLAP_M:
+        raise ViewpointsError(
+            f"where the arm stands, {collisions.contacts[overlap.argmax()]}: they overlap by {overlap.max():.3f} m. "
+            "Move it free by hand (freedrive), or correct table_z_m and obstacles_m in [mounting], body_m in [camera]"
+        )
+    return np.minimum(collisions.clearances, gaps - APPROACH_M)
+
+
+@dataclass(frozen=True, eq=False)
+class _Choice:
+    """A viewpoint's pose."""
+
+    pose: PoseToTry
+    postures: NDArray[np.float64]
+    """(K, 6), from each of which a way leads home."""
+    reason: str | None
+    """Why there are none."""
+
+
+def _choose(
+    tries: Iterator[list[PoseToTry]], collisions: CollisionModel, paths: JointPaths, home: NDArray[np.float64]
+) -> _Choice:
+    """The first pose that will do; the wanted one where none does."""
+    wanted: PoseToTry | None = None
+    reason = ""
+    for level in tries:
+        postures = find_postures(collisions, np.array([pose.T_base_flange for pose in level]))
+        if wanted is None:
+            wanted, reason = level[0], postures.reasons[0] or NO_FREE_WAY
+        for pose in np.unique(postures.which)[:POSES_TRIED]:
+            q = with_turns(postures.of(pose), home)
+            nearest = q[np.abs(q - home).max(axis=1).argsort(kind="stable")[:MOST_POSTURES]]
+            linked = paths.linked(nearest)
+            if len(linked):
+                return _Choice(level[pose], linked, None)
+            reason = NO_FREE_WAY
+    assert wanted is not None
+    return _Choice(wanted, np.zeros((0, 6)), reason)
+
+
+def _plan(
+    chosen: list[_Choice],
+    groups: dict[int, NDArray[np.float64]],
+    route: Route,
+    start: NDArray[np.float64],
+    home: NDArray[np.float64],
+    planning_s: float,
+) -> ViewpointPlan:
+    indices = list(groups)
+    taken = {indices[group]: groups[indices[group]][posture] for group, posture in route.stops}
+    viewpoints = tuple(
+        Viewpoint(
+            index=index,
+            azimuth_rad=choice.pose.azimuth_rad,
+            elevation_rad=choice.pose.elevation_rad,
+            distance_m=choice.pose.distance_m,
+            roll_rad=choice.pose.roll_rad,
+            T_base_camera=choice.pose.T_base_camera,
+            T_base_flange=choice.pose.T_base_flange,
+            q_rad=taken.get(index),
+            reason=choice.reason,
+            fallback=choice.pose.fallback,
+        )
+        for index, choice in enumerate(chosen)
+    )
+    ends = [*(indices[group] for group, _ in route.stops), None]
+    legs, place = [], start
+    for view, way in zip(ends, route.ways, strict=True):
+        passed = [
+            q for q, before in zip(way, (place, *way), strict=False) if q is way[-1] or not np.array_equal(q, before)
+        ]
+        legs.append(Leg(view, np.array(passed), travel_rad(place, way)))
+        place = way[-1]
+    return ViewpointPlan(viewpoints, tuple(legs), start, home, sum(leg.travel_rad for leg in legs), planning_s)
