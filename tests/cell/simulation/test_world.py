@@ -1,0 +1,142 @@
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from calibration.transforms import inverse, rotation_angle
+from cell.errors import CellSettingsError
+from cell.look_at import look_at
+from cell.settings import (
+    CellSettings,
+    HandEyeSettings,
+    MountingSettings,
+    OakCamera,
+    SimulatedCamera,
+    URArm,
+    WorkspaceSettings,
+)
+from cell.simulation.camera import camera_model
+from cell.simulation.poses import PoseErrors
+from cell.simulation.scenes import make_scene
+from cell.simulation.scoring import score
+from cell.simulation.simulate import simulate
+from cell.simulation.truth import scene_truth
+from cell.simulation.world import simulated_world, world_truth
+
+CENTRE = np.array([0.5, 0.2, -0.1])
+
+
+def settings(**camera: Any) -> CellSettings:
+    return CellSettings(
+        camera=SimulatedCamera(**camera),
+        workspace=WorkspaceSettings(x_m=(0.2, 0.8), y_m=(-0.1, 0.5)),
+        mounting=MountingSettings(table_z_m=-0.1),
+    )
+
+
+def model_of(truth: dict[str, Any]) -> dict[str, Any]:
+    """A model that is as the truth says."""
+    return {
+        "chains": [{"id": k, "closed": False, "points": curve} for k, curve in enumerate(truth["curves"])],
+        "crossings": [
+            {
+                "point": crossing["point"],
+                "over": {"chain": crossing["over"][0], "s_m": crossing["over"][1]},
+                "under": {"chain": crossing["under"][0], "s_m": crossing["under"][1]},
+                "confidence": 1.0,
+            }
+            for crossing in truth["crossings"]
+        ],
+    }
+
+
+def test_the_truth_is_in_the_base_frame_in_the_middle_of_the_workspace() -> None:
+    world = simulated_world(settings(scene="overhand-knot", seed=1))
+    truth, of_scene = world_truth(world), scene_truth(world.scene, [], world.T_flange_camera)
+    assert world.T_base_scene[:3, 3] == pytest.approx(CENTRE)
+    curve, original = np.array(truth["curves"][0]), np.array(of_scene["curves"][0])
+    # Written to a tenth of a micrometre.
+    assert np.abs(curve - original - CENTRE).max() < 2e-7
+    assert len(truth["crossings"]) == 3
+    for moved, crossing in zip(truth["crossings"], of_scene["crossings"], strict=True):
+        assert np.array(moved["point"]) == pytest.approx(np.array(crossing["point"]) + CENTRE, abs=2e-7)
+        assert (moved["over"], moved["under"]) == (crossing["over"], crossing["under"])
+
+
+def test_scoring_takes_the_truth() -> None:
+    world = simulated_world(settings(scene="several", seed=2))
+    truth = world_truth(world)
+    right = score(model_of(truth), truth)
+    assert right.topology
+    assert right.mean_m == pytest.approx(0.0, abs=1e-6)
+    elsewhere = score(model_of(scene_truth(world.scene, [], world.T_flange_camera)), truth)
+    assert not elsewhere.topology
+
+
+def test_without_errors_the_camera_is_where_it_is_told_to_be() -> None:
+    world = simulated_world(settings(errors=0.0))
+    T_base_flange = look_at(np.array([0.4, 0.0, 0.3]), 0.3, 1.0, 0.2, 0.4)
+    assert np.array_equal(world.told_T_flange_camera, world.T_flange_camera)
+    assert world.T_base_camera(T_base_flange) == pytest.approx(T_base_flange @ world.T_flange_camera, abs=1e-15)
+    T_scene_camera = world.T_scene_camera(T_base_flange)
+    assert world.T_base_scene @ T_scene_camera == pytest.approx(T_base_flange @ world.T_flange_camera, abs=1e-12)
+
+
+def test_errors_are_of_the_pose_and_have_their_size() -> None:
+    world = simulated_world(settings(errors=2.0))
+    shifts, turns = [], []
+    for k in range(400):
+        T_base_flange = look_at(np.array([0.4, 0.0, 0.3]), 0.01 * k, 1.0, 0.2, 0.0)
+        true = world.T_base_camera(T_base_flange) @ inverse(world.T_flange_camera)
+        again = world.T_base_camera(T_base_flange) @ inverse(world.T_flange_camera)
+        assert np.array_equal(true, again)
+        shifts.append(np.linalg.norm(true[:3, 3] - T_base_flange[:3, 3]))
+        turns.append(rotation_angle(true @ inverse(T_base_flange)))
+    # 400 samples of three components: the root mean square is off by 2 %, thrice that is allowed.
+    assert np.sqrt(np.mean(np.square(shifts))) == pytest.approx(2 * PoseErrors().robot_m, rel=0.06)
+    assert np.sqrt(np.mean(np.square(turns))) == pytest.approx(2 * PoseErrors().robot_rad, rel=0.06)
+    assert len(np.unique(shifts)) == 400
+
+
+def test_a_pose_that_is_told_a_little_differently_has_the_same_error() -> None:
+    world = simulated_world(settings())
+    T_base_flange = look_at(np.array([0.4, 0.0, 0.3]), 0.3, 1.0, 0.2, 0.4)
+    nearly = T_base_flange.copy()
+    nearly[:3] = np.rint(nearly[:3] / 1e-5) * 1e-5
+    told = nearly.copy()
+    told[0, 3] += 3e-6  # less than half a step
+    difference = world.T_base_camera(told)[:3, 3] - world.T_base_camera(nearly)[:3, 3]
+    assert difference == pytest.approx([3e-6, 0, 0], abs=1e-12)
+
+
+def test_the_same_seed_has_the_calibration_and_bias_of_a_simulated_recording() -> None:
+    world = simulated_world(settings(model="oak-d-pro", scene="straight", seed=7))
+    recorded = simulate(make_scene("straight", 7), camera_model("oak-d-pro", (64, 40)), 7, views=1)
+    assert np.array_equal(world.told_T_flange_camera, recorded.header.T_flange_camera)
+    off_m = np.linalg.norm(world.told_T_flange_camera[:3, 3] - world.T_flange_camera[:3, 3])
+    assert 0.0 < off_m < 4 * PoseErrors().hand_eye_m
+    other = simulated_world(settings(model="oak-d-pro", scene="straight", seed=8))
+    assert other.bias_px != world.bias_px
+    assert abs(world.bias_px) < 4 * 0.1
+    assert simulated_world(settings(model="ideal", scene="straight", seed=7)).bias_px == 0.0
+
+
+def test_the_hand_eye_calibration_is_told_with_its_camera() -> None:
+    world, other = (simulated_world(settings(scene="straight", seed=seed)) for seed in (1, 2))
+    assert world.told_hand_eye.camera_id == world.camera_id
+    assert np.array_equal(world.told_hand_eye.T_flange_camera, world.told_T_flange_camera)
+    assert world.told_hand_eye.sha256 == simulated_world(settings(scene="straight", seed=1)).told_hand_eye.sha256
+    assert world.told_hand_eye.sha256 != other.told_hand_eye.sha256
+
+
+def test_impossible_worlds_are_refused() -> None:
+    with pytest.raises(CellSettingsError, match=r"camera\.scene: overhand-knot: .*use a longer or a thinner one"):
+        simulated_world(settings(scene="overhand-knot", string_radius_m=0.02))
+    real = CellSettings(
+        arm=URArm(kind="ur", host="10.0.0.9"),
+        camera=OakCamera(kind="oak"),
+        hand_eye=HandEyeSettings(file=Path("h.json")),
+    )
+    with pytest.raises(CellSettingsError, match=r"camera\.kind is oak"):
+        simulated_world(real)
