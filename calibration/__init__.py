@@ -1,4 +1,4 @@
-"""Where the camera is: rigid transforms now, board detection and hand-eye calibration on top of them.
+"""Where the camera is: rigid transforms, and the hand-eye calibration's file.
 
 Knows nothing of the cell, the service or file formats of recordings.
 """

@@ -1,7 +1,7 @@
 """The service's configuration: a TOML file, `POINTCHAIN_*` variables, and what the command line overrides.
 
 The only place that reads the environment or a configuration file. Later ones win: built-in default, TOML
-file, variable (`POINTCHAIN_PORT`, nested with two underscores: `POINTCHAIN_LIMITS__UPLOAD_BYTES`), override.
+file, variable (`POINTCHAIN_PORT`, nested with two underscores: `POINTCHAIN_ARM__HOST`; lists in JSON), override.
 """
 
 import os
@@ -11,14 +11,28 @@ from typing import Any
 
 import platformdirs
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
+from pydantic.fields import FieldInfo
 from pydantic_settings import (
     BaseSettings,
+    EnvSettingsSource,
+    InitSettingsSource,
     PydanticBaseSettingsSource,
     SettingsConfigDict,
-    TomlConfigSettingsSource,
 )
 
+from cell.settings import (
+    AnyArm,
+    AnyCamera,
+    CellSettings,
+    HandEyeSettings,
+    MountingSettings,
+    ScanSettings,
+    SimulatedArm,
+    SimulatedCamera,
+    WorkspaceSettings,
+)
 from recognition.gripper import Gripper
+from service.config_words import explain, meant
 
 PREFIX = "POINTCHAIN_"
 FILE_VARIABLE = "POINTCHAIN_CONFIG"
@@ -71,7 +85,7 @@ class GripperConfig(BaseModel):
 
 
 class ServiceConfig(BaseSettings):
-    """All settings of the service."""
+    """All settings of the service and of its cell."""
 
     model_config = SettingsConfigDict(
         extra="forbid", frozen=True, env_prefix=PREFIX, env_nested_delimiter="__", env_ignore_empty=True
@@ -86,6 +100,18 @@ class ServiceConfig(BaseSettings):
     """TCP port; 0 takes a free one."""
     limits: LimitsConfig = LimitsConfig()
     gripper: GripperConfig = GripperConfig()
+    arm: AnyArm = SimulatedArm()
+    camera: AnyCamera = SimulatedCamera()
+    hand_eye: HandEyeSettings = HandEyeSettings()
+    """Its file is relative to the configuration file; to the working directory when a variable names it."""
+    workspace: WorkspaceSettings = WorkspaceSettings()
+    mounting: MountingSettings = MountingSettings()
+    scan: ScanSettings = ScanSettings()
+
+    @property
+    def cell(self) -> CellSettings:
+        """What a cell is made of. Raises pydantic's ValidationError where its sections contradict one another."""
+        return CellSettings(**{name: getattr(self, name) for name in CellSettings.model_fields})
 
     @field_validator("data_dir")
     @classmethod
@@ -102,7 +128,16 @@ class ServiceConfig(BaseSettings):
         file_secret_settings: PydanticBaseSettingsSource,
     ) -> tuple[PydanticBaseSettingsSource, ...]:
         """Overrides before variables; `load_config` adds the file behind them."""
-        return init_settings, env_settings
+        return init_settings, _Variables(settings_cls)
+
+
+class _Variables(EnvSettingsSource):
+    def decode_complex_value(self, field_name: str, field: FieldInfo, value: Any) -> Any:
+        """A list or section in JSON. What is none is left to validation, which refuses it by its name."""
+        try:
+            return super().decode_complex_value(field_name, field, value)
+        except ValueError:
+            return value
 
 
 def load_config(path: Path | None = None, **overrides: Any) -> ServiceConfig:
@@ -111,11 +146,13 @@ def load_config(path: Path | None = None, **overrides: Any) -> ServiceConfig:
     Without `path`, the variable POINTCHAIN_CONFIG may name the file.
 
     Raises:
-        ConfigError: the file cannot be read or is not TOML, a key is unknown, or a value cannot be.
+        ConfigError: the file cannot be read or is not TOML, a key is unknown, a value cannot be, or the cell's
+            sections contradict one another. All that is wrong is told at once.
     """
     if path is None and os.environ.get(FILE_VARIABLE):
         path = Path(os.environ[FILE_VARIABLE])
     _refuse_unknown_variables()
+    content = {} if path is None else _read(path)
 
     class FromFile(ServiceConfig):
         @classmethod
@@ -123,39 +160,47 @@ def load_config(path: Path | None = None, **overrides: Any) -> ServiceConfig:
             cls, settings_cls: type[BaseSettings], *args: Any, **kwargs: Any
         ) -> tuple[PydanticBaseSettingsSource, ...]:
             sources = super().settings_customise_sources(settings_cls, *args, **kwargs)
-            return sources if path is None else (*sources, TomlConfigSettingsSource(settings_cls, path))
+            return *sources, InitSettingsSource(settings_cls, content)
 
     given = {key: value for key, value in overrides.items() if value is not None}
     try:
-        if path is not None and not path.is_file():
-            raise ConfigError(f"{path}: there is no such configuration file")
         settings = FromFile(**given)
+        _ = settings.cell
+    except ValidationError as error:
+        wrong = explain(error, ServiceConfig, _variables())
+        where = f" (with {path})" if path else ""
+        told = wrong[0] if len(wrong) == 1 else "".join(f"\n  {line}" for line in wrong)
+        raise ConfigError(f"the configuration{where} cannot be used: {told}") from error
+    return ServiceConfig.model_construct(**{name: getattr(settings, name) for name in ServiceConfig.model_fields})
+
+
+def _read(path: Path) -> dict[str, Any]:
+    """The file's content; a relative hand-eye file is of the folder that the file lies in."""
+    try:
+        if not path.is_file():
+            raise ConfigError(f"{path}: there is no such configuration file")
+        content = tomllib.loads(path.read_bytes().decode())
+    except UnicodeDecodeError as error:
+        raise ConfigError(f"{path}: not TOML: it is not UTF-8 text") from error
     except tomllib.TOMLDecodeError as error:
         raise ConfigError(f"{path}: not TOML: {error}") from error
     except OSError as error:
         raise ConfigError(f"{path}: cannot be read: {error.strerror}") from error
-    except ValidationError as error:
-        raise ConfigError(_explain(error, path)) from error
-    return ServiceConfig.model_construct(**{name: getattr(settings, name) for name in ServiceConfig.model_fields})
+    hand_eye = content.get("hand_eye")
+    if isinstance(hand_eye, dict) and isinstance(file := hand_eye.get("file"), str):
+        hand_eye["file"] = str(path.absolute().parent / Path(file).expanduser())
+    return content
+
+
+def _variables() -> dict[str, str]:
+    """Our variables that are set, as `POINTCHAIN_ARM__HOST`, by what they set: `ARM__HOST`."""
+    ours = [name for name, value in os.environ.items() if name.upper().startswith(PREFIX) and value]
+    return {name.upper().removeprefix(PREFIX): name for name in sorted(ours)}
 
 
 def _refuse_unknown_variables() -> None:
     """pydantic-settings reads past a mistyped variable; nobody should have to find that out."""
-    known = {f"{PREFIX}{name}".upper() for name in ServiceConfig.model_fields} | {FILE_VARIABLE}
-    for variable in sorted(os.environ):
-        name = variable.upper()
-        if name.startswith(PREFIX) and name.split("__")[0] not in known:
-            raise ConfigError(f"{variable}: there is no such setting; known are {', '.join(sorted(known))}")
-
-
-def _explain(error: ValidationError, path: Path | None) -> str:
-    lines = []
-    for item in error.errors(include_url=False):
-        keys = [str(part) for part in item["loc"]]
-        variable = PREFIX + "__".join(keys).upper()
-        if item["type"] == "extra_forbidden":
-            lines.append(f"{'.'.join(keys)} ({variable}): there is no such setting")
-        else:
-            lines.append(f"{'.'.join(keys)} ({variable}): {item['msg']}; it is {item['input']!r}")
-    where = f" (with {path})" if path else ""
-    return f"the configuration{where} cannot be used: " + "; ".join(lines)
+    known = sorted([name.upper() for name in ServiceConfig.model_fields] + [FILE_VARIABLE.removeprefix(PREFIX)])
+    for key, variable in _variables().items():
+        if key.split("__")[0] not in known:
+            raise ConfigError(f"{variable}: there is no such setting; {meant(key.split('__')[0], known, PREFIX)}")
