@@ -8,6 +8,7 @@ import json
 import os
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
 from types import TracebackType
@@ -34,7 +35,7 @@ from cell.recording_header import HAND_EYE, METADATA, RecordingHeader, to_hand_e
 from cell.recording_limits import DEFAULT_LIMITS, MIB, Limits
 from cell.recording_reader import MODEL, Recording, read_recording, read_result
 from cell.result_scene import scene_of_model
-from cell.view_messages import encode_view
+from cell.view_messages import POSE, decode_pose, encode_view
 
 SCENE = "/result/scene"
 
@@ -76,8 +77,11 @@ class RecordingWriter:
             path.unlink()
             raise
 
-    def write_view(self, view: View) -> None:
+    def write_view(self, view: View) -> View:
         """Writes one view as a chunk of its own; it is on disk when this returns.
+
+        Returns the view as a reader will get it: its pose has passed through a quaternion, so that recognition gives
+        the same from either, to the last bit.
 
         Raises:
             RecordingError: there already, larger than what is read, or of another depth unit or hand-eye
@@ -111,6 +115,9 @@ class RecordingWriter:
         self._indices.add(view.index)
         self._content_bytes += content_bytes
         self._log_time_ns = max(self._log_time_ns, log_time_ns)
+        T_base_flange = decode_pose(dict(messages)[POSE].SerializeToString(), where)
+        assert T_base_flange is not None
+        return replace(view, T_base_flange=T_base_flange)
 
     def write_result(self, model: Mapping[str, Any]) -> None:
         """Writes a model document (schema `pointchain/1`) as `/result/model`, and as a scene for viewers.

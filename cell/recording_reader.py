@@ -70,7 +70,7 @@ class _Contents:
 
 
 def read_recording(path: Path, limits: Limits = DEFAULT_LIMITS) -> Recording:
-    """All complete views of a recording, ours or another writer's.
+    """All complete views of a recording, ours or another writer's, in the order in which they were taken.
 
     A view that lacks its pose, calibration or depth image is left out and told in `missing`, and so is an end
     that was cut off. A view whose content is wrong refuses the whole recording: it is not to be trusted.
@@ -89,6 +89,8 @@ def read_recording(path: Path, limits: Limits = DEFAULT_LIMITS) -> Recording:
             missing.append(f"view {index} {_lacking(parts)}")
         else:
             complete.append(view)
+    # In the order in which they were taken: recognition of a replay then does what it did while the arm moved.
+    complete.sort(key=lambda view: view.stamp_s)
     if not complete:
         raise RecordingEmptyError(f"{path.name} has no complete view: {_why_none(contents)}")
     if contents.cut:

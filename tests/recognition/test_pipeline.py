@@ -1,7 +1,8 @@
 """Recognition from end to end on a small simulated scan: one loop, three noiseless views whose poses are off."""
 
 import json
-from collections.abc import Callable
+import time
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from itertools import pairwise
 from typing import Any
@@ -174,6 +175,23 @@ def test_stages_are_told_in_order_and_timed(
     assert tuple(told) == stages_of(method)
     assert tuple(model.timing_s) == stages_of(method)
     assert all(seconds >= 0 for seconds in model.timing_s.values())
+
+
+def test_waiting_for_a_view_is_not_counted_as_work(
+    scan: SimulatedScan, scene: Scene, table_1: ChainParameters, result: Callable[[Method], Recognition]
+) -> None:
+    wait_s = 0.3
+
+    def as_they_come() -> Iterator[View]:
+        for view in scan.views:
+            time.sleep(wait_s)
+            yield view
+
+    began = time.perf_counter()
+    recognition = recognise(as_they_come(), table_1, scene)
+    taken_s = time.perf_counter() - began
+    assert document(recognition) == document(result("graph"))
+    assert sum(recognition.model.timing_s.values()) <= taken_s - len(scan.views) * wait_s
 
 
 @pytest.mark.parametrize("method", METHODS)
