@@ -1,0 +1,58 @@
+"""What follows when a person has looked at the cell and acknowledged a fault: the only place that unlocks a robot."""
+
+import time
+
+from cell.dashboard import Dashboard
+from cell.errors import CellError, RobotNotReadyError, TooEarlyError
+from cell.probe import robot_mode, safety_mode
+from cell.robot_modes import UNLOCK_S, mode_error
+
+ANSWERS_S = 2.5
+SEEN_LATER_S = 0.2
+RELEASE_S = 3.0
+"""After unlocking, the robot is back to normal in this time."""
+
+
+def acknowledge_protective_stop(address: str, seen_s: float | None, program_ours: bool) -> None:
+    """Ends the program, then unlocks a protective stop. Without one, only a program of ours is ended. No motion.
+
+    A protective stop only pauses the program: played on, it would finish its old motion. So it is ended first, whether
+    or not the robot lets itself be unlocked yet. `seen_s`: when the stop was first seen, of `time.monotonic()`.
+
+    Raises: TooEarlyError, RobotNotReadyError, EmergencyStopError, RobotUnreachableError.
+    """
+    with Dashboard(address, time.monotonic() + ANSWERS_S) as dashboard:
+        mode = safety_mode(dashboard)
+        if program_ours or mode == "protective_stop":
+            dashboard.ask("stop")
+        if mode != "protective_stop":
+            error = mode_error(robot_mode(dashboard), mode)
+            if error is not None:
+                raise error
+            return
+        if dashboard.ask("is in remote control").lower() != "true":
+            raise RobotNotReadyError("the robot is in local mode: unlock it at its pendant")
+        wait_s = 0.0 if seen_s is None else seen_s + UNLOCK_S - time.monotonic()
+        # Towards the end of the wait the robot knows better: it was stopped a moment before that was seen.
+        if wait_s > SEEN_LATER_S:
+            raise TooEarlyError(
+                f"the robot cannot be unlocked earlier than {UNLOCK_S:g} s after its stop: try again in {wait_s:.1f} s"
+            )
+        if "releasing" not in dashboard.ask("unlock protective stop").lower():
+            again_s = UNLOCK_S if seen_s is None else max(wait_s, SEEN_LATER_S)
+            raise TooEarlyError(f"the robot does not let itself be unlocked yet: try again in {again_s:.1f} s")
+    with Dashboard(address, time.monotonic() + RELEASE_S) as dashboard:
+        dashboard.ask("close safety popup")
+        error = _after_release(dashboard)
+    if error is not None:
+        raise error
+
+
+def _after_release(dashboard: Dashboard) -> CellError | None:
+    """What still keeps the robot from being driven once its release has had its time."""
+    limit_s = time.monotonic() + RELEASE_S - 0.5
+    while True:
+        error = mode_error(robot_mode(dashboard), safety_mode(dashboard))
+        if error is None or time.monotonic() > limit_s:
+            return error
+        time.sleep(0.05)

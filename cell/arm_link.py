@@ -1,0 +1,305 @@
+"""The link to one UR controller: the child process that drives it, what it says, and how everything is ended.
+
+Who ends a motion when something breaks:
+
+- this process hangs or dies: the controller's watchdog, which only this process's polls keep quiet during a move;
+- the child hangs or dies: it is killed, and the program ended over the dashboard; else the watchdog as well;
+- the link is lost: the same;
+- somebody calls `stop`: the child, or the dashboard when it does not answer at once.
+
+Between moves the child keeps the watchdog quiet, which costs next to nothing and does not mind a busy parent, but only
+as long as the parent is heard every few seconds: one that was suspended finds the program ended, and does not go on
+from where it was. Nothing here ever connects again, unlocks, or sends a move a second time by itself.
+"""
+
+import logging
+import threading
+import time
+from typing import Any, NoReturn
+
+import numpy as np
+
+from calibration.transforms import from_rotation_vector, inverse
+from cell.child import Child, ChildBusyError, ChildLostError
+from cell.dashboard import stop_program
+from cell.devices import ArmState
+from cell.errors import (
+    CellError,
+    ProtectiveStopError,
+    RobotLostError,
+    RobotNotReadyError,
+    RobotUnreachableError,
+    StoppedError,
+)
+from cell.robot_modes import mode_error
+from cell.settings import ArmSettings
+from cell.ur import CONNECT_S, Reading, UrDriver
+
+log = logging.getLogger(__name__)
+
+POLL_S = 0.01
+"""Between two looks at a moving arm."""
+FRESH_S = 0.3
+"""A controller whose clock stands still for longer is lost."""
+ANSWER_S = 0.4
+"""A child that does not answer a call for so long hangs."""
+STOP_TURN_S, STOP_ANSWER_S = 0.012, 0.025
+"""A stop waits so long for its turn, and for the child's answer, before it takes the dashboard's way."""
+DASHBOARD_S = 1.0
+"""Longest that ending the program over the dashboard may take."""
+REASON_S = 0.06
+"""A program that ends is waited for so long to tell why: the safety system's word may come a little later."""
+STEADY_RAD_S = 3e-3
+"""At rest every joint is slower than this."""
+STILL_S = 1.0
+"""After a stop the arm is still so long after it must be, by its deceleration, at the latest."""
+BEAT_S = 1.0
+"""How often the child is told that this process lives."""
+
+NOT_CONNECTED = "the robot is not connected: connect first"
+STOPPED = "the arm was stopped by request: connect again before the next move"
+
+
+class ArmLink:
+    """All methods but `stop` belong to one thread at a time; `stop` and `latest` to any."""
+
+    def __init__(self, settings: ArmSettings) -> None:
+        self._settings = settings
+        self.latest: ArmState | None = None
+        """What the arm last told of itself."""
+        self.stopped = threading.Event()
+        """Set by `stop`; then nothing moves until the link is opened again."""
+        self.child: Child | None = None
+        self.address: str | None = None
+        self.program_ours = False
+        """A program of ours may be on the controller."""
+        self.protective_s: float | None = None
+        """When a protective stop was first seen, `time.monotonic()`."""
+        self._ended: CellError | None = RobotNotReadyError(NOT_CONNECTED)
+        """Why nothing can be moved until the link is opened again."""
+        self._endings: list[threading.Thread] = []
+        self._closing = threading.Event()
+        self._beat: threading.Thread | None = None
+        self._T_flange_tcp = np.eye(4)
+
+    def open(self, address: str) -> ArmState:
+        """Starts the child, which connects: a controller that was probed, after `release`. The arm's first state.
+
+        Raises: RobotUnreachableError, RobotNotReadyError; StoppedError when `stop` was called meanwhile.
+        """
+        child = Child("arm", UrDriver, address, self._settings.watchdog_hz)
+        self.child, self.address, self.program_ours = child, address, True
+        try:
+            state = self.seen(*child.call("at_rest", timeout_s=CONNECT_S + 1.0))
+        except (ChildLostError, CellError) as error:
+            if self.stopped.is_set():
+                self.fail(StoppedError(STOPPED))
+            if isinstance(error, CellError):
+                self.fail(error)
+            self.fail(
+                RobotUnreachableError(
+                    f"connecting to the robot at {address} did not end ({error}): try again, then restart it"
+                )
+            )
+        self._ended, self.protective_s = None, None
+        self._closing = threading.Event()
+        self._beat = threading.Thread(target=_beat, args=(child, self._closing), name="arm-beat", daemon=True)
+        self._beat.start()
+        return state
+
+    def call(self, method: str, *arguments: Any) -> Any:
+        """What the driver answers; when it does not, the reason is looked for, and the link ended."""
+        child = self.child
+        if child is None:
+            raise self.why_ended()
+        try:
+            return child.call(method, *arguments, timeout_s=ANSWER_S)
+        except ChildLostError as error:
+            if self.stopped.is_set():
+                self.fail(StoppedError(STOPPED))
+            self.fail(
+                RobotLostError(f"the link to the robot was lost ({error}): check network and robot, then connect again")
+            )
+        except StoppedError:
+            raise
+        except CellError as error:
+            if method != "poll":
+                self.good_poll()  # the reason why the controller did not do it is worth more
+            self.fail(error)
+
+    def poll(self) -> Reading:
+        """What the controller says, be it good or bad. Raises RobotLostError."""
+        reading: Reading = self.call("poll")
+        self.seen(reading)
+        return reading
+
+    def good_poll(self) -> Reading:
+        """What the controller says if all is well with it; anything else ends the link, and the motion with it.
+
+        Raises: StoppedError, RobotLostError, ProtectiveStopError, EmergencyStopError, RobotNotReadyError.
+        """
+        if self.stopped.is_set():
+            self._see_it_stop()
+            raise self.why_ended()
+        reading = self.poll()
+        error = self._fault(reading)
+        if error is not None:
+            self.fail(error)
+        return reading
+
+    def ready(self) -> Reading:
+        """Like `good_poll`, and raises at once when the link has ended."""
+        if self._ended is not None or self.stopped.is_set():
+            raise self.why_ended()
+        return self.good_poll()
+
+    def at_rest(self) -> ArmState:
+        """The state of an arm at rest, with the tool asked for anew that is taken off its flange."""
+        return self.seen(*self.call("at_rest"))
+
+    def seen(self, reading: Reading, flange_tool: tuple[float, ...] | None = None) -> ArmState:
+        """The reading as a state, kept in `latest`. The tool at the flange is the last one known unless given."""
+        if flange_tool is not None:
+            self._T_flange_tcp = from_rotation_vector(flange_tool[:3], flange_tool[3:])
+        T_base_tcp = from_rotation_vector(reading.base_tcp[:3], reading.base_tcp[3:])
+        # A stop is an operation too, and one that a program's end has cut short never ends.
+        under_way = reading.operating and reading.program == "playing" and not self.stopped.is_set()
+        self.latest = ArmState(
+            q_rad=np.array(reading.q_rad),
+            qd_rad_s=np.array(reading.qd_rad_s),
+            T_base_flange=T_base_tcp @ inverse(self._T_flange_tcp),
+            robot_mode=reading.robot_mode,
+            safety_mode=reading.safety_mode,
+            moving=under_way or _speed(reading) > STEADY_RAD_S,
+            controller_s=reading.controller_s,
+            age_s=reading.age_s,
+        )
+        return self.latest
+
+    def stop(self) -> None:
+        """Stops the arm at once; from any thread."""
+        self.stopped.set()
+        child = self.child
+        if child is not None:
+            deceleration = self._settings.stop_deceleration_rad_s2
+            try:
+                child.call("stop", deceleration, timeout_s=STOP_ANSWER_S, turn_s=STOP_TURN_S)
+                return
+            except (ChildLostError, ChildBusyError, CellError) as error:
+                log.warning("stopping over the dashboard: %s", error)
+                # First of all it must not be able to send the move that it is perhaps just about to send.
+                child.kill()
+        self._end_program(DASHBOARD_S)
+
+    def fail(self, error: CellError) -> NoReturn:
+        """Ends link, program and motion, and raises the error, now and whenever a move is asked for."""
+        self._ended = error
+        if isinstance(error, ProtectiveStopError) and self.protective_s is None:
+            self.protective_s = time.monotonic()
+        self._closing.set()
+        child, self.child = self.child, None
+        if child is not None:
+            child.kill()
+        self._end_program(POLL_S)
+        if child is not None:
+            child.close()
+        raise self.why_ended()
+
+    def why_ended(self) -> CellError:
+        """Why nothing can be moved."""
+        if self._ended is None:
+            return StoppedError(STOPPED)
+        return type(self._ended)(str(self._ended))
+
+    def release(self) -> None:
+        """Ends what is left, the program included; nothing moves. Afterwards the link can be opened again."""
+        self._closing.set()
+        child, self.child = self.child, None
+        if child is not None:
+            try:
+                if child.call("end_program", timeout_s=ANSWER_S, turn_s=ANSWER_S):
+                    self.program_ours = False
+            except (ChildLostError, ChildBusyError, CellError) as error:
+                log.info("ending the program over the dashboard: %s", error)
+            child.close()
+        while self._endings:  # a late one would end the next link's program
+            self._endings.pop().join()
+        self._end_program(DASHBOARD_S)
+        while self._endings:
+            self._endings.pop().join()
+        if self._beat is not None:
+            self._beat.join()
+            self._beat = None
+        self._ended = RobotNotReadyError(NOT_CONNECTED)
+
+    def _fault(self, reading: Reading) -> CellError | None:
+        """Why the arm must not, or cannot, go on; None if all is well."""
+        limit_s = time.monotonic() + REASON_S
+        while True:
+            error = silence(reading) or mode_error(reading.robot_mode, reading.safety_mode)
+            if error is not None or reading.program == "playing":
+                return error
+            if time.monotonic() > limit_s:
+                return RobotLostError(
+                    f"the robot's control program is {reading.program}: its watchdog heard nothing from here for "
+                    f"{1.0 / self._settings.watchdog_hz:g} s, or somebody ended it at the pendant. Connect again"
+                )
+            time.sleep(POLL_S)
+            reading = self.poll()
+
+    def _see_it_stop(self) -> None:
+        """After `stop`, by the thread that moved: until the arm is still. It is made to be when that takes too long."""
+        reading = self.poll()
+        limit_s = time.monotonic() + _speed(reading) / self._settings.stop_deceleration_rad_s2 + STILL_S
+        while _speed(reading) > STEADY_RAD_S:
+            if time.monotonic() > limit_s or silence(reading) is not None:
+                self.fail(RobotLostError("the robot was told to stop, and it is not known whether it did: look at it"))
+            time.sleep(POLL_S)
+            reading = self.poll()
+
+    def _end_program(self, wait_s: float) -> None:
+        """Ends our program over the dashboard, which also ends its motion. Returns after `wait_s` at the latest."""
+        address = self.address
+        if address is None or not self.program_ours:
+            return
+
+        def end() -> None:
+            try:
+                stop_program(address, DASHBOARD_S)
+                self.program_ours = False
+            except RobotUnreachableError as error:
+                log.warning("the program was not ended, its watchdog will do it: %s", error)
+
+        thread = threading.Thread(target=end, name="arm-end-program", daemon=True)
+        self._endings.append(thread)
+        thread.start()
+        thread.join(wait_s)
+
+
+def silence(reading: Reading) -> RobotLostError | None:
+    """That the controller is not heard any more; None if it is."""
+    if not reading.connected:
+        return RobotLostError(
+            "the connection to the robot broke: check the network cable and the robot's controller, then connect again"
+        )
+    if reading.age_s > FRESH_S:
+        return RobotLostError(
+            f"nothing new was heard from the robot for {reading.age_s:.1f} s: check the network cable and the robot's "
+            "controller, then connect again"
+        )
+    return None
+
+
+def _speed(reading: Reading) -> float:
+    """Of the fastest joint, rad/s."""
+    return max(abs(qd) for qd in reading.qd_rad_s)
+
+
+def _beat(child: Child, closing: threading.Event) -> None:
+    while not closing.wait(BEAT_S):
+        try:
+            child.call("alive", timeout_s=ANSWER_S, turn_s=0.0)
+        except ChildBusyError:
+            continue  # whoever has the turn is heard as well
+        except ChildLostError:
+            return  # the next one who wants something of the arm is told

@@ -1,0 +1,123 @@
+"""The dashboard of a UR controller over a plain socket: what it says of itself, and the end of its program.
+
+It needs neither the vendor library nor its process, so it still works when those hang. Every command is a constant;
+nothing that comes from outside is ever sent.
+"""
+
+import contextlib
+import socket
+import time
+from types import TracebackType
+from typing import Literal, Self
+
+from cell.errors import RobotUnreachableError
+
+PORT = 29999
+
+Command = Literal[
+    "robotmode", "safetystatus", "is in remote control", "programState", "get robot model", "get serial number",
+    "PolyscopeVersion", "stop", "unlock protective stop", "close safety popup",
+]  # fmt: skip
+
+_LONGEST_LINE = 4096
+
+
+class Dashboard:
+    """One connection; `with Dashboard(...) as dashboard` closes it."""
+
+    def __init__(self, host: str, until_s: float) -> None:
+        """Connects. `until_s`, of `time.monotonic()`, is when connecting and all answers must have come by.
+
+        Raises RobotUnreachableError.
+        """
+        self._host, self._until_s = host, until_s
+        self._received = b""
+        self._socket = connected(host, PORT, until_s)
+        try:
+            self._line("greet")
+        except RobotUnreachableError:
+            self.close()
+            raise
+
+    def ask(self, command: Command) -> str:
+        """Sends one command; its answer, without the line's end. Raises RobotUnreachableError."""
+        try:
+            self._socket.settimeout(_left(self._until_s))
+            self._socket.sendall(command.encode() + b"\n")
+        except OSError as error:
+            raise _silent(self._host, command) from error
+        return self._line(command)
+
+    def close(self) -> None:
+        """Closes the connection."""
+        self._socket.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def _line(self, asked: str) -> str:
+        while b"\n" not in self._received:
+            try:
+                self._socket.settimeout(_left(self._until_s))
+                data = self._socket.recv(_LONGEST_LINE)
+            except OSError as error:
+                raise _silent(self._host, asked) from error
+            self._received += data
+            if not data or len(self._received) > _LONGEST_LINE:
+                raise _silent(self._host, asked)
+        line, self._received = self._received.split(b"\n", 1)
+        return line.decode("utf-8", "replace").strip()
+
+
+def connected(host: str, port: int, until_s: float) -> socket.socket:
+    """A TCP connection made before `until_s` of `time.monotonic()`. Raises RobotUnreachableError."""
+    try:
+        link = socket.create_connection((host, port), timeout=_left(until_s))
+    except OSError as error:
+        raise RobotUnreachableError(
+            f"no robot answers at {host}, port {port} ({error}): check arm.host, that the robot's "
+            "controller is switched on and booted, the network cable, and that no firewall is in between"
+        ) from error
+    with contextlib.suppress(OSError):  # a socket that the peer has closed meanwhile
+        link.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+    return link
+
+
+def stop_program(host: str, timeout_s: float) -> str:
+    """Ends whatever program runs, which also ends its motion; the dashboard's answer.
+
+    The command leaves as soon as the connection stands, before the greeting has come. Raises RobotUnreachableError.
+    """
+    until_s = time.monotonic() + timeout_s
+    with connected(host, PORT, until_s) as link:
+        try:
+            link.sendall(b"stop\n")
+            # Closed with anything unread, the connection would be reset and the command perhaps never read.
+            received = b""
+            while received.count(b"\n") < 2:
+                link.settimeout(_left(until_s))
+                data = link.recv(_LONGEST_LINE)
+                if not data:
+                    break
+                received += data
+        except OSError as error:
+            raise _silent(host, "stop") from error
+    lines = received.decode("utf-8", "replace").splitlines()
+    return lines[1].strip() if len(lines) > 1 else ""
+
+
+def _left(until_s: float) -> float:
+    """Seconds left; never 0, which would mean a socket that does not wait."""
+    return max(until_s - time.monotonic(), 1e-3)
+
+
+def _silent(host: str, asked: str) -> RobotUnreachableError:
+    return RobotUnreachableError(
+        f"the robot's dashboard at {host}, port {PORT}, accepts connections but does not answer {asked!r}: restart the "
+        "robot's controller if this stays"
+    )

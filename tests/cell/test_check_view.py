@@ -1,0 +1,84 @@
+"""What joins arm and camera, as a part of testing a cell: calibration, table, viewpoints."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from cell import check_view
+from cell.devices import ArmInfo, CameraInfo
+from cell.settings import (
+    HandEyeSettings,
+    ScanSettings,
+    WorkspaceSettings,
+)
+from tests.cell.cells_to_check import (
+    grounds_for,
+    looking_cell,
+    real_cell,
+    written_hand_eye,
+)
+
+
+@pytest.fixture
+def hand_eye_file(tmp_path: Path) -> Path:
+    return written_hand_eye(tmp_path)
+
+
+def test_a_calibration_is_compared_with_what_is_there(hand_eye_file: Path) -> None:
+    grounds = grounds_for(real_cell("10.0.0.1", hand_eye_file))
+    grounds.arm = ArmInfo("UR5", "2022", "5.25.1")
+    assert check_view.calibration(grounds).outcome == "ok"
+    grounds.hand_eye = None
+    grounds.camera = CameraInfo("OAK-D-PRO", "777", 640, 400, "USB 3 (SUPER)", 40.0, ())
+    step = check_view.calibration(grounds)
+    assert step.outcome == "failed"
+    assert "made with camera 1944, this is camera 777" in step.words
+    assert "name the right file in hand_eye.file" in (step.what_to_do or "")
+    assert grounds.hand_eye is None
+
+
+def test_a_calibration_that_is_missing_or_old_is_told(hand_eye_file: Path) -> None:
+    settings = real_cell("10.0.0.1", hand_eye_file.with_name("none.json"))
+    step = check_view.calibration(grounds_for(settings))
+    assert (step.outcome, "there is no hand-eye calibration" in step.words) == ("failed", True)
+    young = HandEyeSettings(file=hand_eye_file, max_age_days=2)
+    step = check_view.calibration(grounds_for(settings.model_copy(update={"hand_eye": young})))
+    assert (step.outcome, "3.0 days old" in step.words) == ("failed", True)
+    assert step.what_to_do == "calibrate anew"
+
+
+def test_a_plain_matrix_is_taken_with_a_warning(hand_eye_file: Path) -> None:
+    hand_eye_file.write_text('{"T_flange_camera": [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0.05], [0, 0, 0, 1]]}')
+    step = check_view.calibration(grounds_for(real_cell("10.0.0.1", hand_eye_file)))
+    assert step.outcome == "warning"
+    assert "does not say when it was made, which is not checked" in step.words
+    assert step.what_to_do == "calibrate anew to have it known"
+
+
+@pytest.mark.parametrize(
+    ("told_table_z_m", "outcome"), [(0.0, "ok"), (0.007, "warning"), (-0.03, "failed"), (-0.15, "failed")]
+)
+def test_the_table_is_looked_for_where_the_configuration_has_it(told_table_z_m: float, outcome: str) -> None:
+    step = check_view.table(looking_cell(told_table_z_m))
+    assert step.outcome == outcome, step
+    assert (step.what_to_do is None) == (outcome == "ok")
+    assert "mounting.table_z_m" in step.words
+
+
+def test_a_table_that_is_out_of_view_is_not_judged() -> None:
+    step = check_view.table(looking_cell(aside_m=1.0))
+    assert step.outcome == "skipped"
+    assert "the camera sees 0 % of the workspace" in step.words
+
+
+def test_unreachable_viewpoints_are_told_with_their_reasons() -> None:
+    grounds = looking_cell()
+    grounds.state = None
+    far = grounds.settings.model_copy(
+        update={"workspace": WorkspaceSettings(x_m=(0.7, 1.2)), "scan": ScanSettings(min_views=8)}
+    )
+    step = check_view.viewpoints(replace(grounds, settings=far))
+    assert step.outcome == "failed"
+    assert "reach" in step.words
+    assert step.words.endswith("scan.min_views is 8")
