@@ -9,20 +9,22 @@ from anyio import CapacityLimiter, to_thread
 from fastapi import FastAPI
 from fastapi_offline import FastAPIOffline
 
+from cell.cell import Cell
 from service.body_limit import BodyLimit
 from service.config import ServiceConfig, load_config
 from service.context import Context
 from service.data_folder import DataFolder
 from service.jobs import Jobs
 from service.problems import install_problem_handlers
-from service.routes import health, recordings, scans
+from service.routes import cell, health, recordings, scans
 from service.store import Store
 
 API_VERSION = "1"
 
 DESCRIPTION = """Strings, cables and ropes as ordered 3D point chains.
 
-Upload a recording, start a scan of it, follow the scan until its state is final, and fetch its model.
+Start a live scan by the cell, or upload a recording and start a scan of it; follow the scan until its state is final,
+and fetch its model.
 Metres, radians and seconds everywhere. Errors are `application/problem+json` (RFC 9457); decide on their
 `type`.
 """
@@ -54,7 +56,7 @@ def create_app(config: ServiceConfig) -> FastAPI:
         upload_path=recordings.PATH,
     )
     install_problem_handlers(app)
-    for router in (recordings.router, scans.router, health.router):
+    for router in (cell.router, recordings.router, scans.router, health.router):
         app.include_router(router)
     return app
 
@@ -63,8 +65,9 @@ def _open(config: ServiceConfig) -> Context:
     folder = DataFolder(config.data_dir)
     try:
         store = Store(folder)
-        jobs = Jobs(store, config.limits.recognition_s, config.gripper.value)
-        return Context(config, store, jobs, CapacityLimiter(1))
+        own = Cell(config.cell)
+        jobs = Jobs(store, own, config.limits.recognition_s, config.gripper.value)
+        return Context(config, store, own, jobs, CapacityLimiter(1))
     except BaseException:
         folder.close()
         raise
@@ -72,6 +75,7 @@ def _open(config: ServiceConfig) -> Context:
 
 def _close(context: Context) -> None:
     context.jobs.close()
+    context.cell.close()
     context.store.close()
     context.store.folder.close()
 

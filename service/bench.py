@@ -1,4 +1,4 @@
-"""`pointchain bench`: how right and how fast recognition is on this machine, as tables or JSON."""
+"""`pointchain bench`: how right and how fast recognition and the simulated cell are, as tables or JSON."""
 
 import json
 import os
@@ -14,15 +14,16 @@ from cell.simulation.benchmark.growth import Growth, measure_growth
 from cell.simulation.benchmark.speed import Speed, measure_speed
 from cell.simulation.tiers import TIERS
 from recognition.model import METHODS
+from service.bench_cell import cell_table, measure_cell
 
 START_S, SIMULATE_S, RECOGNISE_S = 5.0, 3.0, 1.0
 """What accuracy takes on one core, about: once, for each scene, and for each of its methods."""
-SPEED_S = 90.0
-"""What the speed part takes, about. All four are only to say how long it will be."""
+SPEED_S, CELL_S = 90.0, 240.0
+"""What the speed part and the cell's take, about. All are only to say how long it will be."""
 
 
 def bench(only: str | None, tiers: Sequence[str], seeds: int, jobs: int | None, as_json: bool) -> int:
-    """Runs the speed part, the accuracy part or both; Markdown tables or one JSON document on stdout.
+    """Runs the part `only`, "speed", "cell" or "accuracy", or all; Markdown tables or one JSON document on stdout.
 
     `tiers` are names of `cell.simulation.tiers`, all when empty; `seeds` scenes of each are recognised by every
     method, on `jobs` processes (one a core when None). Returns 0, or 1 when it is wrongly called.
@@ -36,11 +37,15 @@ def bench(only: str | None, tiers: Sequence[str], seeds: int, jobs: int | None, 
     _say(_announcement(only, len(tiers) * seeds, jobs))
     document: dict[str, Any] = {"machine": {"cores": os.cpu_count(), "python": python_version()}}
     parts = []
-    if only != "accuracy":
+    if only in (None, "speed"):
         speed, growth = measure_speed(_say), measure_growth(_say)
         document |= _speed_json(speed, growth)
         parts += [tables.speed_table(speed), tables.stages_table(speed.stages), tables.growth_table(growth)]
-    if only != "speed":
+    if only in (None, "cell"):
+        times = measure_cell(_say)
+        document["cell"] = {name: round(value, 4) for name, value in asdict(times).items()}
+        parts.append(cell_table(times))
+    if only in (None, "accuracy"):
         results = _run(tiers, seeds, jobs)
         summaries, sigma = accuracy.accuracy(results), accuracy.sigma(results)
         document |= {
@@ -76,10 +81,13 @@ def _run(tiers: Sequence[str], seeds: int, jobs: int) -> list[accuracy.CaseResul
 
 def _announcement(only: str | None, scenes: int, jobs: int) -> str:
     parts, seconds = [], 0.0
-    if only != "accuracy":
+    if only in (None, "speed"):
         parts.append("speed, memory and growth")
         seconds += SPEED_S
-    if only != "speed":
+    if only in (None, "cell"):
+        parts.append("the simulated cell")
+        seconds += CELL_S
+    if only in (None, "accuracy"):
         parts.append(f"{scenes} scenes by {', '.join(METHODS)} on {jobs} process{'es' if jobs > 1 else ''}")
         seconds += START_S + scenes * (SIMULATE_S + RECOGNISE_S * len(METHODS)) / min(jobs, scenes)
     about = f"{seconds / 60:.0f} min" if seconds >= 120 else f"{seconds:.0f} s"

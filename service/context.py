@@ -6,11 +6,13 @@ from typing import Annotated
 from anyio import CapacityLimiter
 from fastapi import Depends, Path, Query, Request
 
+from cell.cell import Cell
 from service.config import ServiceConfig
 from service.jobs import Jobs
 from service.problems import ProblemError
 from service.schemas import ID_PATTERN
-from service.store import RecordingRow, ScanRow, Store
+from service.store import Store
+from service.tables import RecordingRow, ScanRow
 
 
 @dataclass(frozen=True)
@@ -19,6 +21,7 @@ class Context:
 
     config: ServiceConfig
     store: Store
+    cell: Cell
     jobs: Jobs
     parsing: CapacityLimiter
     """Uploads are parsed one after the other: each may take much memory."""
@@ -52,3 +55,4 @@ Recording = Annotated[RecordingRow, Depends(_recording)]
 
 Limit = Annotated[int, Query(ge=1, le=500, description="At most so many")]
 Before = Annotated[str | None, Query(pattern=ID_PATTERN, description="Only those made before this one")]
+ViewCount = Annotated[int | None, Query(ge=2, le=32, description="How many viewpoints; the cell's number unless given")]

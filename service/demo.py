@@ -1,23 +1,25 @@
-"""`pointchain demo`: the main job once with no hardware, told for people."""
+"""`pointchain demo`: the main job once, with no hardware, and a judgement by the known truth."""
 
+import json
 import shutil
 import sys
 from pathlib import Path
 
+from cell.cell import Cell
 from cell.recording import read_recording
-from cell.simulation.camera import camera_model
-from cell.simulation.scenes import make_scene
+from cell.settings import CellSettings
 from cell.simulation.scoring import score
-from cell.simulation.simulate import simulate, write_simulation
+from cell.simulation.simulate import truth_path
+from cell.simulation.world import simulated_world, world_truth
+from recognition.gripper import Gripper
 from recognition.model import PointChainModel
+from service.scan_once import take_scan
 from service.trace import write_trace
-from service.workflow import recognise_recording, write_results
-
-SCENE, CAMERA, SEED = "figure-eight", "oak-d-sr", 3
+from service.workflow import write_results
 
 
 def demo(folder: Path) -> int:
-    """Simulates a scan, recognises the recording, and says on stdout what came out and where it lies.
+    """Scans with the simulated cell, recognises what it saw, and says on stdout what came out and where it lies.
 
     `folder` holds the results; what an earlier demo left there is replaced. 0 when the model has the true
     topology, else 1.
@@ -31,23 +33,37 @@ def demo(folder: Path) -> int:
     folder.mkdir(parents=True, exist_ok=True)
     recording, _, results, trace = made
 
-    scan = simulate(make_scene(SCENE, SEED), camera_model(CAMERA), SEED)
-    write_simulation(scan, recording)
-    views = len(read_recording(recording).views)
-    print(f"Simulated scan     {views} views of a {SCENE} string by an {CAMERA} camera")
-    recognition = recognise_recording(recording)
+    settings = CellSettings()
+    cell = Cell(settings)
+    try:
+        recognition = take_scan(
+            cell, recording, None, "graph", Gripper(), lambda words: print(f"  {words}", flush=True)
+        )
+        status = cell.status
+    finally:
+        cell.close()
+    told = [view.T_base_flange for view in read_recording(recording).views]
+    truth = world_truth(simulated_world(settings), told)
+    truth_path(recording).write_text(json.dumps(truth))
     write_results(recognition, results)
-    pictures = write_trace(recognition, trace, scan.truth)
+    pictures = write_trace(recognition, trace, truth)
     model = recognition.model
+    assert status.arm is not None
+    assert status.camera is not None
+    print(f"Live scan          {len(told)} views by a simulated {status.arm.model} and {status.camera.product}")
     for line in _told(model):
         print(line)
-    judged = score(model.to_json(), scan.truth)
+    judged = score(model.to_json(), truth)
     errors = "" if judged.mean_m is None else f", centre line {judged.mean_m * 1000:.2f} mm off on average"
     print(f"Against the truth  topology {'right' if judged.topology else 'WRONG'}{errors}")
     print(f"Recording          {recording}")
     print(f"Results            {', '.join(str(path) for path in sorted(results.iterdir()))}")
     print(f"Stage by stage     {len(pictures)} pictures in {trace}/")
     return 0 if judged.topology else 1
+
+
+def _say(words: str) -> None:
+    print(f"  {words}", flush=True)
 
 
 def _told(model: PointChainModel) -> list[str]:

@@ -12,6 +12,7 @@ from starlette.exceptions import HTTPException
 
 from calibration.transforms import NotRigidError
 from cell.devices import InvalidViewError
+from cell.errors import CellError
 from cell.recording_errors import RecordingError, RecordingTooLargeError
 from recognition.errors import RecognitionError
 
@@ -19,6 +20,21 @@ MEDIA_TYPE = "application/problem+json"
 
 TITLES = {
     "aborted": "The scan was cancelled",
+    "acknowledge-required": "A person must look at the cell",
+    "bad-frame": "The camera's image shows nothing",
+    "calibration": "The hand-eye calibration cannot be used",
+    "camera-lost": "The camera was lost",
+    "camera-unreachable": "The camera does not answer",
+    "emergency-stop": "The emergency stop is pressed",
+    "motion-failed": "The arm did not move as told",
+    "no-fault": "There is no fault",
+    "protective-stop": "The robot's safety system stopped it",
+    "robot-lost": "The robot was lost",
+    "robot-not-ready": "The robot is not ready",
+    "robot-unreachable": "The robot does not answer",
+    "stopped": "The arm was stopped",
+    "too-early": "Not yet",
+    "viewpoints-unreachable": "Too few viewpoints can be reached",
     "busy": "The store is busy",
     "cell-busy": "A scan is running",
     "insufficient-views": "There are too few usable views",
@@ -26,7 +42,6 @@ TITLES = {
     "interrupted": "The service stopped during the scan",
     "invalid-parameters": "The parameters cannot be used",
     "invalid-request": "The request is not as described",
-    "live-not-available": "There is no cell for live scans",
     "no-result": "There is no such result",
     "not-mcap": "Not an MCAP file",
     "not-cancellable": "The scan has ended",
@@ -56,6 +71,15 @@ DESCRIPTIONS: dict[int | str, str] = {
     503: "Not now",
 }
 
+CELL_STATUS = {
+    "camera-unreachable": 503,
+    "robot-unreachable": 503,
+    "robot-lost": 503,
+    "camera-lost": 503,
+    "viewpoints-unreachable": 422,
+}
+"""What the cell refuses is a conflict with the state that it is in, 409, but for these."""
+
 INPUT_ERRORS = (RecordingError, RecognitionError, NotRigidError, InvalidViewError)
 """Refusals of what somebody sent, each with a slug: the sender can act on them."""
 
@@ -78,6 +102,11 @@ def problem_document(status: int, slug: str, detail: str, instance: str | None =
     if instance is not None:
         document["instance"] = instance
     return document | more
+
+
+def cell_problem(error: CellError) -> dict[str, Any]:
+    """What the cell refuses, or broke off by, as a problem document."""
+    return problem_document(CELL_STATUS.get(error.slug, 409), error.slug, str(error))
 
 
 def problem_responses(*statuses: int) -> dict[int | str, dict[str, Any]]:
@@ -129,6 +158,10 @@ def install_problem_handlers(app: FastAPI) -> None:
         assert isinstance(error, INPUT_ERRORS)
         status = 413 if isinstance(error, RecordingTooLargeError) else 422
         return respond(request, status, error.slug, str(error))
+
+    @app.exception_handler(CellError)
+    async def _cell(request: Request, error: CellError) -> JSONResponse:
+        return respond(request, CELL_STATUS.get(error.slug, 409), error.slug, str(error))
 
     for kind in INPUT_ERRORS:
         app.add_exception_handler(kind, _input)

@@ -14,9 +14,13 @@ ID_PATTERN = r"^[0-9a-z-]{1,64}$"
 Id = Annotated[str, Field(pattern=ID_PATTERN, examples=["20260102t030405-678901-9f86d081"])]
 """Made by the server; later ones sort behind earlier ones."""
 
-ScanState = Literal["queued", "processing", "stopping", "succeeded", "partial", "failed", "aborted", "interrupted"]
-ACTIVE_STATES: tuple[ScanState, ...] = ("queued", "processing", "stopping")
+ScanState = Literal[
+    "queued", "preflight", "scanning", "processing", "stopping",
+    "succeeded", "partial", "failed", "aborted", "interrupted",
+]  # fmt: skip
+ACTIVE_STATES: tuple[ScanState, ...] = ("queued", "preflight", "scanning", "processing", "stopping")
 """States that a scan leaves again; all others are final."""
+ViewState = Literal["moving", "recorded", "missing"]
 RESULT_STATES: tuple[ScanState, ...] = ("succeeded", "partial")
 
 # The bounds are told to readers of the description only: recognition itself refuses a radius outside of them,
@@ -42,7 +46,7 @@ class _Request(BaseModel):
     model_config = ConfigDict(extra="forbid")
 
     string_radius_m: Radius | None = None
-    """Radius of the string; null takes the recording's."""
+    """Radius of the string; null takes the recording's or the cell's, and where that has none it is measured."""
     method: Method = "graph"
 
 
@@ -57,7 +61,8 @@ class LiveScan(_Request):
     """A scan by the cell's arm and camera."""
 
     mode: Literal["live"]
-    views: int = Field(default=8, ge=1, le=64)
+    views: int | None = Field(default=None, ge=2, le=32)
+    """How many viewpoints; null takes the cell's."""
 
 
 ScanRequest = Annotated[ReplayScan | LiveScan, Field(discriminator="mode")]
@@ -95,6 +100,16 @@ class RecordingList(BaseModel):
     recordings: list[RecordingResource]
 
 
+class ViewProgress(BaseModel):
+    """One viewpoint of a live scan."""
+
+    index: int
+    state: ViewState
+    """`moving`: the arm was sent there; `recorded`: the view is on the disk; `missing`: there is none."""
+    reason: str | None
+    """Why it is missing."""
+
+
 class Progress(BaseModel):
     """How far a scan has come."""
 
@@ -102,6 +117,8 @@ class Progress(BaseModel):
     """What is being done, or was done last."""
     fraction: float = Field(ge=0, le=1)
     """Done of the whole, by typical times; never falls."""
+    views: list[ViewProgress]
+    """Of a live scan: the viewpoints come to so far, by their numbers."""
 
 
 class ScanSummary(BaseModel):

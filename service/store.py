@@ -5,77 +5,25 @@ two leaves a file without a row, never a row without its file. Every call may bl
 event loop.
 """
 
-import json
 import queue
 import secrets
 import shutil
 import sqlite3
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any, Literal, TypeVar
+from typing import Any, TypeVar
 
-from recognition.model import Method
 from service.data_folder import DataFolder, sync_folder
 from service.problems import problem_document
-from service.schemas import ACTIVE_STATES, ScanState
+from service.schemas import ACTIVE_STATES, ScanState, ViewState
+from service.tables import MIGRATIONS, VERSION, RecordingRow, ScanRow, ViewRow, insert, stored, to_recording, to_scan
 
 T = TypeVar("T")
 
-VERSION = 1
-"""Of the tables, kept in the database's user_version."""
-
 BUSY_S = 5.0
 """How long a statement waits for another program that holds the database."""
-
-TABLES = """
-CREATE TABLE recordings (
-    id TEXT PRIMARY KEY, created_at TEXT NOT NULL, size_bytes BIGINT NOT NULL, sha256 TEXT NOT NULL,
-    views INTEGER NOT NULL, missing TEXT NOT NULL, string_radius_m DOUBLE PRECISION,
-    table_z_m DOUBLE PRECISION NOT NULL, provenance TEXT NOT NULL
-);
-CREATE TABLE scans (
-    id TEXT PRIMARY KEY, mode TEXT NOT NULL, recording TEXT REFERENCES recordings (id), method TEXT NOT NULL,
-    string_radius_m DOUBLE PRECISION, state TEXT NOT NULL, stage TEXT, fraction DOUBLE PRECISION NOT NULL,
-    created_at TEXT NOT NULL, started_at TEXT, ended_at TEXT, summary TEXT, problem TEXT
-);
-"""
-
-
-@dataclass(frozen=True)
-class RecordingRow:
-    """A stored recording."""
-
-    id: str
-    created_at: str
-    size_bytes: int
-    sha256: str
-    views: int
-    missing: list[str]
-    string_radius_m: float | None
-    table_z_m: float
-    provenance: dict[str, str]
-
-
-@dataclass(frozen=True)
-class ScanRow:
-    """A scan as last written."""
-
-    id: str
-    mode: Literal["replay", "live"]
-    recording: str | None
-    method: Method
-    string_radius_m: float | None
-    state: ScanState
-    stage: str | None
-    fraction: float
-    created_at: str
-    started_at: str | None
-    ended_at: str | None
-    summary: dict[str, Any] | None
-    problem: dict[str, Any] | None
 
 
 class StoreVersionError(ValueError):
@@ -120,41 +68,47 @@ class Store:
         try:
             sync_folder(final.parent)
             with self._transaction() as db:
-                _insert(db, "recordings", row)
+                insert(db, "recordings", row)
         except BaseException:
             final.unlink(missing_ok=True)
             raise
 
+    def add_scan_recording(self, row: RecordingRow) -> None:
+        """Writes the row of the recording that a live scan made in place; both have the same id."""
+        with self._transaction() as db:
+            insert(db, "recordings", row)
+            db.execute("UPDATE scans SET recording = ? WHERE id = ?", (row.id, row.id))
+
     def recording(self, recording_id: str) -> RecordingRow | None:
         """The recording, or None when there is none of this id."""
-        return self._one(_recording, "SELECT * FROM recordings WHERE id = ?", recording_id)
+        return self._one(to_recording, "SELECT * FROM recordings WHERE id = ?", recording_id)
 
     def recordings(self, limit: int, before: str | None) -> list[RecordingRow]:
         """The newest recordings, those made before the id `before` if given."""
         sql = "SELECT * FROM recordings WHERE id < ? ORDER BY id DESC LIMIT ?"
-        return self._all(_recording, sql, before or "~", limit)
+        return self._all(to_recording, sql, before or "~", limit)
 
     # Scans
 
     def add_scan(self, row: ScanRow) -> None:
         """Writes a new scan's row; on return it is on the disk."""
         with self._transaction() as db:
-            _insert(db, "scans", row)
+            insert(db, "scans", row)
 
     def scan(self, scan_id: str) -> ScanRow | None:
         """The scan, or None when there is none of this id."""
-        return self._one(_scan, "SELECT * FROM scans WHERE id = ?", scan_id)
+        return self._one(to_scan, "SELECT * FROM scans WHERE id = ?", scan_id)
 
     def scans(self, limit: int, before: str | None) -> list[ScanRow]:
         """The newest scans, those made before the id `before` if given."""
-        return self._all(_scan, "SELECT * FROM scans WHERE id < ? ORDER BY id DESC LIMIT ?", before or "~", limit)
+        return self._all(to_scan, "SELECT * FROM scans WHERE id < ? ORDER BY id DESC LIMIT ?", before or "~", limit)
 
     def update_scan(self, scan_id: str, only_in: Sequence[ScanState] = ACTIVE_STATES, **values: Any) -> bool:
         """Sets columns of a scan, unless its state is not one of `only_in`; says whether it did."""
         assignments = ", ".join(f"{name} = ?" for name in values)
         sql = f"UPDATE scans SET {assignments} WHERE id = ? AND state IN ({', '.join('?' * len(only_in))})"
         with self._transaction() as db:
-            done = db.execute(sql, (*map(_stored, values.values()), scan_id, *only_in))
+            done = db.execute(sql, (*map(stored, values.values()), scan_id, *only_in))
             return done.rowcount == 1
 
     def finish_scan(self, scan_id: str, state: ScanState, summary: dict[str, Any], results: Path) -> None:
@@ -165,10 +119,22 @@ class Store:
         sync_folder(final.parent)
         self.update_scan(scan_id, state=state, summary=summary, stage=None, fraction=1.0, ended_at=now())
 
-    def interrupt_unfinished(self) -> None:
-        """At start-up: scans that were under way when the service ended become `interrupted`."""
+    def set_view(self, scan_id: str, view: int, state: ViewState, reason: str | None = None) -> None:
+        """Writes what became of a viewpoint; on return it is on the disk."""
+        with self._transaction() as db:
+            db.execute("DELETE FROM views WHERE scan = ? AND view = ?", (scan_id, view))
+            insert(db, "views", ViewRow(scan_id, view, state, reason, now()))
+
+    def views(self, scan_ids: Sequence[str]) -> list[ViewRow]:
+        """The viewpoints of these scans, in order."""
+        marks = ", ".join("?" * len(scan_ids))
+        sql = f"SELECT * FROM views WHERE scan IN ({marks}) ORDER BY scan, view"
+        return self._all(lambda row: ViewRow(**dict(row)), sql, *scan_ids)
+
+    def interrupt_unfinished(self) -> list[ScanRow]:
+        """At start-up: scans that were under way when the service ended become `interrupted`; these."""
         marks = ", ".join("?" * len(ACTIVE_STATES))
-        found = self._all(_scan, f"SELECT * FROM scans WHERE state IN ({marks}) ORDER BY id", *ACTIVE_STATES)
+        found = self._all(to_scan, f"SELECT * FROM scans WHERE state IN ({marks}) ORDER BY id", *ACTIVE_STATES)
         for scan in found:
             # The results may have been put in place just before the end; without the row they do not count.
             if self.folder.results(scan.id).exists():
@@ -176,6 +142,7 @@ class Store:
             detail = "the service ended while this scan was under way; start it again from its recording"
             problem = problem_document(500, "interrupted", detail)
             self.update_scan(scan.id, state="interrupted", problem=problem, ended_at=now())
+        return found
 
     def check(self) -> None:
         """Asks the database for something; raises sqlite3.Error when it does not answer."""
@@ -191,10 +158,10 @@ class Store:
                     f"{self.folder.database} has tables of version {version}, this software knows {VERSION}: "
                     "use a later release, or another data_dir"
                 )
-            if version == 0:
-                for statement in TABLES.split(";"):
+            for migration in MIGRATIONS[version:]:
+                for statement in migration.split(";"):
                     db.execute(statement)
-                db.execute(f"PRAGMA user_version = {VERSION}")
+            db.execute(f"PRAGMA user_version = {VERSION}")
 
     @contextmanager
     def _connection(self) -> Iterator[sqlite3.Connection]:
@@ -232,25 +199,3 @@ class Store:
     def _one(self, make: Callable[[sqlite3.Row], T], sql: str, *values: Any) -> T | None:
         rows = self._all(make, sql, *values)
         return rows[0] if rows else None
-
-
-def _stored(value: Any) -> Any:
-    return json.dumps(value, allow_nan=False) if isinstance(value, dict | list) else value
-
-
-def _insert(db: sqlite3.Connection, table: str, row: RecordingRow | ScanRow) -> None:
-    values = vars(row)
-    sql = f"INSERT INTO {table} ({', '.join(values)}) VALUES ({', '.join('?' * len(values))})"
-    db.execute(sql, [_stored(value) for value in values.values()])
-
-
-def _recording(row: sqlite3.Row) -> RecordingRow:
-    values: dict[str, Any] = dict(row)
-    return RecordingRow(**values | {name: json.loads(values[name]) for name in ("missing", "provenance")})
-
-
-def _scan(row: sqlite3.Row) -> ScanRow:
-    values: dict[str, Any] = dict(row)
-    for name in ("summary", "problem"):
-        values[name] = json.loads(values[name]) if values[name] else None
-    return ScanRow(**values)

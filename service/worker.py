@@ -4,60 +4,21 @@ The process is started ahead of its first task, because importing Open3D takes s
 again until it is killed or dies.
 """
 
-import errno
-import logging
 import multiprocessing
-import os
-import signal
 import threading
 import time
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
 from pathlib import Path
 
-import numpy as np
-
-from recognition.gripper import Gripper
-from recognition.model import Method, PointChainModel
-from recognition.parameters import ChainParameters
-from service.preview import draw_preview
-from service.problems import INPUT_ERRORS, problem_document
-from service.workflow import WRITING, OnStage, Outcome, recognise_recording, write_results
-
-log = logging.getLogger(__name__)
+from cell.devices import View
+from service.problems import problem_document
+from service.worker_process import LastView, Refused, Stage, Task, work
+from service.workflow import OnStage, Outcome
 
 START_S = 60.0
 """A process that is not ready by then will not be."""
-
-
-@dataclass(frozen=True)
-class Task:
-    """One recording to recognise."""
-
-    recording: Path
-    radius_m: float | None
-    method: Method
-    gripper: Gripper
-    results: Path
-    """Folder to be made for the result's files."""
-
-
-@dataclass(frozen=True)
-class _Ready:
-    pass
-
-
-@dataclass(frozen=True)
-class _Stage:
-    name: str
-
-
-@dataclass(frozen=True)
-class _Refused:
-    status: int
-    slug: str
-    detail: str
 
 
 class TaskFailedError(Exception):
@@ -69,19 +30,35 @@ class TaskFailedError(Exception):
 
 
 class RecognitionWorker:
-    """The process, seen from the service. `start` and `run` belong to one thread, `kill` to any."""
+    """The process, seen from the service. `start`, `prepare` and `run` belong to one thread, `kill` to any."""
 
     def __init__(self) -> None:
         self._process: BaseProcess | None = None
         self._pipe: Connection | None = None
         self._starting = threading.Lock()
         """Held while the process comes into being, so that `kill` finds all of it or nothing."""
+        self._not_ready: str | None = "recognition is starting"
 
     @property
     def alive(self) -> bool:
         """The process runs; it may be at work."""
         process = self._process
         return process is not None and process.exitcode is None
+
+    @property
+    def not_ready(self) -> str | None:
+        """Why no task can be done now, or None; a process at work is ready."""
+        if self._not_ready is None and not self.alive:
+            return "recognition is starting again"
+        return self._not_ready
+
+    def prepare(self) -> None:
+        """As `start`, but a failure is told by `not_ready`."""
+        try:
+            self.start()
+        except TaskFailedError as error:
+            # Killed while it started, or broken: the next task tries again and tells.
+            self._not_ready = f"recognition did not start: {error}"
 
     def start(self) -> None:
         """Makes sure that a warmed-up process waits for a task; blocks until it does.
@@ -91,37 +68,52 @@ class RecognitionWorker:
         """
         if self.alive:
             return
+        self._not_ready = "recognition is starting"
         self._release()
         context = multiprocessing.get_context("spawn")
         self._pipe, theirs = context.Pipe()
-        process = context.Process(target=_work, args=(theirs,), name="recognition", daemon=True)
+        process = context.Process(target=work, args=(theirs,), name="recognition", daemon=True)
         with self._starting:
             process.start()
             self._process = process
         theirs.close()
         message = self._receive(time.monotonic() + START_S)
-        if isinstance(message, _Refused):
+        if isinstance(message, Refused):
             self.close()
             raise TaskFailedError(message.status, message.slug, message.detail)
+        self._not_ready = None
 
-    def run(self, task: Task, on_stage: OnStage, limit_s: float) -> Outcome:
-        """Does one task in the started process; `on_stage` is called with the name of each stage as it
-        begins.
+    def run(
+        self,
+        task: Task,
+        on_stage: OnStage,
+        limit_s: float,
+        views: Iterable[View] = (),
+        missing: Sequence[str] = (),
+    ) -> Outcome:
+        """Does one task in the started process; `on_stage` is called with the name of each stage as it begins.
+
+        A scan under way gives its `views` as they are taken, and `missing` is read behind the last; the time limit
+        begins there. What iterating over `views` raises ends the task.
 
         Raises:
             TaskFailedError: the input was refused, the process died or was killed, or the time is over.
         """
-        assert self._pipe is not None
+        self._send(task)
+        if not isinstance(task.source, Path):
+            try:
+                for view in views:
+                    self._send(view)
+            except BaseException:
+                self.kill()  # it waits for a view that will not come
+                raise
+            self._send(LastView(tuple(missing)))
         deadline = time.monotonic() + limit_s
-        try:
-            self._pipe.send(task)
-        except OSError as error:
-            raise self._died() from error
         while True:
             message = self._receive(deadline)
-            if isinstance(message, _Stage):
+            if isinstance(message, Stage):
                 on_stage(message.name)
-            elif isinstance(message, _Refused):
+            elif isinstance(message, Refused):
                 raise TaskFailedError(message.status, message.slug, message.detail)
             elif isinstance(message, Outcome):
                 return message
@@ -136,6 +128,13 @@ class RecognitionWorker:
         """Ends the process and waits for its end."""
         self.kill()
         self._release()
+
+    def _send(self, message: object) -> None:
+        assert self._pipe is not None
+        try:
+            self._pipe.send(message)
+        except OSError as error:
+            raise self._died() from error
 
     def _receive(self, deadline: float) -> object:
         assert self._pipe is not None
@@ -173,57 +172,3 @@ class RecognitionWorker:
             self._pipe.close()
             self._pipe = None
         return code
-
-
-def _work(pipe: Connection) -> None:
-    """The process's own loop."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches it too; the service ends it in its own time
-    threading.Thread(target=_end_with_parent, daemon=True).start()
-    try:
-        _warm_up()
-    except ImportError as error:
-        # Open3D without one of the system's libraries.
-        pipe.send(_Refused(500, "recognition-crashed", f"a library cannot be loaded: {error}"))
-        return
-    pipe.send(_Ready())
-    while True:
-        try:
-            task: Task = pipe.recv()
-        except EOFError:
-            return
-        try:
-            pipe.send(_do(task, pipe))
-        except BrokenPipeError:
-            return
-
-
-def _do(task: Task, pipe: Connection) -> Outcome | _Refused:
-    try:
-        recognition = recognise_recording(
-            task.recording, task.radius_m, task.method, lambda name: pipe.send(_Stage(name)), task.gripper
-        )
-        pipe.send(_Stage(WRITING))
-        return write_results(recognition, task.results)
-    except INPUT_ERRORS as error:
-        return _Refused(422, error.slug, str(error))
-    except BrokenPipeError:
-        raise
-    except Exception as error:
-        if isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT):
-            return _Refused(507, "storage-full", "no space is left in the data folder; free some and scan again")
-        log.exception("recognition of %s failed", task.recording)
-        detail = f"recognition met an unexpected {type(error).__name__}: {error}: please report it"
-        return _Refused(500, "recognition-crashed", detail)
-
-
-def _warm_up() -> None:
-    """The first picture takes longest, so that no scan waits for it. Recognition is imported by now."""
-    draw_preview(PointChainModel("graph", ChainParameters.for_radius(0.004)), np.zeros((0, 3)))
-
-
-def _end_with_parent() -> None:
-    """A killed service leaves no process behind that writes into its data folder."""
-    parent = multiprocessing.parent_process()
-    if parent is not None:
-        wait([parent.sentinel])
-        os._exit(1)

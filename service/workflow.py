@@ -1,14 +1,15 @@
 """From a recording to the files of a result; shared by the HTTP service's worker and the command line."""
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cell.recording import read_recording
+from cell.devices import View
+from cell.recording import RecordingHeader, read_recording
 from recognition.gripper import Gripper
 from recognition.model import Method, PointChainModel
 from recognition.parameters import ChainParameters
@@ -45,7 +46,7 @@ class Outcome:
     crossings: int
     warnings: tuple[str, ...]
     partial: bool
-    """Views were missing from the recording or were left out."""
+    """Views were missing or were left out."""
 
 
 def check_radius(asked_m: float | None, recorded_m: float | None) -> float | None:
@@ -77,13 +78,31 @@ def recognise_recording(
     if on_stage is not None:
         on_stage(READING)
     recording = read_recording(path)
-    header = recording.header
-    radius = check_radius(radius_m, header.string_radius_m)
-    parameters = None if radius is None else ChainParameters.for_radius(radius)
+    radius = check_radius(radius_m, recording.header.string_radius_m)
+    return recognise_views(recording.views, recording.header, recording.missing, radius, method, on_stage, gripper)
+
+
+def recognise_views(
+    views: Iterable[View],
+    header: RecordingHeader,
+    missing: Sequence[str],
+    radius_m: float | None,
+    method: Method = "graph",
+    on_stage: OnStage | None = None,
+    gripper: Gripper | None = None,
+) -> Recognition:
+    """The views of a recording, or of a scan under way, recognised; each is worked on as it comes.
+
+    `missing` says what is not there, and need not be complete before the last view: it goes into the model's warnings.
+
+    Raises:
+        RecognitionError: the radius, or what was recorded, cannot be used.
+    """
+    parameters = None if radius_m is None else ChainParameters.for_radius(radius_m)
     scene = Scene(header.table_z_m, header.workspace_m)
-    recognition = recognise(recording.views, parameters, scene, method, on_stage, gripper)
+    recognition = recognise(views, parameters, scene, method, on_stage, gripper)
     model = recognition.model
-    quality = replace(model.quality, warnings=(*recording.missing, *model.quality.warnings))
+    quality = replace(model.quality, warnings=(*missing, *model.quality.warnings))
     return replace(recognition, model=replace(model, quality=quality))
 
 

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from calibration.transforms import rigid
 from cell.simulation import meshes
-from cell.simulation.noise import StereoNoise, measure
+from cell.simulation.noise import MEDIAN_OF_FIVE, StereoNoise, StillImage, expose, still_image
 from cell.simulation.scenes import StringScene
 
 
@@ -82,6 +82,16 @@ def camera_model(name: str, resolution: tuple[int, int] | None = None) -> Camera
     return replace(model, focal_px=model.focal_px * width / model.width, width=width, height=height)
 
 
+@dataclass(frozen=True, eq=False)
+class Look:
+    """What a camera sees from one pose."""
+
+    depth: NDArray[np.float32]
+    """(H, W) exact, metres, infinite where nothing is."""
+    still: StillImage | None
+    """What the camera makes of it, but for the error of each exposure; None for an exact camera."""
+
+
 class DepthCamera:
     """A camera in front of a scene: built once, it takes pictures from many poses.
 
@@ -118,10 +128,26 @@ class DepthCamera:
         return hits["t_hit"].numpy(), np.where(part < self._strings, part, -1)
 
     def capture(self, T_base_camera: NDArray[np.float64], rng: np.random.Generator) -> NDArray[np.uint16]:
-        """The depth image (H, W) that the camera takes from this pose, in depth units, 0 where it measures nothing."""
+        """The depth image (H, W) that the camera takes from this pose, in depth units, 0 where it measures nothing.
+
+        It is the median of five exposures, made in one go.
+        """
+        return self.expose(self.look(T_base_camera, rng), rng, MEDIAN_OF_FIVE)
+
+    def look(self, T_base_camera: NDArray[np.float64], rng: np.random.Generator) -> Look:
+        """What all exposures from this pose have in common."""
         depth, _ = self.render(T_base_camera)
-        if self.model.noise is not None:
-            depth = measure(depth, self.model.focal_px, self.model.noise, self.bias_px, rng)
+        if self.model.noise is None:
+            return Look(depth, None)
+        return Look(depth, still_image(depth, self.model.focal_px, self.model.noise, self.bias_px, rng))
+
+    def expose(self, look: Look, rng: np.random.Generator, frame_share: float = 1.0) -> NDArray[np.uint16]:
+        """One exposure (H, W), in depth units, 0 where nothing is measured; the error of each frame is taken times
+        `frame_share`.
+        """
+        depth = look.depth
+        if self.model.noise is not None and look.still is not None:
+            depth = expose(look.still, self.model.noise, rng, frame_share)
         counts = np.rint(np.where(np.isfinite(depth), depth, 0.0) / self.model.depth_unit_m)
         seen = (depth >= self.model.near_m) & (counts <= np.iinfo(np.uint16).max)
         return np.where(seen, counts, 0).astype(np.uint16)

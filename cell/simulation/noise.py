@@ -37,7 +37,7 @@ class StereoNoise:
     fixed_px: float = 0.12
     """Spread of the error that stays from frame to frame, shared by about 3 neighbouring pixels."""
     frame_px: float = 0.09
-    """Spread of the error of each frame; five frames are taken and their median given."""
+    """Spread of the error of each frame."""
     step_px: float = 1 / 32
     """Rounding of disparities."""
     hole_share: float = 0.03
@@ -53,13 +53,38 @@ class StereoNoise:
         return self.matching_focal_px * self.baseline_m
 
 
+@dataclass(frozen=True, eq=False)
+class StillImage:
+    """What does not change from exposure to exposure while the camera stands still."""
+
+    disparity: NDArray[np.float32]
+    """(H, W), pixels, before the error of each frame and the rounding."""
+    good: NDArray[np.bool_]
+    """(H, W): pixels that can be measured."""
+
+
 def measure(
-    depth: NDArray[np.float32], focal_px: float, noise: StereoNoise, bias_px: float, rng: np.random.Generator
+    depth: NDArray[np.float32],
+    focal_px: float,
+    noise: StereoNoise,
+    bias_px: float,
+    rng: np.random.Generator,
+    frame_share: float = MEDIAN_OF_FIVE,
 ) -> NDArray[np.float32]:
     """The depth (H, W), metres, that a stereo camera measures of an exact one; 0 where it measures nothing.
 
-    `focal_px` is the depth image's focal length, `bias_px` the session's disparity bias. The reference camera is
-    the left one: what its partner can't see is the band left of what stands before it.
+    `focal_px` is the depth image's focal length, `bias_px` the session's disparity bias. The error of each frame is
+    taken times `frame_share`: unless told otherwise this is the median of five frames; 1 is a single one.
+    """
+    return expose(still_image(depth, focal_px, noise, bias_px, rng), noise, rng, frame_share)
+
+
+def still_image(
+    depth: NDArray[np.float32], focal_px: float, noise: StereoNoise, bias_px: float, rng: np.random.Generator
+) -> StillImage:
+    """The part of `measure` that is the same for all exposures from one pose.
+
+    The reference camera is the left one: what its partner can't see is the band left of what stands before it.
     """
     fb = np.float32(noise.focal_baseline_px_m)
     seen = np.isfinite(depth) & (depth > 0)
@@ -70,9 +95,18 @@ def measure(
     wave = np.sin(np.float32(2 * np.pi) * disparity)
     disparity += np.float32(noise.wave_px) * wave + np.float32(bias_px)
     disparity += np.float32(noise.fixed_px) * _correlated(rng, depth.shape)
-    disparity += np.float32(noise.frame_px * MEDIAN_OF_FIVE) * rng.standard_normal(depth.shape, dtype=np.float32)
+    return StillImage(disparity, seen & ~hidden & (blobs > _quantile(noise.hole_share)))
+
+
+def expose(
+    still: StillImage, noise: StereoNoise, rng: np.random.Generator, frame_share: float = 1.0
+) -> NDArray[np.float32]:
+    """The depth (H, W), metres, that one exposure measures; 0 where it measures nothing."""
+    fb = np.float32(noise.focal_baseline_px_m)
+    spread = np.float32(noise.frame_px * frame_share)
+    disparity = still.disparity + spread * rng.standard_normal(still.disparity.shape, dtype=np.float32)
     disparity = np.rint(disparity / np.float32(noise.step_px)) * np.float32(noise.step_px)
-    good = seen & ~hidden & (blobs > _quantile(noise.hole_share)) & (disparity > MIN_DISPARITY_PX)
+    good = still.good & (disparity > MIN_DISPARITY_PX)
     return np.where(good, fb / np.where(good, disparity, 1), 0).astype(np.float32)
 
 

@@ -10,12 +10,13 @@ from fastapi import APIRouter, Request, Response
 from fastapi.responses import FileResponse
 from starlette.requests import ClientDisconnect
 
-from cell.recording import read_recording
 from service.context import Before, Context, Limit, Recording, Service
 from service.problems import ProblemError, problem_responses
+from service.recording_rows import describe_recording
 from service.routes.files import WholeFile
 from service.schemas import RecordingLinks, RecordingList, RecordingResource
-from service.store import RecordingRow, new_id, now
+from service.store import new_id
+from service.tables import RecordingRow
 
 PATH = "/api/recordings"
 MCAP = "application/octet-stream"
@@ -33,8 +34,8 @@ async def upload_recording(request: Request, response: Response, service: Servic
     # RecordingErrors name the file, so it gets a name that tells the sender something.
     path = service.store.folder.incoming(f"upload-{recording_id}.mcap")
     try:
-        size, sha256 = await _receive(request, path)
-        row = await to_thread.run_sync(_describe, recording_id, path, size, sha256, limiter=service.parsing)
+        sha256 = await _receive(request, path)
+        row = await to_thread.run_sync(describe_recording, recording_id, path, sha256, limiter=service.parsing)
         await to_thread.run_sync(service.store.add_recording, row, path)
     finally:
         await to_thread.run_sync(lambda: path.unlink(missing_ok=True))
@@ -68,8 +69,8 @@ def recording_file(service: Context, recording: RecordingRow) -> WholeFile:
     return WholeFile(service.store.folder.recording(recording.id), MCAP, f"{recording.id}.mcap")
 
 
-async def _receive(request: Request, path: Path) -> tuple[int, str]:
-    """Writes the body to `path`, synced; its size and SHA-256."""
+async def _receive(request: Request, path: Path) -> str:
+    """Writes the body to `path`, synced; its SHA-256."""
     digest = hashlib.sha256()
     file = await to_thread.run_sync(path.open, "xb")
 
@@ -77,35 +78,19 @@ async def _receive(request: Request, path: Path) -> tuple[int, str]:
         file.write(chunk)
         digest.update(chunk)
 
-    def finish() -> int:
+    def finish() -> None:
         file.flush()
         os.fsync(file.fileno())
-        return file.tell()
 
     try:
         async for chunk in request.stream():
             await to_thread.run_sync(write, chunk)
-        return await to_thread.run_sync(finish), digest.hexdigest()
+        await to_thread.run_sync(finish)
+        return digest.hexdigest()
     except ClientDisconnect as error:
         raise ProblemError(400, "upload-incomplete", "the connection ended before the recording did") from error
     finally:
         await to_thread.run_sync(file.close)
-
-
-def _describe(recording_id: str, path: Path, size: int, sha256: str) -> RecordingRow:
-    recording = read_recording(path)
-    header = recording.header
-    return RecordingRow(
-        id=recording_id,
-        created_at=now(),
-        size_bytes=size,
-        sha256=sha256,
-        views=len(recording.views),
-        missing=list(recording.missing),
-        string_radius_m=header.string_radius_m,
-        table_z_m=header.table_z_m,
-        provenance=dict(header.provenance),
-    )
 
 
 def _resource(row: RecordingRow) -> RecordingResource:

@@ -1,6 +1,7 @@
 """Scans: start, follow, cancel, and their results."""
 
 import json
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -24,8 +25,9 @@ from service.schemas import (
     ScanRequest,
     ScanResource,
     ScanSummary,
+    ViewProgress,
 )
-from service.store import ScanRow
+from service.tables import ScanRow, ViewRow
 from service.workflow import check_radius
 
 PATH = "/api/scans"
@@ -33,43 +35,44 @@ PATH = "/api/scans"
 router = APIRouter(prefix=PATH, tags=["scans"])
 
 
-@router.post("", status_code=202, responses=problem_responses(404, 409, 413, 422))
+@router.post("", status_code=202, responses=problem_responses(404, 409, 413, 422, 503))
 def start_scan(wanted: ScanRequest, response: Response, service: Service) -> ScanResource:
-    """Starts a scan; follow it at the address in Location. One at a time: 409 names the one under way."""
+    """Starts a scan; follow it at the address in Location. One at a time: 409 names the one under way.
+
+    A live scan is accepted once arm, camera and calibration are ready and enough viewpoints can be reached.
+    """
     if isinstance(wanted, LiveScan):
-        raise ProblemError(
-            422, "live-not-available", 'no cell is set up: live scans come with one; use "mode": "replay"'
-        )
-    recording = service.store.recording(wanted.recording)
-    if recording is None:
-        raise ProblemError(
-            404,
-            "recording-not-found",
-            f"there is no recording {wanted.recording}; upload it first",
-        )
-    radius = check_radius(wanted.string_radius_m, recording.string_radius_m)
-    scan = service.jobs.submit_replay(recording, wanted.method, radius)
+        radius = check_radius(wanted.string_radius_m, service.config.cell.scan.string_radius_m)
+        scan = service.jobs.submit_live(wanted.views, wanted.method, radius)
+    else:
+        recording = service.store.recording(wanted.recording)
+        if recording is None:
+            raise ProblemError(404, "recording-not-found", f"there is no recording {wanted.recording}; upload it first")
+        radius = check_radius(wanted.string_radius_m, recording.string_radius_m)
+        scan = service.jobs.submit_replay(recording, wanted.method, radius)
     response.headers["Location"] = f"{PATH}/{scan.id}"
-    return _resource(scan)
+    return _resource(scan, ())
 
 
 @router.get("", responses=problem_responses(422))
 def list_scans(service: Service, limit: Limit = 100, before: Before = None) -> ScanList:
     """The scans, the newest first."""
-    return ScanList(scans=[_resource(row) for row in service.store.scans(limit, before)])
+    rows = service.store.scans(limit, before)
+    views = service.store.views([row.id for row in rows])
+    return ScanList(scans=[_resource(row, [view for view in views if view.scan == row.id]) for row in rows])
 
 
 @router.get("/{id}", responses=problem_responses(404, 422))
-def get_scan(scan: Scan) -> ScanResource:
+def get_scan(scan: Scan, service: Service) -> ScanResource:
     """State, progress and results of a scan."""
-    return _resource(scan)
+    return _resource(scan, service.store.views([scan.id]))
 
 
 @router.post("/{id}/cancel", responses=problem_responses(404, 409, 422))
 def cancel_scan(scan: Scan, service: Service) -> ScanResource:
     """Stops a scan. It may have ended just before: the answer says in which state it is."""
     service.jobs.cancel(scan)
-    return _resource(service.store.scan(scan.id) or scan)
+    return _resource(service.store.scan(scan.id) or scan, service.store.views([scan.id]))
 
 
 def _file(media_type: str) -> dict[int | str, dict[str, Any]]:
@@ -139,7 +142,7 @@ def _result_path(scan: ScanRow, service: Context, name: str) -> Path:
     return existing(service.store.folder.results(scan.id) / name)
 
 
-def _resource(row: ScanRow) -> ScanResource:
+def _resource(row: ScanRow, views: Sequence[ViewRow]) -> ScanResource:
     own = f"{PATH}/{row.id}"
     done = row.state in RESULT_STATES
     return ScanResource(
@@ -149,7 +152,11 @@ def _resource(row: ScanRow) -> ScanResource:
         method=row.method,
         string_radius_m=row.string_radius_m,
         state=row.state,
-        progress=Progress(stage=row.stage, fraction=row.fraction),
+        progress=Progress(
+            stage=row.stage,
+            fraction=row.fraction,
+            views=[ViewProgress(index=view.view, state=view.state, reason=view.reason) for view in views],
+        ),
         created_at=row.created_at,
         started_at=row.started_at,
         ended_at=row.ended_at,

@@ -11,7 +11,8 @@ import pytest
 
 from service.data_folder import DataFolder, DataFolderError, write_synced
 from service.schemas import ACTIVE_STATES, ScanState
-from service.store import RecordingRow, ScanRow, Store, StoreVersionError, new_id
+from service.store import Store, StoreVersionError, new_id
+from service.tables import RecordingRow, ScanRow
 
 
 def recording_row(recording_id: str = "r1") -> RecordingRow:

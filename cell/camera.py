@@ -1,0 +1,167 @@
+"""The depth camera as a scan sees it: a child process with the driver in it."""
+
+import contextlib
+import logging
+import time
+from collections.abc import Callable
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+from cell.child import Child, ChildBusyError, ChildLostError
+from cell.devices import CameraInfo, Frame
+from cell.errors import CameraLostError, CameraUnreachableError
+from cell.exposures import NoFramesError
+from cell.oak import OakDriver
+from cell.oak_stream import DEPTH_UNIT_M, Fault
+from cell.settings import AnyCamera, OakCamera
+from cell.simulation.flange import PoseSource, controller_pose
+
+if TYPE_CHECKING:
+    from cell.simulation.world import SimulatedWorld
+
+log = logging.getLogger(__name__)
+
+OPEN_S = 25.0
+"""A camera in a network takes up to half of it to start."""
+OPEN_SIMULATED_S = 60.0
+"""A busy machine takes its time to load and build what a simulated camera sees."""
+ASK_S = 3.0
+"""How long the driver may take for an answer that needs no image."""
+SILENCE_S = 2.0
+"""So long without any image, beyond what the frame rate makes, is too long."""
+
+
+class LiveCamera:
+    """A `cell.devices.Camera`: an OAK, or the simulated one. Belongs to one thread."""
+
+    def __init__(
+        self,
+        settings: AnyCamera,
+        world: "SimulatedWorld | None" = None,
+        controller_host: Callable[[], str] | None = None,
+        pose_of: Callable[[str], PoseSource] = controller_pose,
+    ) -> None:
+        """Touches no device. The rest is for a simulated camera: the `world` it sees, and at connecting
+        `controller_host()` is asked where the arm's controller listens, of which `pose_of(host)` knows the flange.
+        """
+        self.settings = settings
+        self._world = world
+        self._controller_host = controller_host
+        self._pose_of = pose_of
+        self._child: Child | None = None
+        self._driver: Callable[[], OakDriver] | None = None
+        self._device_id: str | None = None
+
+    @property
+    def connected(self) -> bool:
+        """It is open, as far as anyone has noticed; `info` finds out."""
+        return self._child is not None and self._child.alive
+
+    @property
+    def depth_unit_m(self) -> float:
+        """Metres per depth count of what `capture` gives."""
+        return DEPTH_UNIT_M
+
+    @property
+    def pid(self) -> int | None:
+        """Of the driver's process, if there is one."""
+        return None if self._child is None else self._child.pid
+
+    def connect(self) -> CameraInfo:
+        """Opens the camera and waits for its first frame; one that was open is opened anew.
+
+        Raises:
+            CameraUnreachableError: no camera answers, or not the configured one; it says what to check.
+        """
+        self.close()
+        make_pose = None
+        if self._controller_host is not None and not isinstance(self.settings, OakCamera):
+            make_pose = partial(self._pose_of, self._controller_host())
+        self._driver = partial(OakDriver, self.settings, self._world, make_pose)
+        info = self._open()
+        self._device_id = info.device_id
+        return info
+
+    def capture(self, after_s: float) -> Frame:
+        """The scene at rest: only exposures that began after `after_s`, seconds of `time.monotonic()`.
+
+        A camera that was lost or is silent is connected anew once, and then has another try: the arm is at rest.
+
+        Raises:
+            CameraLostError: it is lost, also after that.
+            BadFrameError: it gives images that show nothing, or none.
+        """
+        if self._driver is None:
+            raise CameraLostError("the camera is not connected")
+        try:
+            return self._capture(after_s)
+        except (CameraLostError, NoFramesError) as error:
+            log.warning("%s; connecting the camera once more", error)
+            lost = error
+        try:
+            self._reopen()
+            return self._capture(after_s)
+        except CameraUnreachableError as error:
+            self._end()
+            raise CameraLostError(f"{lost}. It could not be connected again: {error}") from error
+
+    def info(self) -> CameraInfo:
+        """The camera now. Raises CameraLostError; it is then no longer connected."""
+        return self._call("info", timeout_s=ASK_S)
+
+    def fault(self, kind: Fault) -> None:
+        """Lets a simulated camera fail, until `none` or until it is connected anew. Raises CellError on a real one."""
+        self._call("fault", kind, timeout_s=ASK_S)
+
+    def close(self) -> None:
+        """Lets the camera go; leaves no process behind."""
+        self._end()
+        self._driver = self._device_id = None
+
+    def _capture(self, after_s: float) -> Frame:
+        count, fps = self.settings.exposures, self.settings.fps
+        silence_s = SILENCE_S + 2 / fps
+        # Three times as long as the frame rate promises: frames get lost where the link is poor.
+        patience_s = SILENCE_S + 3 * (count + 1) / fps
+        until_s = max(after_s - time.monotonic(), 0.0) + patience_s + ASK_S
+        return self._call("capture", after_s, silence_s, patience_s, timeout_s=until_s)
+
+    def _reopen(self) -> None:
+        self._end()
+        info = self._open()
+        if info.device_id != self._device_id:
+            raise CameraUnreachableError(
+                f"another camera answers: {info.product} {info.device_id} instead of {self._device_id}"
+            )
+
+    def _open(self) -> CameraInfo:
+        assert self._driver is not None
+        self._child = Child("camera", self._driver)
+        try:
+            return self._child.call(
+                "open", timeout_s=OPEN_S if isinstance(self.settings, OakCamera) else OPEN_SIMULATED_S
+            )
+        except ChildLostError as error:
+            self._end()
+            raise CameraUnreachableError(f"the camera's driver did not start: {error}") from error
+        except BaseException:
+            self._end()
+            raise
+
+    def _end(self) -> None:
+        child, self._child = self._child, None
+        if child is not None:
+            with contextlib.suppress(ChildBusyError):
+                child.close()
+
+    def _call(self, method: str, *arguments: object, timeout_s: float) -> Any:
+        if self._child is None:
+            raise CameraLostError("the camera is not connected")
+        try:
+            return self._child.call(method, *arguments, timeout_s=timeout_s)
+        except ChildLostError as error:
+            self._end()
+            raise CameraLostError(f"the camera was lost: {error}") from error
+        except CameraLostError:
+            self._end()  # what is lost is no longer connected
+            raise

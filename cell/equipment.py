@@ -1,0 +1,101 @@
+"""The devices that the settings name: made here, and only here."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cell.arm import UrArm
+from cell.camera import LiveCamera
+from cell.devices import ArmState
+from cell.errors import RobotUnreachableError, ViewpointsError
+from cell.settings import CellSettings, SimulatedArm, SimulatedCamera, URArm
+from cell.simulation.controller.process import ControllerStartError, RunningController, start_controller
+from cell.simulation.world import SimulatedWorld, simulated_world
+from cell.viewpoints import home_posture
+
+
+class Equipment:
+    """Arm and camera of one cell; for a simulated one also the controller's process and the world it stands in.
+
+    Belongs to one thread, but for `stop` and `latest_arm_state`.
+    """
+
+    def __init__(self, settings: CellSettings) -> None:
+        """Makes nothing yet: the first use of `arm` and `camera` does."""
+        self.settings = settings
+        self.controller: RunningController | None = None
+        """Of a simulated arm, once it is made."""
+        self._world: SimulatedWorld | None = None
+        self._arm: UrArm | None = None
+        self._camera: LiveCamera | None = None
+
+    @property
+    def world(self) -> SimulatedWorld | None:
+        """What a simulated camera sees; None without one."""
+        if self._world is None and isinstance(self.settings.camera, SimulatedCamera):
+            self._world = simulated_world(self.settings)
+        return self._world
+
+    @property
+    def arm(self) -> UrArm:
+        """The arm; it may not be connected."""
+        host = self._controller_host()
+        if self._arm is None or self._arm.host != host:
+            if self._arm is not None:
+                self._arm.close()
+            self._arm = UrArm(self.settings.arm, host)
+        return self._arm
+
+    @property
+    def camera(self) -> LiveCamera:
+        """The camera; it may not be connected."""
+        if self._camera is None:
+            self._camera = LiveCamera(self.settings.camera, self.world, self._controller_host)
+        return self._camera
+
+    @property
+    def latest_arm_state(self) -> ArmState | None:
+        """What the arm last told of itself, while it moved or was asked; asks nothing."""
+        arm = self._arm
+        return None if arm is None else arm.latest
+
+    @property
+    def controller_address(self) -> str | None:
+        """Where the arm's controller listens; None before a simulated one was started."""
+        return None if self._arm is None else self._arm.host
+
+    def stop(self) -> None:
+        """Stops the arm, from any thread, if there is one."""
+        arm = self._arm
+        if arm is not None:
+            arm.stop()
+
+    def close(self) -> None:
+        """Lets everything go; a simulated controller ends."""
+        for device in (self._camera, self._arm, self.controller):
+            if device is not None:
+                device.close()
+        self._camera = self._arm = self.controller = None
+
+    def _controller_host(self) -> str:
+        """Where the controller listens; a simulated one is started, or started again when it has died."""
+        match self.settings.arm:
+            case URArm(host=host):
+                return host
+            case SimulatedArm(model=model, host=host, time_factor=time_factor):
+                if self.controller is None or not self.controller.alive:
+                    if self.controller is not None:
+                        self.controller.close()
+                    try:
+                        self.controller = start_controller(model, host, time_factor, self._home())
+                    except ControllerStartError as error:
+                        raise RobotUnreachableError(str(error)) from error
+                return self.controller.host
+
+    def _home(self) -> NDArray[np.float64] | None:
+        """Where a simulated arm stands at first; None, its usual place, where the scene has no room for a home."""
+        if self.world is None:
+            return None
+        try:
+            return home_posture(self.settings, self.world.told_T_flange_camera)
+        except ViewpointsError:
+            return None  # told when a scan is planned

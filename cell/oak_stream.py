@@ -1,0 +1,123 @@
+"""Depth images out of a running depthai pipeline, be it on a camera or on this machine."""
+
+import os
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from datetime import timedelta
+from typing import TYPE_CHECKING, Any, Literal, Protocol
+
+import numpy as np
+
+from cell.devices import CameraInfo
+from cell.errors import BadFrameError, CameraLostError
+from cell.exposures import Exposure
+
+if TYPE_CHECKING:
+    import depthai as dai
+
+DEPTH_UNIT_M = 0.0001
+"""Metres per depth count, of every camera here: set on a real one."""
+
+LONGEST_EXPOSURE_S = 0.033
+"""Taken for the exposure time of a depth image that does not tell it."""
+
+Fault = Literal["none", "silent", "zero", "constant", "stale", "lost"]
+"""What a simulated camera can be told to do wrong: send nothing, send images without or of one depth, send images of
+long ago, close its stream."""
+
+
+class Rehearsal(Protocol):
+    """What only a simulated camera can do."""
+
+    @property
+    def trouble(self) -> str | None:
+        """Why it cannot go on, if it cannot."""
+        ...
+
+    def want(self, wanted: bool) -> None:
+        """Whether somebody waits for images; if nobody does, it takes fewer."""
+        ...
+
+    def fail(self, kind: Fault) -> None:
+        """Fails from now on."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class Stream:
+    """A running pipeline."""
+
+    pipeline: "dai.Pipeline"
+    depth: "dai.MessageQueue"
+    timing: "dai.MessageQueue"
+    """Images that tell the exposure time; may be the depth images."""
+    controls: Sequence["dai.InputQueue"]
+    """Take the settings of the image sensors."""
+    describe: Callable[[], CameraInfo]
+    """The camera now. Raises RuntimeError."""
+    close: Callable[[], None]
+    rehearsal: Rehearsal | None = None
+    """None for a real camera."""
+
+    def watch(self, watched: bool) -> None:
+        """Somebody waits for images, or no longer does."""
+        if self.rehearsal is not None:
+            self.rehearsal.want(watched)
+
+    @property
+    def trouble(self) -> str | None:
+        """Why there are no images, where that is known."""
+        return None if self.rehearsal is None else self.rehearsal.trouble
+
+
+def load(device: str | None = None) -> None:
+    """Imports depthai, quietly: it reads these variables when it is imported, and never again.
+
+    `device` is the configured one; without it cameras are looked for on USB only, not by broadcast in the network.
+    """
+    os.environ |= {
+        "DEPTHAI_TELEMETRY": "0",
+        "DEPTHAI_AUTOCALIBRATION": "OFF",  # it would rewrite the intrinsics that the hand-eye calibration rests on
+        "DEPTHAI_SEARCH_TIMEOUT": "500",
+        "DEPTHAI_PROTOCOL": "usb" if device is None else "any",
+    }
+    os.environ.setdefault("DEPTHAI_LEVEL", "off")  # what matters comes as an exception
+
+    import depthai  # noqa: F401
+
+
+def next_message(queue: "dai.MessageQueue", wait_s: float) -> Any:
+    """The next message, or None if none comes in so many seconds. Raises CameraLostError."""
+    import depthai as dai
+
+    # Of a queue that was closed, and of a link that broke: depthai's XLinkErrors are RuntimeErrors.
+    closed: type[Exception] = dai.MessageQueue.QueueException
+    try:
+        return queue.get(timedelta(seconds=wait_s)) if wait_s > 0 else queue.tryGet()
+    except (closed, RuntimeError) as error:
+        raise CameraLostError(
+            f"the link to the camera broke ({str(error).strip()}): check its cable and power supply"
+        ) from error
+
+
+def decode(message: "dai.ImgFrame") -> Exposure:
+    """The exposure in a message.
+
+    Raises:
+        BadFrameError: it is no depth image.
+    """
+    import depthai as dai
+
+    width, height, stride = message.getWidth(), message.getHeight(), message.getStride()
+    data = np.asarray(message.getData(), dtype=np.uint8)
+    if message.getType() != dai.ImgFrame.Type.RAW16 or stride < 2 * width or data.size < height * stride > 0:
+        raise BadFrameError(
+            f"the camera sent {data.size} bytes of type {message.getType().name}, {width}x{height}, stride {stride}: "
+            "that is no depth image"
+        )
+    rows = np.ascontiguousarray(data[: height * stride].reshape(height, stride)[:, : 2 * width])
+    K = np.array(message.getTransformation().getIntrinsicMatrix(), dtype=np.float64)
+    began_s = message.getTimestamp(dai.CameraExposureOffset.START).total_seconds()
+    if message.getExposureTime() <= timedelta(0):
+        began_s -= LONGEST_EXPOSURE_S
+    return Exposure(rows.view("<u2").astype(np.uint16), K, began_s)

@@ -1,0 +1,208 @@
+"""What a live scan of the simulated cell takes at the speed of a real one, and how soon a stop stops the arm."""
+
+import random
+import tempfile
+import threading
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass
+from datetime import datetime
+from pathlib import Path
+from statistics import median
+from typing import Any
+
+import numpy as np
+
+from cell.arm import UrArm
+from cell.cell import Cell
+from cell.errors import StoppedError
+from cell.recording import read_recording
+from cell.settings import CellSettings, SimulatedArm
+from cell.simulation.benchmark.tables import table
+from cell.simulation.controller.admin import AdminClient
+from cell.simulation.controller.process import start_controller
+from recognition.gripper import Gripper
+from service.config import LimitsConfig
+from service.data_folder import DataFolder
+from service.jobs import Jobs
+from service.schemas import ACTIVE_STATES
+from service.store import Store
+from service.tables import ScanRow
+
+RADIUS_M = 0.0042
+"""Told, as in a cell that knows its string: measuring it needs all views first."""
+SCANS = 3
+"""Of which the median counts. The first connects, and is not counted."""
+STOPS = 40
+STOP_TO_Q_RAD = (0.6, -0.3, 0.3, 0.0, 0.0, 0.8)
+"""The arm is stopped on its way from home to home and this."""
+SEED = 1
+
+
+@dataclass(frozen=True)
+class CellTimes:
+    """Seconds, but for the share."""
+
+    scan_s: float
+    """From the first move until the arm is home, eight views."""
+    motion_s: float
+    """Of this the arm moved."""
+    exposure_s: float
+    """Of this the camera exposed what it took the median of."""
+    overhead: float
+    """The rest, as a share of the scan."""
+    model_after_last_frame_s: float
+    """From the end of the last exposure until the result is stored."""
+    planning_s: float
+    stops: int
+    stop_wire_p50_s: float
+    """From asking for a stop until the controller has it."""
+    stop_wire_p99_s: float
+    still_p99_s: float
+    """From asking for a stop until the arm is still."""
+
+
+def measure_cell(say: Callable[[str], None]) -> CellTimes:
+    """Some scans of the simulated cell as configured by default, and some stops of its arm."""
+    scans = _scans(say)
+    stops = _stops(say)
+    return CellTimes(**{name: median(scan[name] for scan in scans) for name in scans[0]}, **stops)
+
+
+def cell_table(times: CellTimes) -> str:
+    """A row a figure."""
+    return table(
+        ("live scan of the simulated cell, eight views", ""),
+        [
+            ("from the first move until the arm is home", f"{times.scan_s:.1f} s"),
+            ("of this motion", f"{times.motion_s:.1f} s"),
+            ("of this exposure", f"{times.exposure_s:.1f} s"),
+            ("overhead", f"{times.overhead:.1%}"),
+            ("from the last frame to the stored result", f"{times.model_after_last_frame_s:.2f} s"),
+            ("planning", f"{times.planning_s:.2f} s"),
+            (
+                f"stop to the controller, 50 % and 99 % of {times.stops}",
+                f"{times.stop_wire_p50_s * 1000:.0f} ms, {times.stop_wire_p99_s * 1000:.0f} ms",
+            ),
+            ("stop to a still arm, 99 %", f"{times.still_p99_s * 1000:.0f} ms"),
+        ],
+    )
+
+
+def _scans(say: Callable[[str], None]) -> list[dict[str, float]]:
+    settings = CellSettings()
+    with tempfile.TemporaryDirectory(prefix="pointchain-") as root:
+        folder = DataFolder(Path(root))
+        store, cell = Store(folder), Cell(settings)
+        jobs = Jobs(store, cell, LimitsConfig().recognition_s, Gripper())
+        try:
+            timed = []
+            for number in range(SCANS + 1):
+                say(f"live scan {number} of {SCANS}")
+                timed.append(_scan(store, cell, jobs))
+            return timed[1:]
+        finally:
+            jobs.close()
+            cell.close()
+            store.close()
+            folder.close()
+
+
+def _scan(store: Store, cell: Cell, jobs: Jobs) -> dict[str, float]:
+    accepted = jobs.submit_live(None, "graph", RADIUS_M)
+    while (scan := _row(store, accepted)).state in ACTIVE_STATES:
+        time.sleep(0.01)
+    if scan.state != "succeeded":
+        raise RuntimeError(f"the scan ended {scan.state}: {scan.problem or scan.summary}")
+    while cell.status.state == "busy":
+        time.sleep(0.01)
+    return _times(store, cell, scan)
+
+
+def _row(store: Store, scan: ScanRow) -> ScanRow:
+    row = store.scan(scan.id)
+    assert row is not None
+    return row
+
+
+def _times(store: Store, cell: Cell, scan: ScanRow) -> dict[str, float]:
+    """From the controller's own log: its stamps are of this machine's monotonic clock."""
+    assert scan.started_at is not None
+    assert scan.ended_at is not None
+    assert cell.controller_host is not None
+    wall_s = time.time() - time.monotonic()
+    began_s = datetime.fromisoformat(scan.started_at).timestamp() - wall_s
+    admin = AdminClient(cell.controller_host)
+    events = [event for event in admin.log() if event["stamp_s"] > began_s]
+    admin.close()
+    starts = [event["stamp_s"] for event in events if event["kind"] == "motion_start"]
+    ends = [event["stamp_s"] for event in events if event["kind"] == "motion_done"]
+    scan_s = ends[-1] - starts[0]
+    motion_s = sum(end - start for start, end in zip(starts, ends, strict=True))
+    views = read_recording(store.folder.recording(scan.id)).views
+    exposure_s = len(views) * cell.settings.camera.exposures / cell.settings.camera.fps
+    last_frame_s = max(view.stamp_s for view in views) + 1 / cell.settings.camera.fps
+    plan = cell.status.plan
+    assert plan is not None
+    return {
+        "scan_s": scan_s,
+        "motion_s": motion_s,
+        "exposure_s": exposure_s,
+        "overhead": (scan_s - motion_s - exposure_s) / scan_s,
+        "model_after_last_frame_s": datetime.fromisoformat(scan.ended_at).timestamp() - last_frame_s,
+        "planning_s": plan.planning_s,
+    }
+
+
+def _stops(say: Callable[[str], None]) -> dict[str, Any]:
+    """Stops at random moments of a move."""
+    settings = SimulatedArm()
+    rng = random.Random(SEED)
+    wire_s, still_s = [], []
+    with start_controller(settings.model) as controller:
+        arm = UrArm(settings, controller.host)
+        try:
+            for number in range(STOPS):
+                if number % 10 == 0:
+                    say(f"stop {number} of {STOPS}")
+                arm.connect()
+                asked_s = _stop_once(arm, rng.uniform(0.05, 1.2), sign=(-1) ** number)
+                wire, still = _reached(controller.admin, asked_s)
+                wire_s.append(wire)
+                still_s.append(still)
+        finally:
+            arm.close()
+    return {
+        "stops": STOPS,
+        "stop_wire_p50_s": float(np.percentile(wire_s, 50)),
+        "stop_wire_p99_s": float(np.percentile(wire_s, 99)),
+        "still_p99_s": float(np.percentile(still_s, 99)),
+    }
+
+
+def _stop_once(arm: UrArm, after_s: float, sign: int) -> float:
+    """Stops a move that long after it was asked for; when that was, `time.monotonic()`."""
+    q_rad = arm.state().q_rad + sign * np.array(STOP_TO_Q_RAD)
+
+    def move() -> None:
+        with suppress(StoppedError):
+            arm.move(q_rad)
+
+    moving = threading.Thread(target=move, name="motion")
+    moving.start()
+    time.sleep(after_s)
+    asked_s = time.monotonic()
+    arm.stop()
+    moving.join()
+    return asked_s
+
+
+def _reached(admin: AdminClient, asked_s: float) -> tuple[float, float]:
+    """How long the stop took to the controller, and to the arm's rest."""
+    while admin.state().moving:
+        time.sleep(0.01)
+    events = [event for event in admin.log() if event["stamp_s"] >= asked_s]
+    arrived = [event["stamp_s"] for event in events if event["kind"] in ("braking", "command", "dashboard")]
+    still = [event["stamp_s"] for event in events if event["kind"] in ("still", "motion_done")]
+    return min(arrived, default=asked_s) - asked_s, max(still, default=asked_s) - asked_s

@@ -1,0 +1,128 @@
+"""A scan by the cell: the arm moves, each view goes to disk and to recognition, and the result joins the recording."""
+
+import json
+import logging
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+
+from cell.cell import Cell
+from cell.devices import View
+from cell.recording import RecordingEmptyError, RecordingError, RecordingWriter
+from cell.scan import BackgroundScan
+from cell.viewpoints import ViewpointPlan
+from service.data_folder import MODEL
+from service.recording_rows import describe_recording
+from service.store import Store
+from service.tables import ScanRow
+from service.worker import RecognitionWorker, TaskFailedError
+from service.worker_process import Task
+from service.workflow import Outcome
+
+log = logging.getLogger(__name__)
+
+SCANNING_SHARE = 0.95
+"""Of a live scan's time, the views take so much."""
+
+
+class StoredProgress:
+    """Writes down how a scan goes: the intent before each move, and what became of each view."""
+
+    def __init__(self, store: Store, scan_id: str, views: int) -> None:
+        self.reasons: list[str] = []
+        """Which views are missing, and why; they become warnings of the model."""
+        self._store, self._scan_id, self._views, self._done = store, scan_id, views, 0
+
+    def moving(self, index: int) -> None:
+        """The arm moves when this is on the disk."""
+        self._store.set_view(self._scan_id, index, "moving")
+
+    def recorded(self, index: int) -> None:
+        """The view itself is on the disk."""
+        self._store.set_view(self._scan_id, index, "recorded")
+        self._advance()
+
+    def missing(self, index: int, reason: str) -> None:
+        """There is no such view."""
+        self.reasons.append(f"view {index} is missing: {reason}")
+        self._store.set_view(self._scan_id, index, "missing", reason)
+        self._advance()
+
+    def _advance(self) -> None:
+        self._done += 1
+        fraction = SCANNING_SHARE * self._done / self._views
+        self._store.update_scan(self._scan_id, ("scanning",), stage="views", fraction=fraction)
+
+
+@contextmanager
+def live_outcome(
+    scan: ScanRow, plan: ViewpointPlan, cell: Cell, store: Store, worker: RecognitionWorker, task: Task, limit_s: float
+) -> Iterator[Outcome]:
+    """Takes the views, recognises them and gives the outcome; the recording is in the store by then.
+
+    The body runs while the arm goes home, which is waited for at its end. When this ends by an error, the views that
+    were taken are in the store as a recording.
+
+    Raises:
+        CellError: the scan could not be done, or the arm did not get home.
+        TaskFailedError: recognition gave no result. All views were taken nevertheless.
+        OSError, sqlite3.Error: the disk.
+    """
+    path = store.folder.recording(scan.id)
+    progress = StoredProgress(store, scan.id, len(plan.viewpoints))
+    kept = False
+    assert not isinstance(task.source, Path)
+    try:
+        with RecordingWriter(path, task.source) as writer, cell.scanning(plan, writer, progress) as views:
+            outcome = _recognise(store, scan.id, worker, task, limit_s, views, progress)
+            writer.write_result(json.loads((task.results / MODEL).read_bytes()))
+            writer.close()
+            kept = keep_recording(store, scan.id)
+            yield outcome
+    finally:
+        if not kept:
+            keep_recording(store, scan.id)
+
+
+def _recognise(
+    store: Store,
+    scan_id: str,
+    worker: RecognitionWorker,
+    task: Task,
+    limit_s: float,
+    views: BackgroundScan,
+    progress: StoredProgress,
+) -> Outcome:
+    def until_last() -> Iterator[View]:
+        yield from views
+        store.update_scan(scan_id, ("scanning",), state="processing")
+
+    def on_stage(name: str) -> None:
+        # Those of views that come in while others are still to be taken are no news.
+        store.update_scan(scan_id, ("processing",), stage=name)
+
+    try:
+        outcome = worker.run(task, on_stage, limit_s, until_last(), progress.reasons)
+    except TaskFailedError:
+        for _ in views:
+            pass  # the recording is worth having
+        raise
+    return replace(outcome, partial=outcome.partial or bool(progress.reasons))
+
+
+def keep_recording(store: Store, scan_id: str) -> bool:
+    """Takes what a live scan has recorded into the store, and says whether it did; one without a view is removed."""
+    path = store.folder.recording(scan_id)
+    if not path.exists() or store.recording(scan_id) is not None:
+        return False
+    try:
+        row = describe_recording(scan_id, path)
+    except RecordingEmptyError:
+        path.unlink()
+        return False
+    except RecordingError:
+        log.exception("the recording %s cannot be read; it stays where it is", path)
+        return False
+    store.add_scan_recording(row)
+    return True

@@ -1,0 +1,60 @@
+"""The cell: its state, connecting, stopping, acknowledging, and where it would look from."""
+
+from typing import Any
+
+from fastapi import APIRouter, Response
+
+from service.cell_schemas import CellResource, PlanRequest, cell_resource
+from service.context import Context, Service, ViewCount
+from service.problems import problem_responses
+from service.routes.recordings import BINARY
+
+router = APIRouter(prefix="/api", tags=["cell"])
+
+
+@router.get("/cell", responses=problem_responses())
+def get_cell(service: Service) -> CellResource:
+    """The cell as last seen: state, robot, camera, calibration, viewpoints."""
+    return _resource(service)
+
+
+@router.post("/cell/connect", responses=problem_responses(409, 503))
+def connect_cell(service: Service) -> CellResource:
+    """Connects arm and camera, unless they are. Nothing moves."""
+    service.cell.connect()
+    return _resource(service)
+
+
+@router.post("/cell/stop", responses=problem_responses())
+def stop_cell(service: Service) -> CellResource:
+    """Stops the arm at once, whatever goes on; a live scan under way is aborted. Not an emergency stop."""
+    service.jobs.stop_arm()
+    return _resource(service)
+
+
+@router.post("/cell/acknowledge", responses=problem_responses(409, 503))
+def acknowledge_fault(service: Service) -> CellResource:
+    """Says that a person has looked at the cell after a fault. Unlocks a protective stop; nothing moves."""
+    service.cell.acknowledge()
+    return _resource(service)
+
+
+@router.post("/viewpoints/plan", responses=problem_responses(409, 422))
+def plan_viewpoints(wanted: PlanRequest, service: Service) -> dict[str, Any]:
+    """The viewpoints, which of them can be reached and why not, their order and the way. Nothing moves."""
+    return service.cell.plan(wanted.views).to_json()
+
+
+PNG: dict[int | str, dict[str, Any]] = {200: {"content": {"image/png": BINARY}}}
+
+
+@router.get("/viewpoints/plan.png", response_class=Response, responses=PNG | problem_responses(409, 422))
+def draw_viewpoints(service: Service, views: ViewCount = None) -> Response:
+    """The same as a picture."""
+    from cell.viewpoint_picture import draw_plan
+
+    return Response(draw_plan(service.cell.plan(views), service.cell.settings), media_type="image/png")
+
+
+def _resource(service: Context) -> CellResource:
+    return cell_resource(service.cell.status, service.cell.settings)

@@ -1,0 +1,41 @@
+"""The scan under way."""
+
+import threading
+
+from cell.viewpoints import ViewpointPlan
+
+from service.schemas import ScanState
+from service.tables import ScanRow
+
+
+class Running:
+    """One scan between its acceptance and its final state, and the wish to stop it."""
+
+    def __init__(self, scan: ScanRow, plan: ViewpointPlan | None) -> None:
+        self.scan = scan
+        self.plan = plan
+        """Of a live scan."""
+        self.ended = threading.Event()
+        self._lock = threading.Lock()
+        """Never held while something is written."""
+        self._stop: tuple[ScanState, str] | None = None
+        self._storing = False
+
+    @property
+    def stop(self) -> tuple[ScanState, str] | None:
+        """State to end in, and why, once somebody wants it stopped."""
+        return self._stop
+
+    def ask_to_stop(self, state: ScanState, detail: str) -> bool:
+        """Whether it will be stopped; not when its result is being stored, nor a second time."""
+        with self._lock:
+            if self._storing or self._stop is not None:
+                return False
+            self._stop = (state, detail)
+            return True
+
+    def begin_storing(self) -> tuple[ScanState, str] | None:
+        """From here on it can't be stopped; the wish to stop it that came before, if any."""
+        with self._lock:
+            self._storing = True
+            return self._stop

@@ -1,0 +1,103 @@
+"""One live scan by the configured cell, without a server: `pointchain scan`."""
+
+import json
+import sys
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+
+from cell.cell import Cell
+from cell.errors import CellError
+from cell.recording import RecordingExistsError, RecordingWriter
+from cell.viewpoints import ViewpointPlan
+from recognition.gripper import Gripper
+from recognition.model import SCHEMA, Method
+from recognition.pipeline import Recognition
+from service.config import ServiceConfig
+from service.problems import INPUT_ERRORS, problem_document
+from service.workflow import OnStage, check_radius, recognise_views
+
+Say = Callable[[str], None]
+
+
+class ToldProgress:
+    """Tells a person how a scan goes."""
+
+    def __init__(self, plan: ViewpointPlan, say: Say) -> None:
+        self.reasons: list[str] = []
+        """Which views are missing, and why; they become warnings of the model."""
+        self._say, self._views, self._taken = say, len(plan.viewpoints), 0
+
+    def moving(self, index: int) -> None:
+        """The arm is about to move."""
+        self._say(f"moving to viewpoint {index}")
+
+    def recorded(self, index: int) -> None:
+        """The view is on the disk."""
+        self._taken += 1
+        self._say(f"view {index} recorded, {self._taken} of {self._views}")
+
+    def missing(self, index: int, reason: str) -> None:
+        """There is no such view."""
+        self.reasons.append(f"view {index} is missing: {reason}")
+        self._say(self.reasons[-1])
+
+
+def take_scan(
+    cell: Cell,
+    recording: Path,
+    radius_m: float | None,
+    method: Method,
+    gripper: Gripper,
+    say: Say,
+    on_stage: OnStage | None = None,
+    views: int | None = None,
+) -> Recognition:
+    """A scan by `cell` into the new file `recording`; connects first if need be. The arm is home on return.
+
+    Interrupted by an exception (a KeyboardInterrupt too), the arm is stopped first; the views taken stay in the file.
+
+    Raises:
+        CellError: the scan cannot be done, or ended early.
+        RecordingError, OSError: the file cannot be written.
+        RecognitionError: the radius, or what was recorded, cannot be used.
+    """
+    radius = check_radius(radius_m, cell.settings.scan.string_radius_m)
+    if recording.exists():
+        raise RecordingExistsError(f"{recording} exists already; recordings are never overwritten")
+    say("connecting, planning")
+    plan = cell.prepare(views)
+    told = ToldProgress(plan, say)
+    header = cell.header(radius)
+    with RecordingWriter(recording, header) as writer, cell.scanning(plan, writer, told) as taken:
+        recognition = recognise_views(taken, header, told.reasons, radius, method, on_stage, gripper)
+        writer.write_result(recognition.model.to_json())
+    return recognition
+
+
+def scan_once(
+    config: ServiceConfig, recording: Path | None, radius_m: float | None, method: Method, views: int | None
+) -> int:
+    """One scan; its model as one line of JSON on stdout, or `{"schema", "error"}`. 0 when there is a model, else 1."""
+
+    def say(words: str) -> None:
+        print(f"pointchain scan: {words}", file=sys.stderr)
+
+    cell = Cell(config.cell)
+    try:
+        with tempfile.TemporaryDirectory(prefix="pointchain-") as folder:
+            path = recording or Path(folder) / "scan.mcap"
+            recognition = take_scan(cell, path, radius_m, method, config.gripper.value, say, views=views)
+        document, code = recognition.model.to_json(), 0
+    except (CellError, *INPUT_ERRORS) as error:
+        slug, reason, code = error.slug, str(error), 1
+        document = {"schema": SCHEMA, "error": problem_document(422, slug, reason)}
+        say(reason)
+    except OSError as error:
+        reason, code = f"{recording} cannot be written: {error.strerror}", 1
+        document = {"schema": SCHEMA, "error": problem_document(507, "file", reason)}
+        say(reason)
+    finally:
+        cell.close()
+    print(json.dumps(document, allow_nan=False), flush=True)
+    return code

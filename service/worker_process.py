@@ -1,0 +1,136 @@
+"""The recognition process: its own loop, and what goes through the pipe to and from it."""
+
+import errno
+import logging
+import multiprocessing
+import os
+import signal
+import threading
+from collections.abc import Iterator
+from dataclasses import dataclass
+from multiprocessing.connection import Connection, wait
+from pathlib import Path
+
+import numpy as np
+
+from cell.devices import View
+from cell.recording_header import RecordingHeader
+from recognition.gripper import Gripper
+from recognition.model import Method, PointChainModel
+from recognition.parameters import ChainParameters
+from recognition.pipeline import Recognition
+from service.preview import draw_preview
+from service.problems import INPUT_ERRORS
+from service.workflow import WRITING, OnStage, Outcome, recognise_recording, recognise_views, write_results
+
+log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class Task:
+    """One scan to recognise."""
+
+    source: Path | RecordingHeader
+    """A recording, or the header of one that is being made: its views then follow through the pipe."""
+    radius_m: float | None
+    method: Method
+    gripper: Gripper
+    results: Path
+    """Folder to be made for the result's files."""
+
+
+@dataclass(frozen=True)
+class LastView:
+    """No more views come."""
+
+    missing: tuple[str, ...]
+    """Which are not there, and why."""
+
+
+@dataclass(frozen=True)
+class Ready:
+    """The process waits for a task."""
+
+
+@dataclass(frozen=True)
+class Stage:
+    """A stage begins."""
+
+    name: str
+
+
+@dataclass(frozen=True)
+class Refused:
+    """A task came to nothing."""
+
+    status: int
+    slug: str
+    detail: str
+
+
+def work(pipe: Connection) -> None:
+    """The process's own loop."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches it too; the service ends it in its own time
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+    try:
+        _warm_up()
+    except ImportError as error:
+        # Open3D without one of the system's libraries.
+        pipe.send(Refused(500, "recognition-crashed", f"a library cannot be loaded: {error}"))
+        return
+    pipe.send(Ready())
+    while True:
+        try:
+            message = pipe.recv()
+        except EOFError:
+            return
+        if not isinstance(message, Task):
+            continue  # views of a task that has failed already
+        try:
+            pipe.send(_do(message, pipe))
+        except BrokenPipeError:
+            return
+
+
+def _do(task: Task, pipe: Connection) -> Outcome | Refused:
+    try:
+        recognition = _recognise(task, pipe, lambda name: pipe.send(Stage(name)))
+        pipe.send(Stage(WRITING))
+        return write_results(recognition, task.results)
+    except INPUT_ERRORS as error:
+        return Refused(422, error.slug, str(error))
+    except (BrokenPipeError, EOFError):
+        raise BrokenPipeError from None
+    except Exception as error:
+        if isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT):
+            return Refused(507, "storage-full", "no space is left in the data folder; free some and scan again")
+        log.exception("recognition of %s failed", task.source)
+        detail = f"recognition met an unexpected {type(error).__name__}: {error}: please report it"
+        return Refused(500, "recognition-crashed", detail)
+
+
+def _recognise(task: Task, pipe: Connection, on_stage: OnStage) -> Recognition:
+    if isinstance(task.source, Path):
+        return recognise_recording(task.source, task.radius_m, task.method, on_stage, task.gripper)
+    missing: list[str] = []
+
+    def views() -> Iterator[View]:
+        while isinstance(message := pipe.recv(), View):
+            yield message
+        assert isinstance(message, LastView)
+        missing.extend(message.missing)
+
+    return recognise_views(views(), task.source, missing, task.radius_m, task.method, on_stage, task.gripper)
+
+
+def _warm_up() -> None:
+    """The first picture takes longest, so that no scan waits for it. Recognition is imported by now."""
+    draw_preview(PointChainModel("graph", ChainParameters.for_radius(0.004)), np.zeros((0, 3)))
+
+
+def _end_with_parent() -> None:
+    """A killed service leaves no process behind that writes into its data folder."""
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        wait([parent.sentinel])
+        os._exit(1)

@@ -1,0 +1,53 @@
+"""Drivers for tests of `cell.child`; a module of its own, so that the child needs to import no more."""
+
+import os
+import time
+
+from cell.errors import CellError, MotionError
+
+
+class Driver:
+    """Does what vendor libraries do, good and bad."""
+
+    IDLE_S = 0.02
+
+    def __init__(self, offset: int = 0) -> None:
+        self.offset = offset
+        self.quiet: list[float] = []
+
+    def add(self, a: int, b: int) -> int:
+        return a + b + self.offset
+
+    def refuse(self) -> None:
+        raise MotionError("the robot refuses")
+
+    def fail(self) -> None:
+        raise KeyError("joint")
+
+    def sleep(self, seconds: float) -> str:
+        time.sleep(seconds)
+        return "slept"
+
+    def crash(self) -> None:
+        os.abort()
+
+    def chatter(self) -> None:
+        os.write(1, b"vendor chatter\n")
+
+    def idle(self, quiet_s: float) -> None:
+        self.quiet.append(quiet_s)
+
+    def quiet_times(self) -> list[float]:
+        return self.quiet
+
+    def close(self) -> None:
+        pass
+
+
+class BrokenWhenIdle(Driver):
+    def idle(self, quiet_s: float) -> None:
+        raise RuntimeError("the device is gone")
+
+
+def refusing() -> Driver:
+    raise CellError("no device here")

@@ -1,0 +1,291 @@
+"""What goes wrong while the arm moves: noticed in time, ended safely, and never moved on from by itself.
+
+Times are of the controller's log, or from the fault to the exception; what is promised for them is asserted.
+"""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from cell.arm import UrArm
+from cell.errors import (
+    CellError,
+    EmergencyStopError,
+    MotionError,
+    ProtectiveStopError,
+    RobotLostError,
+    RobotNotReadyError,
+    RobotUnreachableError,
+    TooEarlyError,
+)
+from cell.simulation.controller.process import RunningController, start_controller
+from tests.cell.loopback import free_host
+from tests.cell.virtual_arm import (
+    FAST,
+    HOME,
+    dashboard_commands,
+    far,
+    fresh,
+    kinds,
+    motion_commands,
+    moving,
+    thread_of,
+    until,
+)
+
+LOST_S = 0.5
+"""A lost robot is noticed so soon."""
+PROTECTIVE_S = 0.1
+"""A protective stop is noticed so soon."""
+BUSY_S = 0.3
+"""What a busy machine may add to the times between two processes."""
+
+
+@pytest.fixture(scope="module")
+def controller() -> Iterator[RunningController]:
+    controller = start_controller(host=free_host())
+    yield controller
+    controller.close()
+
+
+@pytest.fixture
+def arm(controller: RunningController) -> Iterator[UrArm]:
+    """Connected, at HOME."""
+    fresh(controller)
+    arm = UrArm(FAST, controller.host)
+    arm.connect()
+    yield arm
+    controller.admin.clear()
+    arm.close()
+
+
+def hit(
+    controller: RunningController, arm: UrArm, strike: Callable[[], Any]
+) -> tuple[BaseException, float, list[dict[str, Any]]]:
+    """Strikes in the middle of a move: how the move ended, how long after, and what the controller saw since."""
+    with thread_of(lambda: arm.move(far())) as result:
+        moving(controller)
+        begin = len(controller.admin.log())
+        struck_s = time.monotonic()
+        strike()
+    error, noticed_s = result
+    assert isinstance(error, CellError), f"the move returned {error}"
+    return error, noticed_s - struck_s, controller.admin.log(begin)
+
+
+def is_over(controller: RunningController, arm: UrArm, events: list[dict[str, Any]]) -> None:
+    """No move was sent again, the arm is still, short of its target, and program and connection have ended."""
+    until(lambda: not controller.admin.state().moving, 2.0)
+    state = controller.admin.state()
+    assert state.q_rad[0] < 1.6
+    assert state.program_state == "STOPPED"
+    assert not motion_commands(events)
+    assert not kinds(events, "script_upload", "motion_start")
+    with pytest.raises(CellError):
+        arm.move(far())
+    with pytest.raises(CellError):
+        arm.check_ready()
+
+
+@pytest.mark.parametrize("fault", ["drop", "freeze", "unreachable"])
+def test_a_lost_link(controller: RunningController, arm: UrArm, fault: str):
+    error, after_s, events = hit(controller, arm, getattr(controller.admin, fault))
+    assert isinstance(error, RobotLostError)
+    assert after_s <= LOST_S + BUSY_S
+    time.sleep(0.2)  # ur_rtde would have been back by now
+    controller.admin.clear()
+    until(lambda: not controller.admin.state().moving, 2.0)
+    is_over(controller, arm, events + controller.admin.log(events[-1]["index"] + 1))
+    # A person looks, acknowledges, and it goes on from where the arm is.
+    arm.acknowledge()
+    arm.connect()
+    arm.move(HOME)
+
+
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP])
+def test_a_child_that_dies_or_hangs(controller: RunningController, arm: UrArm, number: signal.Signals):
+    child = arm._link.child
+    assert child is not None
+    error, after_s, events = hit(controller, arm, lambda: os.kill(child.pid, number))
+    assert isinstance(error, RobotLostError)
+    assert after_s <= LOST_S + BUSY_S
+    is_over(controller, arm, events)
+    assert not child.alive
+    arm.connect()
+    arm.move(HOME)
+
+
+def test_a_protective_stop_is_ended_by_a_person_only(controller: RunningController, arm: UrArm):
+    error, after_s, events = hit(controller, arm, controller.admin.protective_stop)
+    assert isinstance(error, ProtectiveStopError)
+    assert after_s <= PROTECTIVE_S + BUSY_S
+    (stopped,) = kinds(events, "safety")
+    is_over(controller, arm, events)
+    begin = len(controller.admin.log())
+
+    # Connecting does not unlock it.
+    with pytest.raises(ProtectiveStopError):
+        arm.connect()
+    # Too early: the robot itself refuses for 5 s.
+    for early_s in (2.0, 4.9):
+        until(lambda early_s=early_s: time.monotonic() >= stopped["stamp_s"] + early_s, 10.0)
+        with pytest.raises(TooEarlyError, match=r"try again in [0-9.]+ s"):
+            arm.acknowledge()
+    assert controller.admin.state().safety_mode == "PROTECTIVE_STOP"
+    until(lambda: time.monotonic() >= stopped["stamp_s"] + 5.1, 10.0)
+    arm.acknowledge()
+    assert controller.admin.state().safety_mode == "NORMAL"
+    events = controller.admin.log(begin)
+    unlocks = [event for event in kinds(events, "dashboard") if "releasing" in event["details"]["answer"]]
+    assert [event["details"]["command"] for event in unlocks] == ["unlock protective stop"]
+    assert unlocks[0]["stamp_s"] - stopped["stamp_s"] >= 5.0
+    assert "play" not in dashboard_commands(events)
+    assert not kinds(events, "motion_start", "command", "script_upload")
+    with pytest.raises(RobotNotReadyError, match="connect first"):
+        arm.move(HOME)
+    arm.connect()
+    arm.move(HOME)
+
+
+def test_whoever_did_not_see_the_stop_is_refused_by_the_robot_itself(controller: RunningController):
+    """A service that was started again after the stop."""
+    begin = fresh(controller)
+    controller.admin.protective_stop()
+    arm = UrArm(FAST, controller.host)
+    with pytest.raises(TooEarlyError, match="does not let itself be unlocked yet"):
+        arm.acknowledge()
+    controller.admin.local_mode()
+    with pytest.raises(RobotNotReadyError, match="unlock it at its pendant"):
+        arm.acknowledge()
+    controller.admin.clear()
+    assert not kinds(controller.admin.log(begin), "motion_start", "script_upload", "command")
+
+
+def test_acknowledging_without_a_fault_does_nothing_to_a_foreign_program(controller: RunningController):
+    fresh(controller)
+    controller.admin.foreign_program()
+    arm = UrArm(FAST, controller.host)
+    arm.acknowledge()
+    assert controller.admin.state().program_state == "PLAYING"
+    with pytest.raises(RobotUnreachableError):
+        UrArm(FAST, free_host()).acknowledge()
+
+
+@pytest.mark.parametrize(
+    ("fault", "kind"),
+    [("emergency_stop", EmergencyStopError), ("power_off", RobotNotReadyError)],
+)
+def test_stops_from_the_cell(controller: RunningController, arm: UrArm, fault: str, kind: type[CellError]):
+    error, after_s, events = hit(controller, arm, getattr(controller.admin, fault))
+    assert isinstance(error, kind)
+    assert after_s <= PROTECTIVE_S + BUSY_S
+    is_over(controller, arm, events)
+    with pytest.raises(kind):
+        arm.connect()
+    with pytest.raises(kind):
+        arm.acknowledge()
+
+
+def test_another_program_in_the_middle_of_a_move(controller: RunningController, arm: UrArm, monkeypatch):
+    """It ends ours; that something plays is then no sign of life."""
+    monkeypatch.setattr("cell.arm_move.STALL_S", 0.5)
+    error, _, events = hit(controller, arm, controller.admin.foreign_program)
+    assert isinstance(error, MotionError | RobotLostError)
+    assert not motion_commands(events)
+    assert not kinds(events, "script_upload", "motion_start")
+
+
+def test_faults_of_an_arm_at_rest_are_noticed_too(controller: RunningController, arm: UrArm):
+    controller.admin.protective_stop()
+    with pytest.raises(ProtectiveStopError):
+        until(lambda: bool(arm.check_ready()), 2.0)
+    assert arm.latest is not None
+    assert arm.latest.safety_mode == "protective_stop"
+    fresh(controller)
+    arm.connect()
+    controller.admin.freeze()
+    time.sleep(0.5)
+    with pytest.raises(RobotLostError):
+        arm.state()
+
+
+def test_a_slow_link_is_no_lost_one(controller: RunningController, arm: UrArm):
+    controller.admin.slow(delay_s=0.03, rate_hz=50.0)
+    arm.move(far(0.2))
+
+
+def test_a_watchdog_that_fired_between_moves_ends_the_connection(controller: RunningController, arm: UrArm):
+    begin = len(controller.admin.log())
+    child = arm._link.child
+    assert child is not None
+    os.kill(child.pid, signal.SIGSTOP)
+    until(lambda: bool(kinds(controller.admin.log(begin), "watchdog_expired")), 5.0)
+    os.kill(child.pid, signal.SIGCONT)
+    with pytest.raises(RobotLostError):
+        arm.move(far())
+    assert not motion_commands(controller.admin.log(begin))
+
+
+PARENT = """
+import sys
+sys.path.insert(0, {root!r})
+from cell.arm import UrArm
+from cell.errors import CellError
+from tests.cell.virtual_arm import FAST, far
+arm = UrArm(FAST, {host!r})
+arm.connect()
+print("connected", flush=True)
+try:
+    arm.move(far())
+except CellError as error:
+    print(type(error).__name__, flush=True)
+arm.close()
+"""
+
+
+def test_a_process_that_is_suspended_in_the_middle_of_a_move(controller: RunningController, tmp_path: Path):
+    """The controller's own watchdog stops the arm; woken up, the process does not go on."""
+    begin = fresh(controller)
+    script = tmp_path / "parent.py"
+    script.write_text(PARENT.format(root=str(Path(__file__).parents[2]), host=controller.host))
+    with subprocess.Popen([sys.executable, str(script)], stdout=subprocess.PIPE, text=True) as parent:
+        assert parent.stdout is not None
+        try:
+            assert parent.stdout.readline().strip() == "connected"
+            moving(controller)
+            parent.send_signal(signal.SIGSTOP)
+            suspended_s = time.monotonic()
+            until(lambda: not controller.admin.state().moving, 5.0)
+            events = controller.admin.log(begin)
+            (expired,) = kinds(events, "watchdog_expired")
+            assert expired["stamp_s"] - suspended_s <= 1.1 / FAST.watchdog_hz
+            assert controller.admin.state().q_rad[0] < 1.6
+        finally:
+            parent.send_signal(signal.SIGCONT)
+        assert parent.stdout.readline().strip() == "RobotLostError"
+        assert parent.wait(timeout=20.0) == 0
+    assert len(motion_commands(controller.admin.log(begin))) == 1
+
+
+def test_a_process_that_is_killed_in_the_middle_of_a_move(controller: RunningController, tmp_path: Path):
+    begin = fresh(controller)
+    script = tmp_path / "parent.py"
+    script.write_text(PARENT.format(root=str(Path(__file__).parents[2]), host=controller.host))
+    with subprocess.Popen([sys.executable, str(script)], stdout=subprocess.PIPE, text=True) as parent:
+        assert parent.stdout is not None
+        assert parent.stdout.readline().strip() == "connected"
+        moving(controller)
+        parent.kill()
+        killed_s = time.monotonic()
+    until(lambda: not controller.admin.state().moving, 5.0)
+    (expired,) = kinds(controller.admin.log(begin), "watchdog_expired")
+    assert expired["stamp_s"] - killed_s <= 1.1 / FAST.watchdog_hz
+    # Its child went with it.
+    until(lambda: controller.admin.state().connections["rtde"] == 0, 5.0)

@@ -1,0 +1,57 @@
+"""How a watched move tells that the arm is not doing what it was sent to do."""
+
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+
+from cell.arm import UrArm
+from cell.arm_move import off_line
+from cell.child import Child
+from cell.errors import MotionError
+from cell.simulation.controller.process import RunningController, start_controller
+from tests.cell.loopback import free_host
+from tests.cell.pendant import Pendant
+from tests.cell.virtual_arm import FAST, far, fresh, moving, thread_of, until
+
+
+@pytest.fixture(scope="module")
+def controller() -> Iterator[RunningController]:
+    controller = start_controller(host=free_host())
+    yield controller
+    controller.close()
+
+
+def test_the_distance_from_the_joint_line():
+    q_from, q_to = np.zeros(6), np.array([1.0, 2.0, 0.0, 0.0, 0.0, 0.0])
+    assert off_line(q_from, q_from, q_to) == 0.0
+    assert off_line(np.array([0.5, 1.0, 0.0, 0.0, 0.0, 0.0]), q_from, q_to) == pytest.approx(0.0, abs=1e-12)
+    assert off_line(np.array([0.5, 1.0, 0.0, -0.2, 0.0, 0.1]), q_from, q_to) == pytest.approx(0.2)
+    # Beyond an end counts from the end; a move of no length is a point.
+    assert off_line(np.array([1.0, 2.3, 0.0, 0.0, 0.0, 0.0]), q_from, q_to) == pytest.approx(0.3)
+    assert off_line(np.full(6, 0.1), q_from, q_from) == pytest.approx(0.1)
+
+
+def test_an_arm_whose_speed_is_turned_down_moves_slowly_and_one_that_is_held_is_given_up(
+    controller: RunningController, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setattr("cell.arm_move.STALL_S", 0.5)
+    fresh(controller)
+    pendant = Child("pendant", Pendant, controller.host)
+    arm = UrArm(FAST, controller.host)
+    try:
+        pendant.call("slide_speed", 0.3, timeout_s=20.0)
+        arm.connect()
+        arm.move(far(0.3))
+        with thread_of(lambda: arm.move(far())) as result:
+            moving(controller)
+            pendant.call("slide_speed", 0.0, timeout_s=20.0)
+        assert isinstance(result[0], MotionError)
+        assert "speed slider is at 0%" in str(result[0])
+        # Given back its speed, it does not go on: the program has ended.
+        pendant.call("slide_speed", 1.0, timeout_s=20.0)
+        until(lambda: controller.admin.state().program_state == "STOPPED", 2.0)
+        assert controller.admin.state().q_rad[0] < 1.9
+    finally:
+        arm.close()
+        pendant.close()

@@ -1,0 +1,250 @@
+"""The camera in its child process: the simulated one, whose flange is where a file says, and a real one's absence."""
+
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from calibration.transforms import inverse
+from cell.camera import LiveCamera
+from cell.errors import BadFrameError, CameraLostError, CameraUnreachableError
+from cell.exposures import NoFramesError
+from cell.kinematics import inverse as inverse_kinematics
+from cell.look_at import look_at
+from cell.settings import CellSettings, OakCamera, SimulatedCamera
+from cell.simulation.camera import camera_model
+from cell.simulation.controller.process import start_controller
+from cell.simulation.frames import FrameSource
+from cell.simulation.world import SimulatedWorld, simulated_world
+from tests.cell.flange_file import FlangeFile, flange_file
+
+SETTINGS = SimulatedCamera(model="ideal", errors=0.0, scene="straight", fps=50.0)
+
+
+def small_world() -> SimulatedWorld:
+    world = simulated_world(CellSettings(camera=SETTINGS))
+    return replace(world, camera=camera_model("ideal", (160, 100)))
+
+
+def looking_down(world: SimulatedWorld, azimuth_rad: float = 0.0) -> NDArray[np.float64]:
+    return look_at(world.T_base_scene[:3, 3], azimuth_rad, 1.2, 0.4, 0.1) @ inverse(world.T_flange_camera)
+
+
+def runs(pid: int | None) -> bool:
+    """Whether there is such a process, be it a zombie."""
+    return pid is not None and Path(f"/proc/{pid}").exists()
+
+
+def ask_until_lost(camera: LiveCamera) -> None:
+    for _ in range(100):
+        camera.info()
+        time.sleep(0.1)
+
+
+@pytest.fixture(scope="module")
+def world() -> SimulatedWorld:
+    return small_world()
+
+
+@pytest.fixture(scope="module")
+def flange(tmp_path_factory: pytest.TempPathFactory, world: SimulatedWorld) -> FlangeFile:
+    flange = FlangeFile(tmp_path_factory.mktemp("flange") / "T_base_flange.npy")
+    flange.write(looking_down(world))
+    return flange
+
+
+@pytest.fixture(scope="module")
+def one_camera(world: SimulatedWorld, flange: FlangeFile) -> Iterator[LiveCamera]:
+    camera = LiveCamera(SETTINGS, world, lambda: str(flange.path), flange_file)
+    yield camera
+    camera.close()
+
+
+@pytest.fixture
+def camera(one_camera: LiveCamera, world: SimulatedWorld, flange: FlangeFile) -> LiveCamera:
+    """Connected and well; connecting takes seconds, so one serves all tests that leave it so."""
+    flange.write(looking_down(world))
+    if not one_camera.connected:
+        one_camera.connect()
+    one_camera.fault("none")
+    return one_camera
+
+
+def test_the_camera_tells_what_it_is(camera: LiveCamera, world: SimulatedWorld) -> None:
+    info = camera.info()
+    assert (info.product, info.device_id) == ("simulated ideal", world.camera_id)
+    assert (info.width, info.height, info.connection, info.warnings) == (160, 100, "simulated", ())
+
+
+def test_a_capture_shows_the_scene_from_where_the_arm_came_to_rest(
+    camera: LiveCamera, world: SimulatedWorld, flange: FlangeFile
+) -> None:
+    after_s = time.monotonic() + 0.5
+    threading.Timer(0.2, flange.write, [looking_down(world, 0.7)]).start()
+    frame = camera.capture(after_s)
+    asked_s = time.time()
+    # The model is exact: no exposure of before, and none of another place, is in the median.
+    assert np.array_equal(frame.depth, FrameSource(world).expose(looking_down(world, 0.7)))
+    assert frame.exposures == SETTINGS.exposures
+    assert frame.depth_unit_m == camera.depth_unit_m == world.camera.depth_unit_m
+    assert np.abs(frame.K - world.camera.K).max() < 1e-4
+    # The last exposure began after `after_s`, and before the answer.
+    assert asked_s - (time.monotonic() - after_s) - 0.01 < frame.stamp_s <= asked_s
+
+
+@pytest.mark.parametrize(
+    ("fault", "reason"),
+    [("zero", "all zero"), ("constant", "same depth at all measured pixels"), ("stale", "its clock is wrong")],
+)
+def test_frames_that_show_nothing_are_refused_and_the_next_look_is_well(
+    camera: LiveCamera, fault: str, reason: str
+) -> None:
+    pid = camera.pid
+    camera.fault(fault)  # pyright: ignore[reportArgumentType]
+    with pytest.raises(BadFrameError, match=reason):
+        camera.capture(time.monotonic())
+    camera.fault("none")
+    assert camera.capture(time.monotonic()).depth.any()
+    # There was nothing to mend by a new connection.
+    assert camera.pid == pid
+
+
+@pytest.mark.parametrize("fault", ["silent", "lost"])
+def test_a_camera_that_falls_silent_or_breaks_its_link_is_connected_once_more(camera: LiveCamera, fault: str) -> None:
+    pid = camera.pid
+    camera.fault(fault)  # pyright: ignore[reportArgumentType]
+    assert camera.capture(time.monotonic()).depth.any()
+    assert camera.pid != pid
+    assert not runs(pid)
+
+
+def test_a_killed_camera_process_costs_no_view(camera: LiveCamera, world: SimulatedWorld) -> None:
+    """Killed while it waits for the arm to settle; the look succeeds, and shows what it would have shown."""
+    pid = camera.pid
+    assert pid is not None
+    threading.Timer(0.3, os.kill, [pid, signal.SIGKILL]).start()
+    frame = camera.capture(time.monotonic() + 1.0)
+    assert np.array_equal(frame.depth, FrameSource(world).expose(looking_down(world)))
+    assert camera.connected
+    assert camera.pid != pid
+    assert not runs(pid)
+
+
+def test_a_frozen_camera_process_is_noticed_and_replaced(camera: LiveCamera) -> None:
+    pid = camera.pid
+    assert pid is not None
+    os.kill(pid, signal.SIGSTOP)
+    assert camera.capture(time.monotonic()).depth.any()
+    assert not runs(pid)
+
+
+def test_a_camera_that_cannot_be_connected_again_is_lost_until_it_can(
+    camera: LiveCamera, world: SimulatedWorld, flange: FlangeFile
+) -> None:
+    """One retry, then an error: the view is missing. The next look tries again, and here succeeds."""
+    assert camera.pid is not None
+    flange.path.unlink()  # nobody tells any more where the flange is: the simulated camera cannot start
+    os.kill(camera.pid, signal.SIGKILL)
+    with pytest.raises(CameraLostError, match=r"has ended .exit code -9.*could not be connected again: .*where it is"):
+        camera.capture(time.monotonic())
+    assert not camera.connected
+    assert camera.pid is None
+    with pytest.raises(CameraLostError, match="not connected"):
+        camera.info()
+    flange.write(looking_down(world))
+    assert camera.capture(time.monotonic()).depth.any()
+    assert camera.connected
+
+
+def test_a_silent_camera_that_stays_silent_is_told(camera: LiveCamera, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The process that replaces it is silent too: here the same one, as nothing else can silence a new one in time."""
+    monkeypatch.setattr(camera, "_reopen", lambda: None)
+    camera.fault("silent")
+    with pytest.raises(NoFramesError, match=r"no frame for 2\.0 s"):
+        camera.capture(time.monotonic())
+
+
+def test_connecting_and_closing_leaves_nothing_behind(camera: LiveCamera) -> None:
+    def open_files() -> int:
+        return len(os.listdir("/proc/self/fd"))  # noqa: PTH208
+
+    camera.capture(time.monotonic())
+    before, threads = open_files(), threading.active_count()
+    pids = [camera.pid]
+    camera.connect()
+    pids.append(camera.pid)
+    assert camera.capture(time.monotonic()).depth.any()
+    assert open_files() == before
+    assert threading.active_count() == threads
+    camera.close()
+    assert len(set(pids)) == 2
+    assert not any(runs(pid) for pid in pids)
+    with pytest.raises(CameraLostError, match="not connected"):
+        camera.capture(time.monotonic())
+
+
+def test_the_virtual_controller_tells_where_the_camera_is(world: SimulatedWorld) -> None:
+    controller = start_controller("ur5e")
+    camera = LiveCamera(SETTINGS, world, lambda: controller.host)
+    try:
+        controller.admin.reset(q_rad=inverse_kinematics("ur5e", looking_down(world))[0])
+        camera.connect()
+        frame = camera.capture(time.monotonic())
+        assert np.array_equal(frame.depth, FrameSource(world).expose(controller.admin.pose()))
+        controller.close()
+        # Its process answers, but it is lost: from now on it counts as not connected.
+        with pytest.raises(CameraLostError, match="no longer learns where the arm is: no virtual controller answers"):
+            ask_until_lost(camera)
+        assert not camera.connected
+    finally:
+        camera.close()
+        controller.close()
+
+
+def test_a_simulated_camera_without_an_arm_says_so(world: SimulatedWorld, tmp_path: Path) -> None:
+    camera = LiveCamera(SETTINGS, world, lambda: str(tmp_path / "none.npy"), flange_file)
+    with pytest.raises(CameraUnreachableError, match="cannot learn from the simulated arm's controller where it is"):
+        camera.connect()
+    assert camera.pid is None
+
+
+@pytest.mark.parametrize(
+    ("device", "words"),
+    [
+        (None, r"no OAK camera was found on USB: check its cable.*no other program.*udev rule for vendor 03e7"),
+        ("127.0.0.99", r"the camera 127\.0\.0\.99 was not found: check its cable.*camera\.device"),
+    ],
+)
+def test_without_a_camera_it_is_said_what_to_check(device: str | None, words: str) -> None:
+    camera = LiveCamera(OakCamera(kind="oak", device=device))
+    begun_s = time.process_time(), time.monotonic()
+    with pytest.raises(CameraUnreachableError, match=words):
+        camera.connect()
+    # Three seconds are asked for; a loaded machine may start the process late, but depthai's own search takes 11.
+    assert time.monotonic() - begun_s[1] < 6.0
+    assert camera.pid is None
+
+
+def test_the_parent_process_never_loads_what_hangs_or_weighs() -> None:
+    script = """
+import sys
+from cell.camera import LiveCamera
+from cell.errors import CameraUnreachableError
+from cell.settings import OakCamera
+if __name__ == "__main__":
+    try:
+        LiveCamera(OakCamera(kind="oak")).connect()
+    except CameraUnreachableError:
+        print([name for name in ("depthai", "open3d", "scipy") if name in sys.modules])
+"""
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, timeout=60, check=True)
+    assert done.stdout.strip() == "[]"

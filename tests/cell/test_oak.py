@@ -1,0 +1,340 @@
+"""Of the camera's driver, what can be run without a camera: in this process, with the real depthai."""
+
+import re
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from datetime import timedelta
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from calibration.transforms import inverse
+from cell.devices import CameraInfo
+from cell.errors import BadFrameError, CameraLostError, CameraUnreachableError, CellError
+from cell.look_at import look_at
+from cell.oak import OakDriver, settle_exposure
+from cell.oak_device import calibration_warnings, configure_depth, unreachable
+from cell.oak_stream import LONGEST_EXPOSURE_S, Stream, decode, load, next_message
+from cell.settings import CellSettings, OakCamera, SimulatedCamera
+from cell.simulation.camera import camera_model
+from cell.simulation.frames import FrameSource
+from cell.simulation.world import SimulatedWorld, simulated_world
+
+load()
+import depthai as dai  # noqa: E402
+
+OAK = OakCamera(kind="oak")
+K = np.array([[402.5, 0, 319.25], [0, 402.75, 199.5], [0, 0, 1]])
+NOBODY = CameraInfo("test", "0", 64, 40, "none", None, ())
+
+
+def message(depth: NDArray[np.uint16], padding: int = 0, exposure_us: int = 4000, end_s: float = 100.0) -> dai.ImgFrame:
+    """A depth message with rows of `padding` bytes more than they need."""
+    height, width = depth.shape
+    rows = np.full((height, 2 * width + padding), 0xAB, dtype=np.uint8)
+    rows[:, : 2 * width] = depth.astype("<u2").view(np.uint8)
+    image = dai.ImgFrame()
+    image.setType(dai.ImgFrame.Type.RAW16)
+    image.setWidth(width)
+    image.setHeight(height)
+    image.setStride(2 * width + padding)
+    image.setData(rows.tobytes())
+    place = dai.Extrinsics(np.eye(4).tolist(), dai.CameraBoardSocket.CAM_B)
+    image.setTransformation(
+        dai.ImgTransformation(width, height, K.tolist(), dai.CameraModel.Perspective, [0.0] * 14, place)
+    )
+    image.cam.exposureTimeUs = exposure_us
+    image.setTimestamp(timedelta(seconds=end_s))
+    return image
+
+
+@pytest.mark.parametrize("padding", [0, 64])
+def test_an_image_is_decoded_as_it_was_sent(padding: int) -> None:
+    depth = np.random.default_rng(0).integers(0, 65536, (400, 640)).astype(np.uint16)
+    exposure = decode(message(depth, padding))
+    assert exposure.depth.dtype == np.uint16
+    assert np.array_equal(exposure.depth, depth)
+    # depthai keeps the matrix in single precision.
+    assert np.abs(exposure.K - K).max() < 1e-4
+    assert np.array_equal(exposure.K[[0, 1, 2, 2], [1, 0, 0, 1]], [0, 0, 0, 0])
+    assert exposure.K[2, 2] == 1.0
+
+
+def test_an_exposure_began_before_the_moment_that_its_stamp_tells() -> None:
+    depth = np.ones((4, 4), np.uint16)
+    assert decode(message(depth, exposure_us=8000, end_s=100.0)).began_s == pytest.approx(99.992, abs=1e-6)
+    # Where the camera does not tell how long it exposed, the longest is taken.
+    assert decode(message(depth, exposure_us=0)).began_s == pytest.approx(100.0 - LONGEST_EXPOSURE_S, abs=1e-6)
+
+
+def test_what_is_no_depth_image_is_refused() -> None:
+    grey = message(np.ones((4, 4), np.uint16))
+    grey.setType(dai.ImgFrame.Type.GRAY8)
+    short = message(np.ones((4, 4), np.uint16))
+    short.setHeight(5)
+    for wrong in (grey, short):
+        with pytest.raises(BadFrameError, match=r"32 bytes of type .* no depth image"):
+            decode(wrong)
+
+
+def test_depthai_s_clock_is_the_machine_s_monotonic_one() -> None:
+    before_s = time.monotonic()
+    clock: Any = dai.Clock
+    now_s = clock.now().total_seconds()
+    # It is told in whole microseconds.
+    assert before_s - 1e-6 <= now_s <= time.monotonic() + 1e-6
+
+
+def test_depthai_s_own_point_cloud_agrees() -> None:
+    """Its node and the pinhole formula of this project mean the same by an image and its matrix."""
+    depth = np.random.default_rng(1).integers(2500, 6000, (40, 64)).astype(np.uint16)
+    host_only: Any = dai.Pipeline(False)
+    with host_only as pipeline:
+        node = pipeline.create(dai.node.PointCloud)
+        node.sync.setRunOnHost(True)
+        node.setRunOnHost(True)
+        node.initialConfig.setLengthUnit(dai.LengthUnit.METER)
+        images = node.inputDepth.createInputQueue()
+        clouds = node.outputPointCloud.createOutputQueue()
+        pipeline.start()
+        image = message(depth)
+        images.send(image)
+        cloud = clouds.get(timedelta(seconds=20))
+    assert isinstance(cloud, dai.PointCloudData)
+    points = np.asarray(cloud.getPoints(), dtype=np.float64)
+    # The node takes depth counts for millimetres: a tenth of them is meant.
+    z = depth.ravel() / 1000.0
+    v, u = (axis.ravel() for axis in np.indices(depth.shape))
+    expected = np.column_stack([(u - K[0, 2]) / K[0, 0] * z, (v - K[1, 2]) / K[1, 1] * z, z])
+    # Single precision.
+    assert points == pytest.approx(expected, abs=2e-6)
+
+
+def test_stereo_matching_is_set_for_thin_things_whatever_preset_came_before() -> None:
+    spoilt = dai.StereoDepthConfig()
+    spoilt.setMedianFilter(dai.StereoDepthConfig.MedianFilter.KERNEL_7x7)
+    spoilt.setSubpixelFractionalBits(3)
+    spoilt.postProcessing.decimationFilter.decimationFactor = 2
+    spoilt.postProcessing.thresholdFilter.maxRange = 3000
+    for name in ("spatialFilter", "temporalFilter", "speckleFilter", "holeFilling", "adaptiveMedianFilter"):
+        getattr(spoilt.postProcessing, name).enable = True
+    for config in (spoilt, dai.StereoDepthConfig()):
+        configure_depth(config, OakCamera(kind="oak", extended_disparity=True))
+        assert config.getConfidenceThreshold() == 55
+        assert config.getLeftRightCheckThreshold() == 5
+        assert config.getExtendedDisparity()
+        assert (config.getSubpixel(), config.getSubpixelFractionalBits()) == (True, 5)
+        # 10,000 counts to the metre are a tenth of a millimetre each.
+        assert (config.getDepthUnit(), config.getCustomDepthUnitMultiplier()) == (dai.LengthUnit.CUSTOM, 10_000)
+        assert config.getMedianFilter() == dai.StereoDepthConfig.MedianFilter.MEDIAN_OFF
+        assert config.algorithmControl.depthAlign == dai.StereoDepthConfig.AlgorithmControl.DepthAlign.RECTIFIED_LEFT
+        filters = config.postProcessing
+        assert filters.decimationFilter.decimationFactor == 1
+        assert filters.thresholdFilter.maxRange == 65535
+        for name in ("spatialFilter", "temporalFilter", "speckleFilter", "holeFilling", "adaptiveMedianFilter"):
+            assert not getattr(filters, name).enable, name
+
+
+def calibration(focal_px: float = 805.0, turned_deg: float = 0.0, apart_cm: float = 7.5) -> dai.CalibrationHandler:
+    handler: Any = dai.CalibrationHandler()
+    left, right = dai.CameraBoardSocket.CAM_B, dai.CameraBoardSocket.CAM_C
+    for socket in (left, right):
+        handler.setCameraIntrinsics(socket, [[focal_px, 0, 640], [0, focal_px, 400], [0, 0, 1]], 1280, 800)
+    c, s = np.cos(np.deg2rad(turned_deg)), np.sin(np.deg2rad(turned_deg))
+    turn = [[c, 0, s], [0, 1, 0], [-s, 0, c]]
+    handler.setCameraExtrinsics(right, left, turn, [apart_cm, 0, 0], [apart_cm, 0, 0])
+    return handler
+
+
+def test_a_camera_with_its_factory_calibration_gives_no_warning() -> None:
+    assert calibration_warnings(calibration(), calibration(), OAK) == []
+
+
+@pytest.mark.parametrize(
+    ("current", "words"),
+    [
+        # Half of it at half the resolution.
+        (calibration(focal_px=808.0), ["left lens' intrinsics in use differ .* by 1.5 pixels", "right lens'"]),
+        (calibration(turned_deg=0.2), [r"lenses are turned by 0\.20 degrees"]),
+        (calibration(apart_cm=2.0), ["product is oak-d-pro, whose lenses are 75 mm apart; this camera's are 20 mm"]),
+    ],
+)
+def test_another_calibration_than_the_factory_s_is_told(current: dai.CalibrationHandler, words: list[str]) -> None:
+    warnings = calibration_warnings(calibration(), current, OAK)
+    assert len(warnings) == len(words)
+    for warning, pattern in zip(warnings, words, strict=True):
+        assert re.search(pattern, warning), warning
+
+
+def test_what_to_check_fits_how_the_camera_is_connected() -> None:
+    assert "udev rule for vendor 03e7" in unreachable(None, "x")
+    assert "must be named by camera.device" in unreachable(None, "x")
+    assert "udev" not in unreachable("10.0.0.7", "x")
+    assert "the camera 10.0.0.7 was not found" in unreachable("10.0.0.7", "x")
+
+
+class Sensor(dai.node.ThreadedHostNode):
+    """Sends images whose exposure time goes through `times_us` and stays at the last; keeps what it is told."""
+
+    def __init__(self, times_us: list[int]) -> None:
+        super().__init__()
+        self.images, self.control = self.createOutput(), self.createInput()
+        self.times_us, self.locked_at_us = times_us, 0
+
+    def run(self) -> None:
+        number = 0
+        while self.isRunning():
+            exposure_us = self.times_us[min(number, len(self.times_us) - 1)]
+            control = self.control.tryGet()
+            if isinstance(control, dai.CameraControl) and control.getCommand(dai.CameraControl.Command.AE_LOCK):
+                self.locked_at_us = exposure_us
+            self.images.send(message(np.ones((4, 4), np.uint16), exposure_us=exposure_us))
+            number += 1
+            time.sleep(0.01)
+
+
+@contextmanager
+def sensor(times_us: list[int]) -> Iterator[tuple[Sensor, Stream]]:
+    host_only: Any = dai.Pipeline(False)
+    with host_only as pipeline:
+        node = pipeline.create(Sensor, times_us)
+        # None is dropped: what is seen does not depend on how busy the machine is.
+        images = node.images.createOutputQueue(maxSize=1000, blocking=True)
+        control = node.control.createInputQueue()
+        pipeline.start()
+        yield node, Stream(pipeline, images, images, [control], lambda: NOBODY, pipeline.stop)
+
+
+def test_the_exposure_is_locked_when_it_has_settled() -> None:
+    with sensor([500, 1000, 2000, 4000, 3900, 4000]) as (node, stream):
+        assert settle_exposure(stream, SimulatedCamera()) == ()
+        until = time.monotonic() + 10
+        while not node.locked_at_us and time.monotonic() < until:
+            time.sleep(0.01)
+        assert node.locked_at_us == 4000
+
+
+def test_a_given_exposure_is_waited_for_and_not_locked() -> None:
+    with sensor([500] * 5 + [2000]) as (node, stream):
+        assert settle_exposure(stream, OakCamera(kind="oak", exposure_us=2000)) == ()
+        time.sleep(0.1)
+        assert node.locked_at_us == 0
+
+
+def test_an_exposure_that_does_not_settle_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("cell.oak.STEADY_S", 0.3)
+    with sensor([1000, 2000] * 500) as (_, stream):
+        (warning,) = settle_exposure(stream, SimulatedCamera())
+        assert "still changes" in warning
+    with sensor([1000]) as (_, stream):
+        (warning,) = settle_exposure(stream, OakCamera(kind="oak", exposure_us=2000))
+        assert "is 1000 microseconds and should be 2000" in warning
+
+
+def test_a_closed_stream_is_a_lost_camera() -> None:
+    with sensor([1000]) as (_, stream):
+        assert next_message(stream.depth, 5.0) is not None
+        stream.pipeline.stop()
+        while not stream.depth.isClosed():
+            time.sleep(0.01)
+        with pytest.raises(CameraLostError, match="check its cable"):
+            next_message(stream.depth, 0.1)
+
+
+@pytest.fixture(scope="module")
+def world() -> SimulatedWorld:
+    exact = simulated_world(CellSettings(camera=SimulatedCamera(model="ideal", errors=0.0, scene="straight")))
+    return replace(exact, camera=camera_model("ideal", (160, 100)))
+
+
+def looking_down(world: SimulatedWorld, azimuth_rad: float = 0.0) -> NDArray[np.float64]:
+    return look_at(world.T_base_scene[:3, 3], azimuth_rad, 1.2, 0.4, 0.1) @ inverse(world.T_flange_camera)
+
+
+@contextmanager
+def driver(world: SimulatedWorld, pose: Any) -> Iterator[OakDriver]:
+    settings = SimulatedCamera(model="ideal", fps=50.0)
+    result = OakDriver(settings, world, lambda: pose)
+    try:
+        yield result
+    finally:
+        result.close()
+
+
+def test_the_simulated_camera_s_frames_come_through_depthai_unchanged(world: SimulatedWorld) -> None:
+    T_base_flange = looking_down(world)
+    with driver(world, lambda: T_base_flange) as oak:
+        info = oak.open()
+        assert (info.width, info.height, info.connection) == (160, 100, "simulated")
+        assert (info.device_id, info.temperature_c, info.warnings) == (world.camera_id, None, ())
+        frame = oak.capture(time.monotonic(), 5.0, 10.0)
+    # The camera is exact: five exposures, their median and one image cast here are all the same.
+    assert np.array_equal(frame.depth, FrameSource(world).expose(T_base_flange))
+    assert np.abs(frame.K - world.camera.K).max() < 1e-4
+    assert frame.depth_unit_m == world.camera.depth_unit_m
+    assert frame.exposures == 5
+
+
+def test_frames_show_the_pose_at_the_moment_of_their_exposure(world: SimulatedWorld) -> None:
+    """The arm comes to rest while the driver already waits: no exposure of before may get into the frame."""
+    moving, rest = looking_down(world, 0.0), looking_down(world, 0.3)
+    after_s = time.monotonic() + 1e9
+
+    def pose() -> NDArray[np.float64]:
+        return rest if time.monotonic() > after_s else moving
+
+    with driver(world, pose) as oak:
+        oak.open()
+        after_s = time.monotonic() + 0.2
+        frame = oak.capture(after_s, 5.0, 10.0)
+    assert np.array_equal(frame.depth, FrameSource(world).expose(rest))
+
+
+def test_an_unwatched_simulated_camera_takes_fewer_images(world: SimulatedWorld) -> None:
+    asked: list[float] = []
+
+    def pose() -> NDArray[np.float64]:
+        asked.append(time.monotonic())
+        return looking_down(world)
+
+    with driver(world, pose) as oak:
+        oak.open()
+        asked.clear()
+        time.sleep(1.0)
+        # 50 a second, of which one in five is taken; a busy machine takes still fewer.
+        assert 1 <= len(asked) <= 12
+
+
+def test_a_pose_that_is_no_longer_told_is_a_lost_camera(world: SimulatedWorld) -> None:
+    gone = False
+
+    def pose() -> NDArray[np.float64]:
+        if gone:
+            raise ConnectionResetError("the controller has ended")
+        return looking_down(world)
+
+    with driver(world, pose) as oak:
+        oak.open()
+        gone = True
+        with pytest.raises(CameraLostError, match="the controller has ended"):
+            oak.capture(time.monotonic(), 0.5, 1.0)
+        with pytest.raises(CameraLostError, match="the controller has ended"):
+            oak.info()
+    with driver(world, pose) as oak, pytest.raises(CameraUnreachableError, match="the controller has ended"):
+        oak.open()
+
+
+def test_only_a_simulated_camera_fails_on_request_and_only_an_open_one_works(world: SimulatedWorld) -> None:
+    with driver(world, lambda: looking_down(world)) as oak:
+        for method in (oak.info, lambda: oak.capture(0.0, 1.0, 1.0), lambda: oak.fault("zero")):
+            with pytest.raises(CameraLostError, match="not open"):
+                method()
+    with sensor([1000]) as (_, stream):
+        oak = OakDriver(OAK)
+        oak._stream = stream
+        with pytest.raises(CellError, match="only a simulated camera"):
+            oak.fault("zero")

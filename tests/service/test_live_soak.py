@@ -1,0 +1,100 @@
+"""Many live scans in a row: every one succeeds, nothing grows, and nothing is left behind."""
+
+import os
+import socket
+from pathlib import Path
+
+import pytest
+
+from cell.settings import SimulatedArm, SimulatedCamera
+from tests.cell.loopback import free_host
+from tests.service.conftest import Serve, wait_until
+
+WARM_UP = 0.2
+"""Share of the scans after which memory is looked at first: buffers and caches have filled by then."""
+GROWTH = 1.05
+"""No process may have more than this times the memory at the end ..."""
+GROWTH_BYTES = 8 << 20
+"""... and this: an allocator's steps."""
+
+
+@pytest.mark.parametrize(
+    "scans",
+    [
+        4,
+        pytest.param(500, marks=[pytest.mark.soak, pytest.mark.timeout(7200)]),
+    ],
+)
+def test_scans_in_a_row_leak_nothing(serve: Serve, tmp_path: Path, scans: int) -> None:
+    host, before = free_host(), processes()
+    arm = SimulatedArm(host=host, time_factor=50.0)
+    camera = SimulatedCamera(model="ideal", fps=60.0, exposures=1, settle_s=0.0)
+    with serve(tmp_path / "data", arm=arm, camera=camera) as client:
+        warm: dict[str, int] = {}
+        for number in range(scans):
+            location = client.post("/api/scans", json={"mode": "live", "string_radius_m": 0.0042}).headers["Location"]
+            scan = {}
+
+            def ended(location: str = location, scan: dict = scan) -> bool:
+                scan.update(client.get(location).json())
+                return scan["ended_at"] is not None
+
+            wait_until(ended)
+            assert scan["state"] == "succeeded", (number, scan)
+            assert scan["summary"]["chains"] == 1
+            assert scan["summary"]["crossings"] == 1
+            running = processes() - before
+            assert not [pid for pid in running if state(pid) == "Z"], "a zombie"
+            if number + 1 == max(1, round(WARM_UP * scans)):
+                warm = {pid: rss_bytes(pid) for pid in running | {str(os.getpid())}}
+        if scans > 100:  # few scans are still warming up
+            grown = {pid: (then, rss_bytes(pid)) for pid, then in warm.items()}
+            print({name(pid): sizes for pid, sizes in grown.items()})
+            for pid, (then, now) in grown.items():
+                assert now <= GROWTH * then + GROWTH_BYTES, f"{name(pid)} grew from {then} to {now} bytes"
+            assert set(warm) == processes() - before | {str(os.getpid())}, "a process came or went"
+    assert processes() == before
+    for port in (29900, 29999, 30003, 30004):
+        with socket.socket() as probe:
+            probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            probe.bind((host, port))  # raises if somebody still listens
+
+
+def processes() -> set[str]:
+    """Ids of this process's descendants, zombies too; multiprocessing's own helper stays as long as we do."""
+    found: set[str] = set()
+    new = {str(os.getpid())}
+    while new:
+        found |= new
+        new = {child for pid in new for child in _children(pid)} - found
+    return {pid for pid in found - {str(os.getpid())} if "resource_tracker" not in name(pid)}
+
+
+def _children(pid: str) -> set[str]:
+    try:
+        tasks = list(Path(f"/proc/{pid}/task").iterdir())
+        return {child for task in tasks for child in (task / "children").read_text().split()}
+    except (FileNotFoundError, ProcessLookupError):
+        return set()
+
+
+def state(pid: str) -> str:
+    """As "S", "Z" of /proc; empty when it is gone."""
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rsplit(") ", 1)[1][0]
+    except (FileNotFoundError, ProcessLookupError):
+        return ""
+
+
+def name(pid: str) -> str:
+    """What the process runs."""
+    try:
+        return Path(f"/proc/{pid}/cmdline").read_text().replace("\0", " ")[:100]
+    except (FileNotFoundError, ProcessLookupError):
+        return pid
+
+
+def rss_bytes(pid: str) -> int:
+    """Resident memory."""
+    pages = int(Path(f"/proc/{pid}/statm").read_text().split()[1])
+    return pages * os.sysconf("SC_PAGE_SIZE")
