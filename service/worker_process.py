@@ -25,6 +25,9 @@ from service.workflow import WRITING, OnStage, Outcome, recognise_recording, rec
 
 log = logging.getLogger(__name__)
 
+YIELDING = 5
+"""Nicer than the service by this: what watches the arm comes first where there are few cores."""
+
 
 @dataclass(frozen=True)
 class Task:
@@ -72,6 +75,8 @@ def work(pipe: Connection) -> None:
     """The process's own loop."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches it too; the service ends it in its own time
     threading.Thread(target=_end_with_parent, daemon=True).start()
+    if hasattr(os, "nice"):
+        os.nice(YIELDING)
     try:
         _warm_up()
     except ImportError as error:

@@ -28,6 +28,8 @@ from recognition.parameters import ChainParameters
 from recognition.pipeline import recognise
 from recognition.preprocess import Scene
 
+pytestmark = pytest.mark.xdist_group("cell")  # one at a time: each is several busy processes
+
 RADIUS_M = 0.0042
 
 
@@ -54,7 +56,7 @@ class Told:
 
 def simulated(time_factor: float = 20.0, **camera: Any) -> CellSettings:
     quick: dict[str, Any] = {"model": "ideal", "fps": 30.0, "exposures": 1, "settle_s": 0.0}
-    return CellSettings(arm=SimulatedArm(time_factor=time_factor), camera=SimulatedCamera(**quick | camera))
+    return CellSettings(arm=SimulatedArm(time_factor=time_factor, watchdog_hz=1.0), camera=SimulatedCamera(**quick | camera))
 
 
 @contextmanager

@@ -17,6 +17,8 @@ from cell.simulation.controller.admin import AdminClient
 from tests.cell.loopback import free_host
 from tests.service.conftest import Serve, wait_until
 
+pytestmark = pytest.mark.xdist_group("cell")  # one at a time: each is several busy processes
+
 Finished = Callable[[httpx.Client, str], dict[str, Any]]
 Problem = Callable[[httpx.Response, int, str], str]
 
@@ -67,7 +69,8 @@ class LiveCell:
 @contextmanager
 def live_cell(serve: Serve, data: Path, time_factor: float = 20.0, **settings: Any) -> Iterator[LiveCell]:
     host = free_host()
-    arm = SimulatedArm(host=host, time_factor=time_factor)
+    # A busy machine may keep a thread of ours waiting for longer than the default watchdog does.
+    arm = SimulatedArm(host=host, time_factor=time_factor, watchdog_hz=1.0)
     camera = settings.pop("camera", None) or SimulatedCamera(model="ideal", **FAST)
     with serve(data, arm=arm, camera=camera, **settings) as client:
         cell = LiveCell(client, host)

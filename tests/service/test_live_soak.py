@@ -10,6 +10,8 @@ from cell.settings import SimulatedArm, SimulatedCamera
 from tests.cell.loopback import free_host
 from tests.service.conftest import Serve, wait_until
 
+pytestmark = pytest.mark.xdist_group("cell")  # one at a time: each is several busy processes
+
 WARM_UP = 0.2
 """Share of the scans after which memory is looked at first: buffers and caches have filled by then."""
 GROWTH = 1.05
@@ -27,7 +29,7 @@ GROWTH_BYTES = 8 << 20
 )
 def test_scans_in_a_row_leak_nothing(serve: Serve, tmp_path: Path, scans: int) -> None:
     host, before = free_host(), processes()
-    arm = SimulatedArm(host=host, time_factor=50.0)
+    arm = SimulatedArm(host=host, time_factor=50.0, watchdog_hz=1.0)
     camera = SimulatedCamera(model="ideal", fps=60.0, exposures=1, settle_s=0.0)
     with serve(tmp_path / "data", arm=arm, camera=camera) as client:
         warm: dict[str, int] = {}

@@ -12,7 +12,8 @@ What it is faithful in:
 - Joint moves with trapezoidal speed and joints in step, linear moves, stops with the deceleration asked for, the speed
   slider. Motion follows the clock: a late cycle shows a later moment of the same trajectory.
 - RTDE in protocol versions 2 and 1 at up to 500 Hz: recipes with NOT_FOUND and IN_USE, one owner of each input
-  register, pause, texts, the watchdog; a client that does not read is disconnected.
+  register, pause, texts, the watchdog (for which moments do not count in which a busy machine kept this process from
+  running); a client that does not read is disconnected.
 - The program that ur_rtde uploads: which command is read when, what blocks, what an asynchronous move reports, which
   kind of stop is made, and that a synchronous move can't be stopped.
 - Program, power and safety states as they hang together: a protective stop pauses the program, `play` goes on with the

@@ -10,7 +10,7 @@ class Watchdog:
     hz: float = 0.0
     """0 while it sleeps."""
     fed_s: float = 0.0
-    """When it was last fed, `time.monotonic()`."""
+    """When it was last fed, `time.monotonic()`; later by what was excused."""
     meals: int = 0
     """How often it was fed since it was armed."""
 
@@ -22,6 +22,10 @@ class Watchdog:
         """The register was written."""
         self.fed_s = now_s
         self.meals += 1
+
+    def excuse(self, missed_s: float) -> None:
+        """The controller itself did not run for so long: what came meanwhile it has yet to read."""
+        self.fed_s += missed_s
 
     def hungry(self, now_s: float) -> bool:
         """It was not fed in time."""
