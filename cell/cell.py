@@ -1,21 +1,19 @@
 """One cell: its arm, camera and calibration, and in which state they are."""
 
 import contextlib
-import hashlib
 import logging
 import threading
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
-from typing import Literal
+from dataclasses import replace
 
-from calibration.errors import HandEyeError
-from calibration.storage import HandEye, load_hand_eye, require_match
+from calibration.storage import HandEye
 from cell.camera import LiveCamera
-from cell.devices import ArmInfo, ArmState, CameraInfo
+from cell.cell_calibration import hand_eye_in_use, require_its_own, require_unchanged
+from cell.cell_status import CellStatus, State
+from cell.devices import CameraInfo
 from cell.equipment import Equipment
 from cell.errors import (
     AcknowledgeRequiredError,
-    CalibrationError,
     CameraLostError,
     CellBusyError,
     CellError,
@@ -34,32 +32,17 @@ from cell.viewpoints import ViewpointPlan, plan_viewpoints, require_enough
 
 log = logging.getLogger(__name__)
 
-State = Literal["not_ready", "ready", "busy", "fault"]
-
-FAULTS = (ProtectiveStopError, EmergencyStopError, RobotLostError, MotionError)
-"""After these nobody but a person at the cell knows how the arm stands: they must be acknowledged."""
+SAFETY_STOPS = (ProtectiveStopError, EmergencyStopError)
+"""A person must look at the cell and acknowledge them ..."""
+FAULTS = (*SAFETY_STOPS, RobotLostError, MotionError)
+"""... and these, when the arm was moving: nobody else knows how it stands."""
 
 TURN_S = 1.0
 """How long a method waits for the arm and the camera; the watch has them for a moment only."""
+HOME_S = 20.0
+"""Whoever asks for a scan waits so long for the arm of the last one to come home."""
 WATCH_S = 0.5
 """How often an idle arm is looked at."""
-
-
-@dataclass(frozen=True)
-class CellStatus:
-    """The cell as last seen; reading it asks no device anything."""
-
-    state: State = "not_ready"
-    reason: str | None = "not connected yet: connect, or start a live scan"
-    """Why it is not ready, and what to do."""
-    slug: str | None = "not-connected"
-    """The same for programs."""
-    arm: ArmInfo | None = None
-    arm_state: ArmState | None = None
-    camera: CameraInfo | None = None
-    hand_eye: HandEye | None = None
-    plan: ViewpointPlan | None = None
-    """The last one."""
 
 
 class Cell:
@@ -72,6 +55,10 @@ class Cell:
         self._turn = threading.Lock()
         """Of using arm and camera."""
         self._status = CellStatus()
+        self._stops = 0
+        """How often somebody has asked for a stop ..."""
+        self._stops_before = 0
+        """... and how often before the last scan was prepared: those no longer count."""
         self._closing = threading.Event()
         self._watch = threading.Thread(target=self._watch_idle, name="cell-watch", daemon=True)
         self._watch.start()
@@ -121,8 +108,10 @@ class Cell:
 
         Raises: as `connect` and `plan`, and ViewpointsError when too few viewpoints can be reached.
         """
-        with self._using():
+        stops = self._stops
+        with self._using(HOME_S):
             self._connect()
+            self._stops_before = stops
             plan = self.plan(views)
             require_enough(plan, self._for_views(views).scan.min_views)
             return plan
@@ -157,8 +146,8 @@ class Cell:
         """
         with self._using():
             status = self._status
-            if status.state != "ready":
-                raise StoppedError(f"the scan did not begin: {status.reason}")
+            if status.state != "ready" or self._stops != self._stops_before:
+                raise StoppedError(f"the scan did not begin: {status.reason or 'the arm was stopped by request'}")
             assert status.hand_eye is not None
             self._set("busy", "cell-busy", "a scan is under way")
             means = ScanMeans(
@@ -177,12 +166,13 @@ class Cell:
                 if error is not scan.error:  # the scan's own errors leave the arm still, or on its way home
                     self._equipment.stop()
                 self._join(scan)
-                self._after(scan.error)
+                self._after(scan.error, FAULTS)
                 raise
             self._after(None)
 
     def stop(self) -> None:
-        """Stops the arm, whatever goes on. The scan under way, if any, ends with StoppedError."""
+        """Stops the arm, whatever goes on. The scan under way or being prepared, if any, ends with StoppedError."""
+        self._stops += 1
         self._equipment.stop()
         if self._status.state == "ready":
             self._set("not_ready", "stopped", "stopped by request: connect, or start a live scan")
@@ -218,6 +208,14 @@ class Cell:
             scan.join()
             raise
 
+    def _still_ready(self) -> bool:
+        """The arm that was ready is; not when it was stopped since. Raises what else is wrong with it."""
+        try:
+            self._equipment.arm.check_ready()
+        except StoppedError:
+            return False
+        return True
+
     def _camera_info(self) -> CameraInfo:
         camera = self._equipment.camera
         if camera.connected:
@@ -235,16 +233,11 @@ class Cell:
             hand_eye = self._calibration()
             arm = self._equipment.arm
             info = status.arm
-            if status.state == "ready" and info is not None:
-                arm.check_ready()
-            else:
+            if status.state != "ready" or info is None or not self._still_ready():
                 info = arm.connect()
             seen = self._camera_info()
             state = arm.state()
-            require_match(hand_eye, seen.device_id, info.serial)
-        except HandEyeError as error:
-            self._after(unfit := CalibrationError(str(error)))
-            raise unfit from error
+            require_its_own(hand_eye, seen.device_id, info.serial)
         except CellError as error:
             self._after(error)
             raise
@@ -253,25 +246,10 @@ class Cell:
         )
 
     def _calibration(self) -> HandEye:
-        settings, world = self.settings.hand_eye, self._equipment.world
-        if settings.file is None:
-            if world is None:
-                raise CalibrationError("the configuration lacks hand_eye.file: calibrate, and name the file there")
-            T_flange_camera = world.told_T_flange_camera
-            return HandEye(T_flange_camera, None, None, None, hashlib.sha256(T_flange_camera.tobytes()).hexdigest())
-        try:
-            return load_hand_eye(settings.file, settings.max_age_days)
-        except HandEyeError as error:
-            raise CalibrationError(str(error)) from error
+        return hand_eye_in_use(self.settings.hand_eye, self._equipment.world)
 
     def _unchanged(self, used: HandEye) -> Callable[[], None]:
-        def check() -> None:
-            if self._calibration().sha256 != used.sha256:
-                raise CalibrationError(
-                    "the hand-eye calibration was changed during the scan: its views would not fit together. Scan again"
-                )
-
-        return check
+        return lambda: require_unchanged(used, self._calibration())
 
     def _for_views(self, views: int | None) -> CellSettings:
         if views is None:
@@ -281,19 +259,19 @@ class Cell:
         return self.settings.model_copy(update={"scan": scan})
 
     @contextlib.contextmanager
-    def _using(self) -> Iterator[None]:
-        if self._closing.is_set() or not self._turn.acquire(timeout=TURN_S):
+    def _using(self, wait_s: float = TURN_S) -> Iterator[None]:
+        if self._closing.is_set() or not self._turn.acquire(timeout=wait_s):
             raise CellBusyError("the arm is in use: wait for the end of the scan, or stop it")
         try:
             yield
         finally:
             self._turn.release()
 
-    def _after(self, error: BaseException | None) -> None:
+    def _after(self, error: BaseException | None, faults: tuple[type[CellError], ...] = SAFETY_STOPS) -> None:
         """The state that follows from how something ended."""
         if error is None:
             self._set("ready", None, None)
-        elif isinstance(error, FAULTS):
+        elif isinstance(error, faults) and isinstance(error, CellError):
             log.warning("fault: %s", error)
             self._set("fault", error.slug, str(error))
         elif isinstance(error, CellError):

@@ -4,7 +4,7 @@ from typing import Literal
 
 from pydantic import BaseModel, Field
 
-from cell.cell import CellStatus, State
+from cell.cell_status import CellStatus, State
 from cell.devices import RobotMode, SafetyMode
 from cell.settings import CellSettings
 

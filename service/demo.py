@@ -7,15 +7,19 @@ from pathlib import Path
 
 from cell.cell import Cell
 from cell.recording import read_recording
-from cell.settings import CellSettings
+from cell.settings import CellSettings, SimulatedArm
 from cell.simulation.scoring import score
 from cell.simulation.simulate import truth_path
 from cell.simulation.world import simulated_world, world_truth
 from recognition.gripper import Gripper
 from recognition.model import PointChainModel
+from service.data_folder import PREVIEW
 from service.scan_once import take_scan
 from service.trace import write_trace
-from service.workflow import write_results
+from service.workflow import write_preview, write_results
+
+TIME_FACTOR = 4.0
+"""The simulated arm moves so many times as fast as a real one: nobody waits half a minute for a demonstration."""
 
 
 def demo(folder: Path) -> int:
@@ -33,7 +37,7 @@ def demo(folder: Path) -> int:
     folder.mkdir(parents=True, exist_ok=True)
     recording, _, results, trace = made
 
-    settings = CellSettings()
+    settings = CellSettings(arm=SimulatedArm(time_factor=TIME_FACTOR))
     cell = Cell(settings)
     try:
         recognition = take_scan(
@@ -46,11 +50,11 @@ def demo(folder: Path) -> int:
     truth = world_truth(simulated_world(settings), told)
     truth_path(recording).write_text(json.dumps(truth))
     write_results(recognition, results)
+    write_preview(recognition, results / PREVIEW)
     pictures = write_trace(recognition, trace, truth)
     model = recognition.model
-    assert status.arm is not None
     assert status.camera is not None
-    print(f"Live scan          {len(told)} views by a simulated {status.arm.model} and {status.camera.product}")
+    print(f"Live scan          {len(told)} views by a simulated {settings.arm.model} and {status.camera.product}")
     for line in _told(model):
         print(line)
     judged = score(model.to_json(), truth)

@@ -4,36 +4,24 @@ A thread of its own hands scans to the recognition process and writes down what 
 queue: a cell has one arm, and whoever asks while it is busy is told so.
 """
 
-import dataclasses
-import errno
-import logging
 import queue
-import shutil
-import sqlite3
 import threading
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
-from pathlib import Path
-from typing import Any, Literal
-
-from cell.viewpoints import ViewpointPlan
+from contextlib import contextmanager
+from typing import Literal
 
 from cell.cell import Cell
-from cell.errors import CellError
-from cell.recording_header import RecordingHeader
+from cell.viewpoints import ViewpointPlan
 from recognition.gripper import Gripper
 from recognition.model import Method
-from service.live import keep_recording, live_outcome
-from service.problems import ProblemError, cell_problem, problem_document
+from service.live import keep_recording
+from service.problems import ProblemError
 from service.running import Running
+from service.scan_runner import ScanRunner
 from service.schemas import ScanState
 from service.store import Store, new_id, now
 from service.tables import RecordingRow, ScanRow
-from service.worker import RecognitionWorker, TaskFailedError
-from service.worker_process import Task
-from service.workflow import DONE_BEFORE, OnStage, Outcome
-
-log = logging.getLogger(__name__)
+from service.worker import RecognitionWorker
 
 SETTLE_S = 5.0
 """A cancelled scan ends within this time; its process is killed, which takes milliseconds."""
@@ -50,9 +38,8 @@ class Jobs:
         recognition process."""
         self._store = store
         self._cell = cell
-        self._limit_s = recognition_limit_s
-        self._gripper = gripper
         self._worker = RecognitionWorker()
+        self._runner = ScanRunner(store, cell, self._worker, recognition_limit_s, gripper, self._leaving)
         self._turn = threading.Lock()
         """Of taking and leaving the one place, each together with its row: whoever reads that a scan has
         ended finds the place free."""
@@ -71,6 +58,7 @@ class Jobs:
         with self._turn:
             self._closing = True
             running = self._running
+        self._cell.stop()  # it may also be on its way home
         if running is not None:
             self._stop(running, "interrupted", "the service was stopped; start it again from its recording")
         else:
@@ -105,6 +93,10 @@ class Jobs:
         with self._place():
             plan = self._cell.prepare(views)
             return self._accept("live", method, radius_m, None, plan)
+
+    def wait_for_preview(self, scan_id: str) -> None:
+        """Returns when the picture of a scan that has a result is there, or will not be."""
+        self._runner.wait_for_preview(scan_id)
 
     def cancel(self, scan: ScanRow) -> None:
         """Stops a scan, the arm first, and waits until it has ended; it may have succeeded just before.
@@ -198,98 +190,19 @@ class Jobs:
                 continue
             if running is None:
                 return
-            try:
-                self._process(running)
-            except Exception:  # whatever it is, this scan is told as failed and the next one is taken
-                log.exception("scan %s could not be recorded", running.scan.id)
-                self._give_up(running)
-            running.ended.set()
-            self._prepare()
+            self._runner.run(running)
+            if self._accepted.empty():  # the next one, which may have been cancelled by now, does it if it must
+                self._prepare()
 
     def _prepare(self) -> None:
         if not self._closing:
             self._worker.prepare()
 
-    def _process(self, running: Running) -> None:
-        results = self._store.folder.incoming(running.scan.id)
-        try:
-            with ExitStack() as until_home:
-                outcome, problem = self._try(running, results, until_home)
-                try:
-                    self._record(running, outcome, problem, results)
-                finally:
-                    shutil.rmtree(results, ignore_errors=True)
-                    running.ended.set()
-        except CellError as error:
-            log.warning("behind scan %s the arm did not get home: %s", running.scan.id, error)
-
-    def _try(
-        self, running: Running, results: Path, until_home: ExitStack
-    ) -> tuple[Outcome | None, dict[str, Any] | None]:
-        """What the scan gives, or the problem why it gives nothing; neither when it was stopped before it began."""
-        try:
-            if running.stop is None:
-                self._worker.start()
-            # A stop that came before found no process to kill; one that comes from here on does.
-            if running.stop is None:
-                return self._outcome(running, results, until_home), None
-        except TaskFailedError as error:
-            return None, error.problem
-        except CellError as error:
-            return None, cell_problem(error)
-        except OSError as error:
-            if error.errno not in (errno.ENOSPC, errno.EDQUOT):
-                raise
-            detail = "no space is left in the data folder; what was recorded before is kept"
-            return None, problem_document(507, "storage-full", detail)
-        return None, None
-
-    def _outcome(self, running: Running, results: Path, until_home: ExitStack) -> Outcome:
-        """What the scan gives; a live one's arm is home when `until_home` is left."""
-        scan, store, plan = running.scan, self._store, running.plan
-        if plan is None:
-            recording = store.recording(scan.recording or "")
-            assert recording is not None
-            task = self._task(scan, store.folder.recording(recording.id), results)
-            store.update_scan(scan.id, ("queued",), state="processing", started_at=now())
-            outcome = self._worker.run(task, self._progress(scan.id), self._limit_s)
-            return dataclasses.replace(outcome, partial=outcome.partial or bool(recording.missing))
-        store.update_scan(scan.id, ("queued",), state="scanning", started_at=now())
-        task = self._task(scan, self._cell.header(scan.string_radius_m), results)
-        live = live_outcome(scan, plan, self._cell, store, self._worker, task, self._limit_s)
-        return until_home.enter_context(live)
-
-    def _task(self, scan: ScanRow, source: Path | RecordingHeader, results: Path) -> Task:
-        return Task(source, scan.string_radius_m, scan.method, self._gripper, results)
-
-    def _record(self, running: Running, outcome: Outcome | None, problem: dict[str, Any] | None, results: Path) -> None:
-        scan, store, stop = running.scan, self._store, running.begin_storing()
-        with self._turn:
-            if stop is not None:
-                state, detail = stop
-                stopped = problem_document(409, state, detail)
-                store.update_scan(scan.id, state=state, problem=stopped, ended_at=now())
-            elif outcome is not None:
-                state = "partial" if outcome.partial else "succeeded"
-                store.finish_scan(scan.id, state, dataclasses.asdict(outcome), results)
-            else:
-                log.warning("scan %s failed: %s", scan.id, problem)
-                store.update_scan(scan.id, state="failed", problem=problem, ended_at=now())
-            self._running = None
-
-    def _give_up(self, running: Running) -> None:
-        """The disk or the database failed. If this cannot be written either, the next start mends the row."""
-        problem = problem_document(500, "internal", "the result could not be stored; the log has the reason")
+    @contextmanager
+    def _leaving(self, running: Running) -> Iterator[None]:
         with self._turn:
             try:
-                self._store.update_scan(running.scan.id, state="failed", problem=problem, ended_at=now())
-            except sqlite3.Error:
-                log.exception("nor could this be written of scan %s", running.scan.id)
-            if self._running is running:
-                self._running = None
-
-    def _progress(self, scan_id: str) -> OnStage:
-        def on_stage(name: str) -> None:
-            self._store.update_scan(scan_id, ("queued", "processing"), stage=name, fraction=DONE_BEFORE[name])
-
-        return on_stage
+                yield
+            finally:
+                if self._running is running:
+                    self._running = None

@@ -8,17 +8,22 @@ import multiprocessing
 import threading
 import time
 from collections.abc import Iterable, Sequence
+from contextlib import suppress
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
 from pathlib import Path
 
 from cell.devices import View
 from service.problems import problem_document
-from service.worker_process import LastView, Refused, Stage, Task, work
+from service.worker_process import LastView, PreviewEnded, Refused, Stage, Task, work
 from service.workflow import OnStage, Outcome
 
 START_S = 60.0
 """A process that is not ready by then will not be."""
+
+
+PREVIEW_S = 20.0
+"""A picture that is not drawn by then will not be."""
 
 
 class TaskFailedError(Exception):
@@ -117,6 +122,12 @@ class RecognitionWorker:
                 raise TaskFailedError(message.status, message.slug, message.detail)
             elif isinstance(message, Outcome):
                 return message
+
+    def wait_for_preview(self) -> None:
+        """Returns when the picture of the task that has just given its outcome is there, or will not be."""
+        with suppress(TaskFailedError):  # killed, or hanging: the next task starts a new process
+            while not isinstance(self._receive(time.monotonic() + PREVIEW_S), PreviewEnded):
+                pass
 
     def kill(self) -> None:
         """Ends the process, if there is one, at once, whatever it does."""

@@ -21,7 +21,14 @@ from recognition.parameters import ChainParameters
 from recognition.pipeline import Recognition
 from service.preview import draw_preview
 from service.problems import INPUT_ERRORS
-from service.workflow import WRITING, OnStage, Outcome, recognise_recording, recognise_views, write_results
+from service.workflow import (
+    WRITING,
+    OnStage,
+    recognise_recording,
+    recognise_views,
+    write_preview,
+    write_results,
+)
 
 log = logging.getLogger(__name__)
 
@@ -40,6 +47,8 @@ class Task:
     gripper: Gripper
     results: Path
     """Folder to be made for the result's files."""
+    preview: Path
+    """File to be made for the result's picture, after the outcome is told."""
 
 
 @dataclass(frozen=True)
@@ -60,6 +69,11 @@ class Stage:
     """A stage begins."""
 
     name: str
+
+
+@dataclass(frozen=True)
+class PreviewEnded:
+    """The picture is there, or will never be."""
 
 
 @dataclass(frozen=True)
@@ -92,26 +106,41 @@ def work(pipe: Connection) -> None:
         if not isinstance(message, Task):
             continue  # views of a task that has failed already
         try:
-            pipe.send(_do(message, pipe))
+            recognition = _do(message, pipe)
+            if recognition is not None:
+                _draw(recognition, message.preview)
+                pipe.send(PreviewEnded())
         except BrokenPipeError:
             return
 
 
-def _do(task: Task, pipe: Connection) -> Outcome | Refused:
+def _do(task: Task, pipe: Connection) -> Recognition | None:
+    """Does a task and tells its outcome; None when it was refused."""
     try:
         recognition = _recognise(task, pipe, lambda name: pipe.send(Stage(name)))
         pipe.send(Stage(WRITING))
-        return write_results(recognition, task.results)
+        pipe.send(write_results(recognition, task.results))
+        return recognition
     except INPUT_ERRORS as error:
-        return Refused(422, error.slug, str(error))
+        refused = Refused(422, error.slug, str(error))
     except (BrokenPipeError, EOFError):
         raise BrokenPipeError from None
     except Exception as error:
         if isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT):
-            return Refused(507, "storage-full", "no space is left in the data folder; free some and scan again")
-        log.exception("recognition of %s failed", task.source)
-        detail = f"recognition met an unexpected {type(error).__name__}: {error}: please report it"
-        return Refused(500, "recognition-crashed", detail)
+            refused = Refused(507, "storage-full", "no space is left in the data folder; free some and scan again")
+        else:
+            log.exception("recognition of %s failed", task.source)
+            detail = f"recognition met an unexpected {type(error).__name__}: {error}: please report it"
+            refused = Refused(500, "recognition-crashed", detail)
+    pipe.send(refused)
+    return None
+
+
+def _draw(recognition: Recognition, preview: Path) -> None:
+    try:
+        write_preview(recognition, preview)
+    except Exception:  # the result is good without
+        log.exception("the preview could not be drawn")
 
 
 def _recognise(task: Task, pipe: Connection, on_stage: OnStage) -> Recognition:

@@ -15,7 +15,7 @@ from recognition.model import Method, PointChainModel
 from recognition.parameters import ChainParameters
 from recognition.pipeline import Recognition, recognise
 from recognition.preprocess import Scene
-from service.data_folder import CLOUD, MODEL, PREVIEW, write_synced
+from service.data_folder import CLOUD, MODEL, write_synced
 from service.preview import draw_preview
 
 OnStage = Callable[[str], None]
@@ -107,13 +107,17 @@ def recognise_views(
 
 
 def write_results(recognition: Recognition, folder: Path) -> Outcome:
-    """Writes model.json, cloud.ply and preview.png into the new folder `folder`, each synced to disk."""
+    """Writes model.json and cloud.ply into the new folder `folder`, each synced to disk."""
     folder.mkdir()
     model, points = recognition.model, merged_cloud(recognition)
     write_synced(folder / MODEL, json.dumps(model.to_json(), allow_nan=False).encode())
     write_synced(folder / CLOUD, to_ply(points))
-    write_synced(folder / PREVIEW, draw_preview(model, points))
     return Outcome(len(model.chains), len(model.crossings), model.quality.warnings, _views_left_out(model))
+
+
+def write_preview(recognition: Recognition, path: Path) -> None:
+    """Writes the picture of the result, synced to disk. By itself, since it takes longer than recognition."""
+    write_synced(path, draw_preview(recognition.model, merged_cloud(recognition)))
 
 
 def merged_cloud(recognition: Recognition) -> NDArray[np.float64]:

@@ -113,7 +113,9 @@ def get_cloud(scan: Scan, service: Service) -> WholeFile:
     responses=_file("image/png") | problem_responses(404, 409, 422),
 )
 def get_preview(scan: Scan, service: Service) -> WholeFile:
-    """The result from above: cloud, chains, crossings."""
+    """The result from above: cloud, chains, crossings. Drawn behind the model: the first to ask may wait a moment."""
+    if scan.state in RESULT_STATES:
+        service.jobs.wait_for_preview(scan.id)
     return _result(scan, service, PREVIEW, "image/png")
 
 

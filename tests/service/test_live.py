@@ -116,6 +116,7 @@ def test_a_live_scan_gives_the_true_model_and_replays_to_the_same(
 
 def test_the_cell_tells_what_it_is_made_of(cell: LiveCell, finished: Finished) -> None:
     finished(cell.client, cell.start())
+    wait_until(lambda: cell.state()["state"] == "ready")  # the arm is home
     state = cell.state()
     assert (state["state"], state["reason"], state["problem"]) == ("ready", None, None)
     assert state["robot"]["model"] == "ur5e"

@@ -1,0 +1,158 @@
+"""What becomes of one accepted scan: its views, its outcome, its final state, its picture."""
+
+import dataclasses
+import errno
+import logging
+import shutil
+import sqlite3
+import time
+from collections.abc import Callable
+from contextlib import AbstractContextManager, ExitStack
+from pathlib import Path
+from typing import Any
+
+from cell.cell import Cell
+from cell.errors import CellError
+from cell.recording_header import RecordingHeader
+from recognition.gripper import Gripper
+from service.data_folder import PREVIEW
+from service.live import live_outcome
+from service.problems import cell_problem, problem_document
+from service.running import Running
+from service.store import Store, now
+from service.tables import ScanRow
+from service.worker import PREVIEW_S, RecognitionWorker, TaskFailedError
+from service.worker_process import Task
+from service.workflow import DONE_BEFORE, OnStage, Outcome
+
+log = logging.getLogger(__name__)
+
+Leaving = Callable[[Running], AbstractContextManager[None]]
+"""The context in which a scan's final row is written: at its end the one place is free."""
+
+
+class ScanRunner:
+    """Runs scans one after the other, in one thread; `wait_for_preview` belongs to any."""
+
+    def __init__(
+        self,
+        store: Store,
+        cell: Cell,
+        worker: RecognitionWorker,
+        recognition_limit_s: float,
+        gripper: Gripper,
+        leaving: Leaving,
+    ) -> None:
+        self._store, self._cell, self._worker = store, cell, worker
+        self._limit_s, self._gripper, self._leaving = recognition_limit_s, gripper, leaving
+        self._drawing: str | None = None
+        """Scan whose result is there and whose picture is to follow."""
+
+    def run(self, running: Running) -> None:
+        """Brings a scan to its final state; a live one's arm is home when this returns, or has stopped."""
+        try:
+            with ExitStack() as until_home:
+                self._run(running, until_home)
+        except CellError as error:
+            log.warning("behind scan %s the arm did not get home: %s", running.scan.id, error)
+        except Exception:  # whatever it is, this scan is told as failed and the next one is taken
+            log.exception("scan %s could not be recorded", running.scan.id)
+            self._give_up(running)
+        running.ended.set()
+
+    def wait_for_preview(self, scan_id: str) -> None:
+        """Returns when the picture of a scan that has a result is there, or will not be."""
+        deadline = time.monotonic() + PREVIEW_S
+        while self._drawing == scan_id and time.monotonic() < deadline:
+            time.sleep(0.02)
+
+    def _run(self, running: Running, until_home: ExitStack) -> None:
+        results = self._store.folder.incoming(running.scan.id)
+        outcome, problem = self._try(running, results, until_home)
+        try:
+            self._record(running, outcome, problem, results)
+        finally:
+            shutil.rmtree(results, ignore_errors=True)
+            running.ended.set()
+        if outcome is not None and running.stop is None:
+            self._add_preview(running.scan)
+
+    def _try(
+        self, running: Running, results: Path, until_home: ExitStack
+    ) -> tuple[Outcome | None, dict[str, Any] | None]:
+        """What the scan gives, or the problem why it gives nothing; neither when it was stopped before it began."""
+        try:
+            if running.plan is not None:
+                self._store.update_scan(running.scan.id, ("queued",), state="preflight")
+            if running.stop is None:
+                self._worker.start()
+            # A stop that came before found no process to kill; one that comes from here on does.
+            if running.stop is None:
+                return self._outcome(running, results, until_home), None
+        except TaskFailedError as error:
+            return None, error.problem
+        except CellError as error:
+            return None, cell_problem(error)
+        except OSError as error:
+            if error.errno not in (errno.ENOSPC, errno.EDQUOT):
+                raise
+            detail = "no space is left in the data folder; what was recorded before is kept"
+            return None, problem_document(507, "storage-full", detail)
+        return None, None
+
+    def _outcome(self, running: Running, results: Path, until_home: ExitStack) -> Outcome:
+        """What the scan gives; a live one's arm is home when `until_home` is left."""
+        scan, store, plan = running.scan, self._store, running.plan
+        if plan is None:
+            recording = store.recording(scan.recording or "")
+            assert recording is not None
+            task = self._task(scan, store.folder.recording(recording.id), results)
+            store.update_scan(scan.id, ("queued",), state="processing", started_at=now())
+            outcome = self._worker.run(task, self._progress(scan.id), self._limit_s)
+            return dataclasses.replace(outcome, partial=outcome.partial or bool(recording.missing))
+        store.update_scan(scan.id, ("preflight",), state="scanning", started_at=now())
+        task = self._task(scan, self._cell.header(scan.string_radius_m), results)
+        live = live_outcome(scan, plan, self._cell, store, self._worker, task, self._limit_s)
+        return until_home.enter_context(live)
+
+    def _add_preview(self, scan: ScanRow) -> None:
+        """The picture comes behind the result, which nobody shall wait for longer."""
+        self._worker.wait_for_preview()
+        drawn = self._store.folder.incoming(f"{scan.id}.png")
+        if drawn.exists():
+            drawn.replace(self._store.folder.results(scan.id) / PREVIEW)
+        self._drawing = None
+
+    def _task(self, scan: ScanRow, source: Path | RecordingHeader, results: Path) -> Task:
+        preview = self._store.folder.incoming(f"{scan.id}.png")
+        return Task(source, scan.string_radius_m, scan.method, self._gripper, results, preview)
+
+    def _record(self, running: Running, outcome: Outcome | None, problem: dict[str, Any] | None, results: Path) -> None:
+        scan, store, stop = running.scan, self._store, running.begin_storing()
+        with self._leaving(running):
+            if stop is not None:
+                state, detail = stop
+                stopped = problem_document(409, state, detail)
+                store.update_scan(scan.id, state=state, problem=stopped, ended_at=now())
+            elif outcome is not None:
+                state = "partial" if outcome.partial else "succeeded"
+                self._drawing = scan.id
+                store.finish_scan(scan.id, state, dataclasses.asdict(outcome), results)
+            else:
+                log.warning("scan %s failed: %s", scan.id, problem)
+                store.update_scan(scan.id, state="failed", problem=problem, ended_at=now())
+
+    def _give_up(self, running: Running) -> None:
+        """The disk or the database failed. If this cannot be written either, the next start mends the row."""
+        problem = problem_document(500, "internal", "the result could not be stored; the log has the reason")
+        with self._leaving(running):
+            try:
+                self._store.update_scan(running.scan.id, state="failed", problem=problem, ended_at=now())
+            except sqlite3.Error:
+                log.exception("nor could this be written of scan %s", running.scan.id)
+
+    def _progress(self, scan_id: str) -> OnStage:
+        def on_stage(name: str) -> None:
+            self._store.update_scan(scan_id, ("queued", "processing"), stage=name, fraction=DONE_BEFORE[name])
+
+        return on_stage
