@@ -5,8 +5,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from cell import kinematics
 from cell.acknowledge import acknowledge_protective_stop
-from cell.arm_link import DASHBOARD_S, ArmLink, silence
+from cell.arm_link import ArmLink
 from cell.arm_move import watched_move
+from cell.arm_program import DASHBOARD_S
+from cell.arm_reading import silence
 from cell.devices import ArmInfo, ArmState
 from cell.errors import MotionError, RobotNotReadyError, StoppedError
 from cell.probe import probe, resolved
@@ -36,9 +38,9 @@ class UrArm:
         `stop` was called meanwhile.
         """
         link = self._link
-        ended_ours = link.program_ours
+        link.stopped.clear()  # first: whoever calls `stop` from now on means this connection too
+        ended_ours = link.program is not None and link.program.there
         link.release()
-        link.stopped.clear()
         address = resolved(self.host)
         info = probe(address, self.settings.model, ending_s=DASHBOARD_S if ended_ours else 0.0)
         self._check_model(link.open(address))
@@ -51,7 +53,11 @@ class UrArm:
         self._link.ready()
 
     def state(self) -> ArmState:
-        """The arm now; at rest, by the controller's own flange pose, whatever tool is set. Raises RobotLostError."""
+        """The arm now; at rest, by the controller's own flange pose, whatever tool is set.
+
+        Raises: RobotLostError; RobotNotReadyError when somebody else's program has taken the arm; or why the
+        connection had ended before.
+        """
         link = self._link
         if link.child is None:
             raise link.why_ended()
@@ -89,15 +95,16 @@ class UrArm:
         Raises: TooEarlyError, RobotNotReadyError, EmergencyStopError, RobotUnreachableError.
         """
         link = self._link
-        address = link.address or resolved(self.host)
-        ours = link.program_ours
+        program = link.program
+        address = resolved(self.host) if program is None else program.address
         link.release()
-        acknowledge_protective_stop(address, link.protective_s, ours)
-        link.protective_s, link.program_ours = None, False
+        acknowledge_protective_stop(address, link.protective_s, program is not None and program.there)
+        link.protective_s, link.program = None, None
 
     def close(self) -> None:
         """Lets the arm go. A move under way is stopped first."""
-        if self._link.child is not None:
+        self._link.stopped.set()
+        if self._link.move_sent:
             self._link.stop()
         self._link.release()
 

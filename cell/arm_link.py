@@ -7,6 +7,8 @@ Who ends a motion when something breaks:
 - the link is lost: the same;
 - somebody calls `stop`: the child, or the dashboard when it does not answer at once.
 
+At rest a program that somebody else has started in place of ours is told apart, and left to them.
+
 Between moves the child keeps the watchdog quiet, which costs next to nothing and does not mind a busy parent, but only
 as long as the parent is heard every few seconds: one that was suspended finds the program ended, and does not go on
 from where it was. Nothing here ever connects again, unlocks, or sends a move a second time by itself.
@@ -19,9 +21,10 @@ from typing import Any, NoReturn
 
 import numpy as np
 
-from calibration.transforms import from_rotation_vector, inverse
+from calibration.transforms import from_rotation_vector
+from cell.arm_program import DASHBOARD_S, OurProgram
+from cell.arm_reading import STEADY_RAD_S, arm_state, fastest, silence
 from cell.child import Child, ChildBusyError, ChildLostError
-from cell.dashboard import stop_program
 from cell.devices import ArmState
 from cell.errors import (
     CellError,
@@ -33,24 +36,19 @@ from cell.errors import (
 )
 from cell.robot_modes import mode_error
 from cell.settings import ArmSettings
-from cell.ur import CONNECT_S, Reading, UrDriver
+from cell.ur import CONNECT_S, UrDriver
+from cell.ur_reading import Reading
 
 log = logging.getLogger(__name__)
 
 POLL_S = 0.01
 """Between two looks at a moving arm."""
-FRESH_S = 0.3
-"""A controller whose clock stands still for longer is lost."""
 ANSWER_S = 0.4
 """A child that does not answer a call for so long hangs."""
 STOP_TURN_S, STOP_ANSWER_S = 0.012, 0.025
 """A stop waits so long for its turn, and for the child's answer, before it takes the dashboard's way."""
-DASHBOARD_S = 1.0
-"""Longest that ending the program over the dashboard may take."""
 REASON_S = 0.06
 """A program that ends is waited for so long to tell why: the safety system's word may come a little later."""
-STEADY_RAD_S = 3e-3
-"""At rest every joint is slower than this."""
 STILL_S = 1.0
 """After a stop the arm is still so long after it must be, by its deceleration, at the latest."""
 BEAT_S = 1.0
@@ -70,14 +68,14 @@ class ArmLink:
         self.stopped = threading.Event()
         """Set by `stop`; then nothing moves until the link is opened again."""
         self.child: Child | None = None
-        self.address: str | None = None
-        self.program_ours = False
-        """A program of ours may be on the controller."""
+        self.program: OurProgram | None = None
+        """What was last put on the controller."""
+        self.move_sent = False
+        """A move was sent, and not seen to end: now whatever moves the arm must be stopped."""
         self.protective_s: float | None = None
         """When a protective stop was first seen, `time.monotonic()`."""
         self._ended: CellError | None = RobotNotReadyError(NOT_CONNECTED)
         """Why nothing can be moved until the link is opened again."""
-        self._endings: list[threading.Thread] = []
         self._closing = threading.Event()
         self._beat: threading.Thread | None = None
         self._T_flange_tcp = np.eye(4)
@@ -87,10 +85,14 @@ class ArmLink:
 
         Raises: RobotUnreachableError, RobotNotReadyError; StoppedError when `stop` was called meanwhile.
         """
-        child = Child("arm", UrDriver, address, self._settings.watchdog_hz)
-        self.child, self.address, self.program_ours = child, address, True
+        # In this order: a stop that finds the child finds what it is to end as well.
+        self.program = OurProgram(address, self._settings.watchdog_hz)
+        self.child = child = Child("arm", UrDriver, address, self._settings.watchdog_hz)
         try:
-            state = self.seen(*child.call("at_rest", timeout_s=CONNECT_S + 1.0))
+            try:
+                state = self.seen(*child.call("at_rest", timeout_s=CONNECT_S + 1.0))
+            finally:
+                self.program.there = True  # a stop that came before it has not ended it
         except (ChildLostError, CellError) as error:
             if self.stopped.is_set():
                 self.fail(StoppedError(STOPPED))
@@ -101,6 +103,7 @@ class ArmLink:
                     f"connecting to the robot at {address} did not end ({error}): try again, then restart it"
                 )
             )
+        self.program.started()
         self._ended, self.protective_s = None, None
         self._closing = threading.Event()
         self._beat = threading.Thread(target=_beat, args=(child, self._closing), name="arm-beat", daemon=True)
@@ -117,7 +120,7 @@ class ArmLink:
         except ChildLostError as error:
             if self.stopped.is_set():
                 self.fail(StoppedError(STOPPED))
-            self.fail(
+            self._fail_lost(
                 RobotLostError(f"the link to the robot was lost ({error}): check network and robot, then connect again")
             )
         except StoppedError:
@@ -125,7 +128,7 @@ class ArmLink:
         except CellError as error:
             if method != "poll":
                 self.good_poll()  # the reason why the controller did not do it is worth more
-            self.fail(error)
+            self._fail_lost(error)
 
     def poll(self) -> Reading:
         """What the controller says, be it good or bad. Raises RobotLostError."""
@@ -161,19 +164,7 @@ class ArmLink:
         """The reading as a state, kept in `latest`. The tool at the flange is the last one known unless given."""
         if flange_tool is not None:
             self._T_flange_tcp = from_rotation_vector(flange_tool[:3], flange_tool[3:])
-        T_base_tcp = from_rotation_vector(reading.base_tcp[:3], reading.base_tcp[3:])
-        # A stop is an operation too, and one that a program's end has cut short never ends.
-        under_way = reading.operating and reading.program == "playing" and not self.stopped.is_set()
-        self.latest = ArmState(
-            q_rad=np.array(reading.q_rad),
-            qd_rad_s=np.array(reading.qd_rad_s),
-            T_base_flange=T_base_tcp @ inverse(self._T_flange_tcp),
-            robot_mode=reading.robot_mode,
-            safety_mode=reading.safety_mode,
-            moving=under_way or _speed(reading) > STEADY_RAD_S,
-            controller_s=reading.controller_s,
-            age_s=reading.age_s,
-        )
+        self.latest = arm_state(reading, self._T_flange_tcp, self.stopped.is_set())
         return self.latest
 
     def stop(self) -> None:
@@ -189,7 +180,7 @@ class ArmLink:
                 log.warning("stopping over the dashboard: %s", error)
                 # First of all it must not be able to send the move that it is perhaps just about to send.
                 child.kill()
-        self._end_program(DASHBOARD_S)
+        self._end_program(DASHBOARD_S, whatever_plays=True)
 
     def fail(self, error: CellError) -> NoReturn:
         """Ends link, program and motion, and raises the error, now and whenever a move is asked for."""
@@ -200,10 +191,19 @@ class ArmLink:
         child, self.child = self.child, None
         if child is not None:
             child.kill()
-        self._end_program(POLL_S)
+        self._end_program(POLL_S, whatever_plays=self.move_sent)
         if child is not None:
             child.close()
         raise self.why_ended()
+
+    def _fail_lost(self, error: CellError) -> NoReturn:
+        """`fail`, unless what keeps the arm at rest from answering is that somebody else's program has it."""
+        if not self.move_sent and self.program is not None and (name := self.program.anothers()) is not None:
+            error = RobotNotReadyError(
+                f"another program ({name or 'without a name'}) was started on the robot: stop it at the pendant, then "
+                "connect again"
+            )
+        self.fail(error)
 
     def why_ended(self) -> CellError:
         """Why nothing can be moved."""
@@ -217,16 +217,15 @@ class ArmLink:
         child, self.child = self.child, None
         if child is not None:
             try:
-                if child.call("end_program", timeout_s=ANSWER_S, turn_s=ANSWER_S):
-                    self.program_ours = False
+                if child.call("end_program", timeout_s=ANSWER_S, turn_s=ANSWER_S) and self.program is not None:
+                    self.program.there = False
             except (ChildLostError, ChildBusyError, CellError) as error:
                 log.info("ending the program over the dashboard: %s", error)
             child.close()
-        while self._endings:  # a late one would end the next link's program
-            self._endings.pop().join()
-        self._end_program(DASHBOARD_S)
-        while self._endings:
-            self._endings.pop().join()
+        self._end_program(DASHBOARD_S, whatever_plays=False)
+        if self.program is not None:
+            self.program.wait()
+        self.move_sent = False
         if self._beat is not None:
             self._beat.join()
             self._beat = None
@@ -250,49 +249,18 @@ class ArmLink:
     def _see_it_stop(self) -> None:
         """After `stop`, by the thread that moved: until the arm is still. It is made to be when that takes too long."""
         reading = self.poll()
-        limit_s = time.monotonic() + _speed(reading) / self._settings.stop_deceleration_rad_s2 + STILL_S
-        while _speed(reading) > STEADY_RAD_S:
+        limit_s = time.monotonic() + fastest(reading) / self._settings.stop_deceleration_rad_s2 + STILL_S
+        while fastest(reading) > STEADY_RAD_S:
             if time.monotonic() > limit_s or silence(reading) is not None:
                 self.fail(RobotLostError("the robot was told to stop, and it is not known whether it did: look at it"))
             time.sleep(POLL_S)
             reading = self.poll()
 
-    def _end_program(self, wait_s: float) -> None:
-        """Ends our program over the dashboard, which also ends its motion. Returns after `wait_s` at the latest."""
-        address = self.address
-        if address is None or not self.program_ours:
-            return
-
-        def end() -> None:
-            try:
-                stop_program(address, DASHBOARD_S)
-                self.program_ours = False
-            except RobotUnreachableError as error:
-                log.warning("the program was not ended, its watchdog will do it: %s", error)
-
-        thread = threading.Thread(target=end, name="arm-end-program", daemon=True)
-        self._endings.append(thread)
-        thread.start()
-        thread.join(wait_s)
-
-
-def silence(reading: Reading) -> RobotLostError | None:
-    """That the controller is not heard any more; None if it is."""
-    if not reading.connected:
-        return RobotLostError(
-            "the connection to the robot broke: check the network cable and the robot's controller, then connect again"
-        )
-    if reading.age_s > FRESH_S:
-        return RobotLostError(
-            f"nothing new was heard from the robot for {reading.age_s:.1f} s: check the network cable and the robot's "
-            "controller, then connect again"
-        )
-    return None
-
-
-def _speed(reading: Reading) -> float:
-    """Of the fastest joint, rad/s."""
-    return max(abs(qd) for qd in reading.qd_rad_s)
+    def _end_program(self, wait_s: float, whatever_plays: bool) -> None:
+        program = self.program
+        if program is not None:
+            program.left_alone()
+            program.end(wait_s, whatever_plays)
 
 
 def _beat(child: Child, closing: threading.Event) -> None:

@@ -5,7 +5,8 @@ import time
 import numpy as np
 from numpy.typing import NDArray
 
-from cell.arm_link import POLL_S, STEADY_RAD_S, ArmLink
+from cell.arm_link import POLL_S, ArmLink
+from cell.arm_reading import STEADY_RAD_S
 from cell.errors import MotionError
 from cell.settings import ArmSettings
 from cell.speed_cap import capped_speed
@@ -18,6 +19,8 @@ LINE_RAD = 0.05
 """A joint move is a straight line of joint angles. An arm further off it is not on our move."""
 ARRIVED_RAD = 2e-3
 """Greatest joint error at the end of a move; 2 mm at a metre. Real arms end within a tenth of it."""
+NEWS_S = 0.05
+"""By the controller's clock: what it said so much later, it said knowing of the answer that came before."""
 STEADY_S = 0.05
 """At rest is an arm that is steady for so long by the controller's clock."""
 SETTLE_S = 1.0
@@ -34,14 +37,23 @@ def watched_move(link: ArmLink, settings: ArmSettings, q_to: NDArray[np.float64]
     speed = capped_speed(settings.model, q_from, q_to, settings.speed_rad_s, settings.flange_speed_m_s)
     target = tuple(q_to.tolist())
     if not link.call("allows", target):
-        link.good_poll()
+        _still_well(link)
         raise MotionError(
             f"the robot refuses the joint angles {np.round(np.degrees(q_to), 1).tolist()} degrees: they are outside "
             "the safety limits of its installation"
         )
+    link.move_sent = True
     before = link.call("start_move", target, float(speed), settings.acceleration_rad_s2)
     _until_ended(link, before, q_from, q_to)
     _until_at_rest(link, q_to)
+    link.move_sent = False
+
+
+def _still_well(link: ArmLink) -> None:
+    """Returns if the controller is well by what it has said since: a program that has just ended allows nothing."""
+    asked_s = link.good_poll().controller_s
+    while link.good_poll().controller_s < asked_s + NEWS_S:
+        link.stopped.wait(POLL_S)
 
 
 def _until_ended(link: ArmLink, before: int, q_from: NDArray[np.float64], q_to: NDArray[np.float64]) -> None:

@@ -9,7 +9,8 @@ from dataclasses import replace
 from calibration.storage import HandEye
 from cell.camera import LiveCamera
 from cell.cell_calibration import hand_eye_in_use, require_its_own, require_unchanged
-from cell.cell_status import CellStatus, State
+from cell.cell_header import scan_header
+from cell.cell_status import FAULTS, CellStatus, KeptStatus
 from cell.devices import CameraInfo
 from cell.equipment import Equipment
 from cell.errors import (
@@ -17,11 +18,7 @@ from cell.errors import (
     CameraLostError,
     CellBusyError,
     CellError,
-    EmergencyStopError,
-    MotionError,
     NothingToAcknowledgeError,
-    ProtectiveStopError,
-    RobotLostError,
     StoppedError,
 )
 from cell.recording import RecordingWriter
@@ -32,17 +29,13 @@ from cell.viewpoints import ViewpointPlan, plan_viewpoints, require_enough
 
 log = logging.getLogger(__name__)
 
-SAFETY_STOPS = (ProtectiveStopError, EmergencyStopError)
-"""A person must look at the cell and acknowledge them ..."""
-FAULTS = (*SAFETY_STOPS, RobotLostError, MotionError)
-"""... and these, when the arm was moving: nobody else knows how it stands."""
-
 TURN_S = 1.0
 """How long a method waits for the arm and the camera; the watch has them for a moment only."""
 HOME_S = 20.0
 """Whoever asks for a scan waits so long for the arm of the last one to come home."""
 WATCH_S = 0.5
 """How often an idle arm is looked at."""
+STOPPED = "stopped by request: connect, or start a live scan"
 
 
 class Cell:
@@ -54,11 +47,11 @@ class Cell:
         self._equipment = Equipment(settings)
         self._turn = threading.Lock()
         """Of using arm and camera."""
-        self._status = CellStatus()
-        self._stops = 0
-        """How often somebody has asked for a stop ..."""
-        self._stops_before = 0
-        """... and how often before the last scan was prepared: those no longer count."""
+        self._status = KeptStatus()
+        self._last_stop = object()
+        """Another one with every stop that somebody asks for ..."""
+        self._stop_before = self._last_stop
+        """... and the last before the scan that was prepared: it no longer counts."""
         self._closing = threading.Event()
         self._watch = threading.Thread(target=self._watch_idle, name="cell-watch", daemon=True)
         self._watch.start()
@@ -66,8 +59,8 @@ class Cell:
     @property
     def status(self) -> CellStatus:
         """The cell as last seen."""
-        status, latest = self._status, self._equipment.latest_arm_state
-        return replace(status, arm_state=latest) if status.state in ("ready", "busy") else status
+        status, latest = self._status.now, self._equipment.latest_arm_state
+        return status if latest is None else replace(status, arm_state=latest)
 
     @property
     def controller_host(self) -> str | None:
@@ -86,6 +79,7 @@ class Cell:
             AcknowledgeRequiredError: there was a fault that nobody has acknowledged.
             CellBusyError: a scan is under way.
             CellError: arm, camera or calibration cannot be used, with the reason.
+            StoppedError: a stop came meanwhile.
         """
         with self._using():
             self._connect()
@@ -100,7 +94,7 @@ class Cell:
         state = self.status.arm_state
         settings = self._for_views(views)
         plan = plan_viewpoints(settings, self._calibration().T_flange_camera, None if state is None else state.q_rad)
-        self._status = replace(self._status, plan=plan)
+        self._status.change(plan=plan)
         return plan
 
     def prepare(self, views: int | None = None) -> ViewpointPlan:
@@ -108,32 +102,18 @@ class Cell:
 
         Raises: as `connect` and `plan`, and ViewpointsError when too few viewpoints can be reached.
         """
-        stops = self._stops
+        before = self._last_stop
         with self._using(HOME_S):
             self._connect()
-            self._stops_before = stops
             plan = self.plan(views)
             require_enough(plan, self._for_views(views).scan.min_views)
+            self._stop_before = before
+            self._refuse_stopped_since(before)
             return plan
 
     def header(self, radius_m: float | None) -> RecordingHeader:
         """Of the recording of a scan that was prepared; `radius_m` None: not known."""
-        status = self._status
-        assert status.hand_eye is not None
-        assert status.arm is not None
-        assert status.camera is not None
-        return RecordingHeader(
-            depth_unit_m=self._equipment.camera.depth_unit_m,
-            string_radius_m=radius_m,
-            T_flange_camera=status.hand_eye.T_flange_camera,
-            table_z_m=self.settings.mounting.table_z_m,
-            workspace_m=self.settings.workspace_m,
-            provenance={
-                "camera": f"{status.camera.product} {status.camera.device_id}",
-                "robot": f"{status.arm.model} {status.arm.serial}, software {status.arm.software}",
-                "calibration_sha256": status.hand_eye.sha256,
-            },
-        )
+        return scan_header(self._status.now, self.settings, self._equipment.camera.depth_unit_m, radius_m)
 
     @contextlib.contextmanager
     def scanning(
@@ -141,21 +121,22 @@ class Cell:
     ) -> Iterator[BackgroundScan]:
         """A scan by `plan`, as `prepare` gave it; it has begun when the body is entered.
 
-        Left by an exception, the arm is stopped; left in order, it is waited for until it is home. Raises what the
-        scan does, CellBusyError, and StoppedError when a stop came since `prepare`.
+        Left by an exception, an arm that may still move is stopped; left in order, it is waited for until it is home.
+        Raises what the scan does, CellBusyError, and StoppedError when a stop came since `prepare`.
         """
         with self._using():
-            status = self._status
-            if status.state != "ready" or self._stops != self._stops_before:
-                raise StoppedError(f"the scan did not begin: {status.reason or 'the arm was stopped by request'}")
-            assert status.hand_eye is not None
-            self._set("busy", "cell-busy", "a scan is under way")
+            before = self._stop_before
+            self._refuse_stopped_since(before)
+            hand_eye = self._status.now.hand_eye
+            assert hand_eye is not None
+            # Whatever else has happened to the arm since it was prepared, its first move tells.
+            self._status.change(state="busy", slug="cell-busy", reason="a scan is under way")
             means = ScanMeans(
                 self._equipment.arm,
                 self._equipment.camera,
-                status.hand_eye.T_flange_camera,
+                hand_eye.T_flange_camera,
                 self.settings.camera.settle_s,
-                self._unchanged(status.hand_eye),
+                self._unchanged(hand_eye),
             )
             least = min(self.settings.scan.min_views, len(plan.viewpoints))
             scan = BackgroundScan(means, plan, writer, listener, least)
@@ -163,19 +144,21 @@ class Cell:
                 yield scan
                 scan.wait()
             except BaseException as error:
-                if error is not scan.error:  # the scan's own errors leave the arm still, or on its way home
+                # The scan's own errors leave the arm still, or on its way home.
+                if error is not scan.error and scan.at_work:
                     self._equipment.stop()
                 self._join(scan)
-                self._after(scan.error, FAULTS)
                 raise
-            self._after(None)
+            finally:
+                self._status.after(scan.error, FAULTS)
+                if self._last_stop is not before:  # one that came when the arm was home already
+                    self._status.no_longer_ready("stopped", STOPPED)
 
     def stop(self) -> None:
         """Stops the arm, whatever goes on. The scan under way or being prepared, if any, ends with StoppedError."""
-        self._stops += 1
+        self._last_stop = object()
         self._equipment.stop()
-        if self._status.state == "ready":
-            self._set("not_ready", "stopped", "stopped by request: connect, or start a live scan")
+        self._status.no_longer_ready("stopped", STOPPED)
 
     def acknowledge(self) -> None:
         """A person has looked at the cell after a fault: the robot is unlocked, its program ended. Nothing moves.
@@ -186,10 +169,11 @@ class Cell:
             CellError: the robot does not answer, or does not unlock.
         """
         with self._using():
-            if self._status.state != "fault":
+            if self._status.now.state != "fault":
                 raise NothingToAcknowledgeError("there is no fault to acknowledge")
             self._equipment.arm.acknowledge()
-            self._set("not_ready", "not-connected", "acknowledged: connect, or start a live scan")
+            reason = "acknowledged: connect, or start a live scan"
+            self._status.change(state="not_ready", slug="not-connected", reason=reason)
 
     def close(self) -> None:
         """Stops the arm and lets everything go."""
@@ -198,7 +182,7 @@ class Cell:
         self._watch.join()
         with self._turn:
             self._equipment.close()
-            self._status = CellStatus(reason="the service is ending", slug="not-ready")
+            self._status.change(state="not_ready", slug="not-ready", reason="the service is ending")
 
     def _join(self, scan: BackgroundScan) -> None:
         try:
@@ -207,6 +191,11 @@ class Cell:
             self._equipment.stop()
             scan.join()
             raise
+
+    def _refuse_stopped_since(self, before: object) -> None:
+        if self._last_stop is not before:
+            self._status.no_longer_ready("stopped", STOPPED)
+            raise StoppedError("the arm was stopped by request before the scan began")
 
     def _still_ready(self) -> bool:
         """The arm that was ready is; not when it was stopped since. Raises what else is wrong with it."""
@@ -226,7 +215,7 @@ class Cell:
         return camera.connect()
 
     def _connect(self) -> None:
-        status = self._status
+        status, before = self._status.now, self._last_stop
         if status.state == "fault":
             raise AcknowledgeRequiredError(f"{status.reason} Look at the cell, then acknowledge.")
         try:
@@ -239,11 +228,12 @@ class Cell:
             state = arm.state()
             require_its_own(hand_eye, seen.device_id, info.serial)
         except CellError as error:
-            self._after(error)
+            self._status.after(error)
             raise
-        self._status = replace(
-            status, state="ready", reason=None, slug=None, arm=info, arm_state=state, camera=seen, hand_eye=hand_eye
+        self._status.change(
+            state="ready", reason=None, slug=None, arm=info, arm_state=state, camera=seen, hand_eye=hand_eye
         )
+        self._refuse_stopped_since(before)
 
     def _calibration(self) -> HandEye:
         return hand_eye_in_use(self.settings.hand_eye, self._equipment.world)
@@ -263,33 +253,24 @@ class Cell:
         if self._closing.is_set() or not self._turn.acquire(timeout=wait_s):
             raise CellBusyError("the arm is in use: wait for the end of the scan, or stop it")
         try:
+            if self._closing.is_set():
+                raise CellBusyError("the service is ending")
             yield
         finally:
             self._turn.release()
 
-    def _after(self, error: BaseException | None, faults: tuple[type[CellError], ...] = SAFETY_STOPS) -> None:
-        """The state that follows from how something ended."""
-        if error is None:
-            self._set("ready", None, None)
-        elif isinstance(error, faults) and isinstance(error, CellError):
-            log.warning("fault: %s", error)
-            self._set("fault", error.slug, str(error))
-        elif isinstance(error, CellError):
-            self._set("not_ready", error.slug, str(error))
-        else:
-            self._set("not_ready", "stopped", "the last scan ended in an error: connect, or start a live scan")
-
-    def _set(self, state: State, slug: str | None, reason: str | None) -> None:
-        self._status = replace(self._status, state=state, slug=slug, reason=reason)
-
     def _watch_idle(self) -> None:
         """What happens to an idle arm is noticed too, and its watchdog kept quiet."""
         while not self._closing.wait(WATCH_S):
-            if self._status.state != "ready" or not self._turn.acquire(blocking=False):
+            if self._status.now.state != "ready" or not self._turn.acquire(blocking=False):
                 continue
             try:
-                self._equipment.arm.check_ready()
+                if self._status.now.state == "ready":
+                    self._equipment.arm.check_ready()
             except CellError as error:
-                self._after(error)
+                self._status.after(error)
+            except Exception as error:  # the watch goes on: nobody else would notice
+                log.exception("the idle arm could not be looked at")
+                self._status.after(error)
             finally:
                 self._turn.release()

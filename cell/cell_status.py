@@ -1,13 +1,23 @@
 """In which state a cell is."""
 
-from dataclasses import dataclass
-from typing import Literal
+import logging
+import threading
+from dataclasses import dataclass, replace
+from typing import Any, Literal
 
 from calibration.storage import HandEye
 from cell.devices import ArmInfo, ArmState, CameraInfo
+from cell.errors import CellError, EmergencyStopError, MotionError, ProtectiveStopError, RobotLostError
 from cell.viewpoints import ViewpointPlan
 
+log = logging.getLogger(__name__)
+
 State = Literal["not_ready", "ready", "busy", "fault"]
+
+SAFETY_STOPS = (ProtectiveStopError, EmergencyStopError)
+"""A person must look at the cell and acknowledge them ..."""
+FAULTS = (*SAFETY_STOPS, RobotLostError, MotionError)
+"""... and these, when the arm was moving: nobody else knows how it stands."""
 
 
 @dataclass(frozen=True)
@@ -21,7 +31,45 @@ class CellStatus:
     """The same for programs."""
     arm: ArmInfo | None = None
     arm_state: ArmState | None = None
+    """The last that was heard of it; an arm that is not connected may have moved since."""
     camera: CameraInfo | None = None
     hand_eye: HandEye | None = None
     plan: ViewpointPlan | None = None
     """The last one."""
+
+
+class KeptStatus:
+    """The status as several threads change it: no change of one gets lost by another's."""
+
+    def __init__(self) -> None:
+        self._status = CellStatus()
+        self._lock = threading.Lock()
+
+    @property
+    def now(self) -> CellStatus:
+        """The status at this moment."""
+        return self._status
+
+    def change(self, **values: Any) -> None:
+        """Sets fields of the status."""
+        with self._lock:
+            self._status = replace(self._status, **values)
+
+    def no_longer_ready(self, slug: str, reason: str) -> None:
+        """Makes a ready cell one that is not; any other state stays."""
+        with self._lock:
+            if self._status.state == "ready":
+                self._status = replace(self._status, state="not_ready", slug=slug, reason=reason)
+
+    def after(self, error: BaseException | None, faults: tuple[type[CellError], ...] = SAFETY_STOPS) -> None:
+        """The state that follows from how something ended; `faults` are what a person must acknowledge."""
+        if error is None:
+            self.change(state="ready", slug=None, reason=None)
+        elif isinstance(error, faults):
+            log.warning("fault: %s", error)
+            self.change(state="fault", slug=error.slug, reason=str(error))
+        elif isinstance(error, CellError):
+            self.change(state="not_ready", slug=error.slug, reason=str(error))
+        else:
+            reason = "the last scan ended in an error: connect, or start a live scan"
+            self.change(state="not_ready", slug="stopped", reason=reason)

@@ -69,7 +69,8 @@ class Child:
                 env={**os.environ, "PYTHONPATH": os.pathsep.join(path or str(Path.cwd()) for path in sys.path)},
                 start_new_session=True,
             )
-        self._pipe.send_bytes(first)
+        with contextlib.suppress(OSError):  # it has died at once: the first call tells
+            self._pipe.send_bytes(first)
 
     @property
     def pid(self) -> int:

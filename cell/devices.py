@@ -1,5 +1,6 @@
 """The cell's devices and what they deliver, whether live, simulated or recorded."""
 
+import time
 from dataclasses import dataclass, field
 from typing import Literal, Protocol
 
@@ -133,7 +134,9 @@ class ArmState:
     controller_s: float
     """The controller's clock, seconds since its start."""
     age_s: float
-    """How long ago the controller last sent anything new."""
+    """How long ago the controller had last sent anything new when this was read."""
+    read_s: float = field(default_factory=time.monotonic)
+    """When that was, `time.monotonic()`."""
 
 
 @dataclass(frozen=True)

@@ -1,5 +1,7 @@
 """The devices that the settings name: made here, and only here."""
 
+import threading
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -16,7 +18,7 @@ from cell.viewpoints import home_posture
 class Equipment:
     """Arm and camera of one cell; for a simulated one also the controller's process and the world it stands in.
 
-    Belongs to one thread, but for `stop` and `latest_arm_state`.
+    Belongs to one thread at a time, but for `stop`, `world`, `latest_arm_state` and `controller_address`.
     """
 
     def __init__(self, settings: CellSettings) -> None:
@@ -25,15 +27,18 @@ class Equipment:
         self.controller: RunningController | None = None
         """Of a simulated arm, once it is made."""
         self._world: SimulatedWorld | None = None
+        self._making = threading.Lock()
+        """Of the world, which takes a moment to make."""
         self._arm: UrArm | None = None
         self._camera: LiveCamera | None = None
 
     @property
     def world(self) -> SimulatedWorld | None:
         """What a simulated camera sees; None without one."""
-        if self._world is None and isinstance(self.settings.camera, SimulatedCamera):
-            self._world = simulated_world(self.settings)
-        return self._world
+        with self._making:
+            if self._world is None and isinstance(self.settings.camera, SimulatedCamera):
+                self._world = simulated_world(self.settings)
+            return self._world
 
     @property
     def arm(self) -> UrArm:

@@ -152,9 +152,13 @@ class BackgroundScan:
         return self._taking_error or self._home_error
 
     def __iter__(self) -> Iterator[View]:
-        """The views as they are taken. Raises what ended the scan before its last view."""
+        """The views as they are taken, each once; iterating again goes on where it was left.
+
+        Raises what ended the scan before its last view.
+        """
         while (view := self._views.get()) is not None:
             yield view
+        self._views.put(None)  # for whoever iterates again
         if self._taking_error is not None:
             raise self._taking_error
 

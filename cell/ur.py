@@ -18,13 +18,10 @@ import resource
 import signal
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Concatenate, Literal, ParamSpec, TypeVar
+from typing import Concatenate, ParamSpec, TypeVar
 
 from cell.errors import CellError, RobotLostError, RobotNotReadyError, RobotUnreachableError, StoppedError
-
-if TYPE_CHECKING:  # a second of imports that the child process can do without
-    from cell.devices import RobotMode, SafetyMode
+from cell.ur_reading import PROGRAMS, ROBOT_MODES, Reading, safety
 
 CONNECT_S = 6.0
 """Longest that connecting may take; the script alone is given 5 s to start."""
@@ -42,51 +39,6 @@ _VARIABLES = [
     "timestamp", "actual_q", "actual_qd", "actual_TCP_pose", "robot_mode", "safety_mode", "safety_status_bits",
     "robot_status_bits", "runtime_state", "speed_scaling", "target_speed_fraction",
 ]  # fmt: skip
-
-_ROBOT_MODES: dict[int, RobotMode] = {
-    -1: "no_controller", 0: "disconnected", 1: "confirm_safety", 2: "booting", 3: "power_off", 4: "power_on",
-    5: "idle", 6: "backdrive", 7: "running", 8: "updating_firmware",
-}  # fmt: skip
-_SAFETY_MODES: dict[int, SafetyMode] = {
-    1: "normal", 2: "reduced", 3: "protective_stop", 4: "recovery", 5: "safeguard_stop", 6: "system_emergency_stop",
-    7: "robot_emergency_stop", 8: "violation", 9: "fault", 10: "validate_joint_id", 11: "undefined",
-}  # fmt: skip
-_STOP_BITS: dict[int, SafetyMode] = {
-    2: "protective_stop", 4: "safeguard_stop", 5: "system_emergency_stop", 6: "robot_emergency_stop",
-    7: "robot_emergency_stop", 8: "violation", 9: "fault",
-}  # fmt: skip
-
-Program = Literal["playing", "paused", "stopped"]
-_PROGRAM: dict[int, Program] = {2: "playing", 3: "paused", 4: "paused", 5: "paused"}
-
-
-@dataclass(frozen=True)
-class Reading:
-    """The controller's last word."""
-
-    q_rad: tuple[float, ...]
-    """(6,) actual joint angles."""
-    qd_rad_s: tuple[float, ...]
-    """(6,) actual joint speeds."""
-    base_tcp: tuple[float, ...]
-    """(6,) actual pose of the tool's centre point: metres, axis-angle."""
-    controller_s: float
-    """The controller's clock."""
-    age_s: float
-    """How long ago that clock was last seen to move."""
-    connected: bool
-    """Both connections stand, as far as is known."""
-    robot_mode: RobotMode
-    safety_mode: SafetyMode
-    program: Program
-    """Of the control script."""
-    operation: int
-    """Number of the last asynchronous move or stop; starts again at 0 after 127."""
-    operating: bool
-    """That move or stop is under way."""
-    speed_fraction: float
-    """The pendant's speed slider, 0 to 1."""
-
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -234,23 +186,13 @@ class UrDriver:
             controller_s=clock_s,
             age_s=now_s - self._clock_moved_s,
             connected=receive.isConnected() and self._control.isConnected(),
-            robot_mode=_ROBOT_MODES.get(receive.getRobotMode(), "no_controller"),
-            safety_mode=_safety(receive.getSafetyMode(), receive.getSafetyStatusBits()),
-            program=_PROGRAM.get(receive.getRuntimeState(), "stopped"),
+            robot_mode=ROBOT_MODES.get(receive.getRobotMode(), "no_controller"),
+            safety_mode=safety(receive.getSafetyMode(), receive.getSafetyStatusBits()),
+            program=PROGRAMS.get(receive.getRuntimeState(), "stopped"),
             operation=operation.operationId(),
             operating=operation.isAsyncOperationRunning(),
             speed_fraction=receive.getTargetSpeedFraction(),
         )
-
-
-def _safety(mode: int, bits: int) -> SafetyMode:
-    """The safety mode; the bits may know of a stop first, and of more kinds."""
-    said: SafetyMode = _SAFETY_MODES.get(mode, "undefined")
-    if said in ("normal", "reduced"):
-        for bit, stop in _STOP_BITS.items():
-            if bits >> bit & 1:
-                return stop
-    return said
 
 
 def _not_connected(address: str, why: str) -> CellError:

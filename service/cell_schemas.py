@@ -1,5 +1,6 @@
 """What goes over HTTP about the cell, as JSON."""
 
+import time
 from typing import Literal
 
 from pydantic import BaseModel, Field
@@ -12,7 +13,7 @@ Matrix = list[list[float]]
 
 
 class RobotResource(BaseModel):
-    """The arm, as its controller last told it."""
+    """The arm, as its controller last told it. Its modes are null while the cell is not ready: nobody knows them."""
 
     kind: Literal["simulated", "ur"]
     model: str
@@ -25,7 +26,7 @@ class RobotResource(BaseModel):
     q_rad: list[float] | None
     T_base_flange: Matrix | None
     age_s: float | None
-    """How old this is."""
+    """How old that is."""
 
 
 class CameraResource(BaseModel):
@@ -95,6 +96,7 @@ class PlanRequest(BaseModel):
 def cell_resource(status: CellStatus, settings: CellSettings) -> CellResource:
     """The status as JSON."""
     arm, state, camera, hand_eye, plan = status.arm, status.arm_state, status.camera, status.hand_eye, status.plan
+    known = None if status.state == "not_ready" else state
     return CellResource(
         state=status.state,
         problem=None if status.slug is None else f"urn:pointchain:{status.slug}",
@@ -104,12 +106,12 @@ def cell_resource(status: CellStatus, settings: CellSettings) -> CellResource:
             model=settings.arm.model,
             serial=None if arm is None else arm.serial,
             software=None if arm is None else arm.software,
-            robot_mode=None if state is None else state.robot_mode,
-            safety_mode=None if state is None else state.safety_mode,
-            moving=None if state is None else state.moving,
+            robot_mode=None if known is None else known.robot_mode,
+            safety_mode=None if known is None else known.safety_mode,
+            moving=None if known is None else known.moving,
             q_rad=None if state is None else state.q_rad.tolist(),
             T_base_flange=None if state is None else state.T_base_flange.tolist(),
-            age_s=None if state is None else state.age_s,
+            age_s=None if state is None else state.age_s + time.monotonic() - state.read_s,
         ),
         camera=CameraResource(
             kind=settings.camera.kind,

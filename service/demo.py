@@ -40,9 +40,7 @@ def demo(folder: Path) -> int:
     settings = CellSettings(arm=SimulatedArm(time_factor=TIME_FACTOR))
     cell = Cell(settings)
     try:
-        recognition = take_scan(
-            cell, recording, None, "graph", Gripper(), lambda words: print(f"  {words}", flush=True)
-        )
+        recognition = take_scan(cell, recording, None, "graph", Gripper(), _say)
         status = cell.status
     finally:
         cell.close()

@@ -4,7 +4,9 @@ A thread of its own hands scans to the recognition process and writes down what 
 queue: a cell has one arm, and whoever asks while it is busy is told so.
 """
 
+import logging
 import queue
+import sqlite3
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -23,8 +25,11 @@ from service.store import Store, new_id, now
 from service.tables import RecordingRow, ScanRow
 from service.worker import RecognitionWorker
 
+log = logging.getLogger(__name__)
+
 SETTLE_S = 5.0
-"""A cancelled scan ends within this time; its process is killed, which takes milliseconds."""
+"""Whoever stops a scan waits for its end so long. It takes milliseconds, but for a camera that is just being looked
+for again."""
 
 IDLE_CHECK_S = 1.0
 """While there is nothing to do, how often it is made sure that a recognition process waits."""
@@ -58,10 +63,8 @@ class Jobs:
         with self._turn:
             self._closing = True
             running = self._running
-        self._cell.stop()  # it may also be on its way home
-        if running is not None:
-            self._stop(running, "interrupted", "the service was stopped; start it again from its recording")
-        else:
+        self._stop(running, "interrupted", "the service was stopped; start it again from its recording")
+        if running is None:
             self._worker.kill()  # it may be starting
         self._accepted.put(None)
         self._thread.join()
@@ -106,16 +109,17 @@ class Jobs:
         """
         running = self._running
         if running is not None and running.scan.id == scan.id:
-            self._stop(running, "aborted", "the scan was cancelled")
+            # The arm of a scan that has just ended may be at work for the next one.
+            arm = running.plan is not None and not running.ended.is_set()
+            self._stop(running, "aborted", "the scan was cancelled", arm)
         elif scan.state != "aborted":
             raise ProblemError(409, "not-cancellable", f"the scan is {scan.state} already")
 
     def stop_arm(self) -> None:
         """Stops the arm, whatever goes on, and aborts the live scan under way, if any."""
-        self._cell.stop()
         running = self._running
-        if running is not None and running.plan is not None:
-            self._stop(running, "aborted", "the arm was stopped by request")
+        live = running is not None and running.plan is not None
+        self._stop(running if live else None, "aborted", "the arm was stopped by request")
 
     @contextmanager
     def _place(self) -> Iterator[None]:
@@ -170,14 +174,21 @@ class Jobs:
             self._accepted.put(self._running)
         return scan
 
-    def _stop(self, running: Running, state: ScanState, detail: str) -> None:
-        # First the deed, then its record.
-        if running.plan is not None and not running.ended.is_set():
+    def _stop(self, running: Running | None, state: ScanState, detail: str, arm: bool = True) -> None:
+        """Stops the arm and the scan under way, if any, and waits for the scan's end."""
+        # First the deed, then its record; the wish is only noted, so that a scan that the stop ends knows why.
+        asked = running is not None and running.ask_to_stop(state, detail)
+        if arm:
             self._cell.stop()
-        if running.ask_to_stop(state, detail):
+        if running is None:
+            return
+        if asked and not running.ended.is_set():  # it could by now be at work on the next one
             self._worker.kill()
-        if running.stop is not None:
-            self._store.update_scan(running.scan.id, state="stopping")
+        try:
+            if running.stop is not None:
+                self._store.update_scan(running.scan.id, state="stopping")
+        except sqlite3.OperationalError:
+            log.exception("that scan %s is being stopped could not be written", running.scan.id)
         running.ended.wait(SETTLE_S)
 
     def _work(self) -> None:

@@ -66,7 +66,7 @@ def live_outcome(
 
     Raises:
         CellError: the scan could not be done, or the arm did not get home.
-        TaskFailedError: recognition gave no result. All views were taken nevertheless.
+        TaskFailedError: recognition gave no result. All views were taken nevertheless, and the arm is home.
         OSError, sqlite3.Error: the disk.
     """
     path = store.folder.recording(scan.id)
@@ -107,6 +107,7 @@ def _recognise(
     except TaskFailedError:
         for _ in views:
             pass  # the recording is worth having
+        views.wait()  # nor need the arm stop on its way home
         raise
     return replace(outcome, partial=outcome.partial or bool(progress.reasons))
 

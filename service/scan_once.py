@@ -14,7 +14,7 @@ from recognition.gripper import Gripper
 from recognition.model import SCHEMA, Method
 from recognition.pipeline import Recognition
 from service.config import ServiceConfig
-from service.problems import INPUT_ERRORS, problem_document
+from service.problems import INPUT_ERRORS, cell_problem, problem_document
 from service.workflow import OnStage, check_radius, recognise_views
 
 Say = Callable[[str], None]
@@ -89,12 +89,14 @@ def scan_once(
             path = recording or Path(folder) / "scan.mcap"
             recognition = take_scan(cell, path, radius_m, method, config.gripper.value, say, views=views)
         document, code = recognition.model.to_json(), 0
-    except (CellError, *INPUT_ERRORS) as error:
-        slug, reason, code = error.slug, str(error), 1
-        document = {"schema": SCHEMA, "error": problem_document(422, slug, reason)}
-        say(reason)
+    except CellError as error:
+        document, code = {"schema": SCHEMA, "error": cell_problem(error)}, 1
+        say(str(error))
+    except INPUT_ERRORS as error:
+        document, code = {"schema": SCHEMA, "error": problem_document(422, error.slug, str(error))}, 1
+        say(str(error))
     except OSError as error:
-        reason, code = f"{recording} cannot be written: {error.strerror}", 1
+        reason, code = f"{recording or 'the recording'} cannot be written: {error.strerror or error}", 1
         document = {"schema": SCHEMA, "error": problem_document(507, "file", reason)}
         say(reason)
     finally:

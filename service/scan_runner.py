@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from cell.cell import Cell
-from cell.errors import CellError
+from cell.errors import CellError, StoppedError
 from cell.recording_header import RecordingHeader
 from recognition.gripper import Gripper
 from service.data_folder import PREVIEW
@@ -91,6 +91,9 @@ class ScanRunner:
                 return self._outcome(running, results, until_home), None
         except TaskFailedError as error:
             return None, error.problem
+        except StoppedError as error:
+            running.ask_to_stop("aborted", str(error))  # unless whoever stopped the arm has said so, or said more
+            return None, None
         except CellError as error:
             return None, cell_problem(error)
         except OSError as error:
@@ -117,11 +120,13 @@ class ScanRunner:
 
     def _add_preview(self, scan: ScanRow) -> None:
         """The picture comes behind the result, which nobody shall wait for longer."""
-        self._worker.wait_for_preview()
-        drawn = self._store.folder.incoming(f"{scan.id}.png")
-        if drawn.exists():
-            drawn.replace(self._store.folder.results(scan.id) / PREVIEW)
-        self._drawing = None
+        try:
+            self._worker.wait_for_preview()
+            drawn = self._store.folder.incoming(f"{scan.id}.png")
+            if drawn.exists():
+                drawn.replace(self._store.folder.results(scan.id) / PREVIEW)
+        finally:
+            self._drawing = None
 
     def _task(self, scan: ScanRow, source: Path | RecordingHeader, results: Path) -> Task:
         preview = self._store.folder.incoming(f"{scan.id}.png")
@@ -144,6 +149,7 @@ class ScanRunner:
 
     def _give_up(self, running: Running) -> None:
         """The disk or the database failed. If this cannot be written either, the next start mends the row."""
+        self._drawing = None
         problem = problem_document(500, "internal", "the result could not be stored; the log has the reason")
         with self._leaving(running):
             try:

@@ -20,8 +20,6 @@ from service.workflow import OnStage, Outcome
 
 START_S = 60.0
 """A process that is not ready by then will not be."""
-
-
 PREVIEW_S = 20.0
 """A picture that is not drawn by then will not be."""
 
@@ -42,13 +40,15 @@ class RecognitionWorker:
         self._pipe: Connection | None = None
         self._starting = threading.Lock()
         """Held while the process comes into being, so that `kill` finds all of it or nothing."""
+        self._killed = False
+        """A killed process may still look alive for a moment."""
         self._not_ready: str | None = "recognition is starting"
 
     @property
     def alive(self) -> bool:
-        """The process runs; it may be at work."""
+        """The process runs, and will go on; it may be at work."""
         process = self._process
-        return process is not None and process.exitcode is None
+        return process is not None and not self._killed and process.exitcode is None
 
     @property
     def not_ready(self) -> str | None:
@@ -80,7 +80,7 @@ class RecognitionWorker:
         process = context.Process(target=work, args=(theirs,), name="recognition", daemon=True)
         with self._starting:
             process.start()
-            self._process = process
+            self._process, self._killed = process, False
         theirs.close()
         message = self._receive(time.monotonic() + START_S)
         if isinstance(message, Refused):
@@ -99,7 +99,7 @@ class RecognitionWorker:
         """Does one task in the started process; `on_stage` is called with the name of each stage as it begins.
 
         A scan under way gives its `views` as they are taken, and `missing` is read behind the last; the time limit
-        begins there. What iterating over `views` raises ends the task.
+        begins there, and holds for the taking of each view. What iterating over `views` raises ends the task.
 
         Raises:
             TaskFailedError: the input was refused, the process died or was killed, or the time is over.
@@ -108,7 +108,7 @@ class RecognitionWorker:
         if not isinstance(task.source, Path):
             try:
                 for view in views:
-                    self._send(view)
+                    self._send_view(view, limit_s)
             except BaseException:
                 self.kill()  # it waits for a view that will not come
                 raise
@@ -133,6 +133,7 @@ class RecognitionWorker:
         """Ends the process, if there is one, at once, whatever it does."""
         with self._starting:
             if self._process is not None:
+                self._killed = True
                 self._process.kill()
 
     def close(self) -> None:
@@ -147,6 +148,17 @@ class RecognitionWorker:
         except OSError as error:
             raise self._died() from error
 
+    def _send_view(self, view: View, limit_s: float) -> None:
+        """A process that hangs takes no view: without an end, sending would wait for ever once the pipe is full."""
+        end = threading.Timer(limit_s, self.kill)
+        end.start()
+        try:
+            self._send(view)
+        except TaskFailedError as error:
+            raise error if end.is_alive() else _late() from error
+        finally:
+            end.cancel()
+
     def _receive(self, deadline: float) -> object:
         assert self._pipe is not None
         assert self._process is not None
@@ -154,7 +166,7 @@ class RecognitionWorker:
         if not ready:
             self.kill()
             self._release()
-            raise TaskFailedError(500, "recognition-timeout", "recognition was stopped at its time limit")
+            raise _late()
         try:
             # What the process said before it died is still in the pipe.
             if self._pipe.poll():
@@ -183,3 +195,7 @@ class RecognitionWorker:
             self._pipe.close()
             self._pipe = None
         return code
+
+
+def _late() -> TaskFailedError:
+    return TaskFailedError(500, "recognition-timeout", "recognition was stopped at its time limit")

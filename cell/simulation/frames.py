@@ -1,5 +1,8 @@
 """The single exposures of a simulated camera that an arm carries through its world."""
 
+import sys
+from types import ModuleType
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -15,6 +18,7 @@ class FrameSource:
 
     def __init__(self, world: SimulatedWorld) -> None:
         """Builds what the rays are cast at."""
+        _import_open3d()
         self.world = world
         self._camera = DepthCamera(world.camera, world.scene, world.bias_px)
         self._rng = np.random.default_rng([world.seed, _EXPOSURE])
@@ -31,3 +35,12 @@ class FrameSource:
             self._look = self._camera.look(T_scene_camera, rng)
             self._T_base_flange = T_base_flange.copy()
         return self._camera.expose(self._look, self._rng)
+
+
+def _import_open3d() -> None:
+    """Imports open3d without its plots for web pages: they would take three quarters of the time, seconds that a
+    camera which is connected anew in the middle of a scan can do without."""
+    plots = ModuleType("open3d.visualization.draw_plotly")
+    plots.__getattr__ = lambda name: None  # whatever open3d wants to hand on of them
+    sys.modules.setdefault(plots.__name__, plots)
+    import open3d  # noqa: F401

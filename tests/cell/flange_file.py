@@ -1,6 +1,7 @@
 """Where the flange of an arm that is not there is: in a file that a test writes."""
 
 import os
+import time
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -15,13 +16,15 @@ class FlangeFile:
     path: Path
 
     def __call__(self) -> NDArray[np.float64]:
-        """The pose (4, 4) that was written last. Raises OSError."""
-        return np.load(self.path)
+        """The pose (4, 4) now, by what was written last. Raises OSError."""
+        with np.load(self.path) as moved:
+            return moved["after"] if time.monotonic() >= moved["at_s"] else moved["before"]
 
-    def write(self, T_base_flange: NDArray[np.float64]) -> None:
-        """From now on the flange is there."""
-        unfinished = self.path.with_suffix(".new.npy")
-        np.save(unfinished, T_base_flange)
+    def write(self, T_base_flange: NDArray[np.float64], at_s: float = 0.0) -> None:
+        """The flange is there from `at_s` of `time.monotonic()` on, now unless given; until then where it is now."""
+        before = self() if at_s > 0 else T_base_flange
+        unfinished = self.path.with_suffix(".new.npz")
+        np.savez(unfinished, before=before, after=T_base_flange, at_s=at_s)
         os.replace(unfinished, self.path)  # noqa: PTH105
 
 

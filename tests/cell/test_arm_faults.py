@@ -15,6 +15,7 @@ from typing import Any
 import pytest
 
 from cell.arm import UrArm
+from cell.child import Child
 from cell.errors import (
     CellError,
     EmergencyStopError,
@@ -25,7 +26,7 @@ from cell.errors import (
     RobotUnreachableError,
     TooEarlyError,
 )
-from cell.simulation.controller.process import RunningController, start_controller
+from cell.simulation.controller.process import RunningController
 from tests.cell.loopback import free_host
 from tests.cell.virtual_arm import (
     FAST,
@@ -40,19 +41,12 @@ from tests.cell.virtual_arm import (
     until,
 )
 
+pytestmark = pytest.mark.xdist_group("cell")  # one at a time: each is several busy processes
+
 LOST_S = 0.5
 """A lost robot is noticed so soon."""
 PROTECTIVE_S = 0.1
 """A protective stop is noticed so soon."""
-BUSY_S = 0.3
-"""What a busy machine may add to the times between two processes."""
-
-
-@pytest.fixture(scope="module")
-def controller() -> Iterator[RunningController]:
-    controller = start_controller(host=free_host())
-    yield controller
-    controller.close()
 
 
 @pytest.fixture
@@ -67,17 +61,28 @@ def arm(controller: RunningController) -> Iterator[UrArm]:
 
 
 def hit(
-    controller: RunningController, arm: UrArm, strike: Callable[[], Any]
-) -> tuple[BaseException, float, list[dict[str, Any]]]:
-    """Strikes in the middle of a move: how the move ended, how long after, and what the controller saw since."""
-    with thread_of(lambda: arm.move(far())) as result:
-        moving(controller)
-        begin = len(controller.admin.log())
-        struck_s = time.monotonic()
-        strike()
-    error, noticed_s = result
-    assert isinstance(error, CellError), f"the move returned {error}"
-    return error, noticed_s - struck_s, controller.admin.log(begin)
+    controller: RunningController, arm: UrArm, strike: Callable[[], Any], within_s: float
+) -> tuple[BaseException, list[dict[str, Any]]]:
+    """Strikes in the middle of a move, which ends `within_s`: how it ended, and what the controller saw since.
+
+    A machine that is busy with something else may make it late once or twice; what comes late by itself does so always.
+    """
+    took_s: list[float] = []
+    while len(took_s) < 3:
+        if took_s:
+            fresh(controller)
+            arm.connect()
+        with thread_of(lambda: arm.move(far())) as result:
+            moving(controller)
+            begin = controller.admin.state().events
+            struck_s = time.monotonic()
+            strike()
+        error, noticed_s = result
+        assert isinstance(error, CellError), f"the move returned {error}"
+        took_s.append(noticed_s - struck_s)
+        if took_s[-1] <= within_s:
+            return error, controller.admin.log(begin)
+    pytest.fail(f"noticed after {took_s} s, {within_s:g} s is promised")
 
 
 def is_over(controller: RunningController, arm: UrArm, events: list[dict[str, Any]]) -> None:
@@ -96,9 +101,8 @@ def is_over(controller: RunningController, arm: UrArm, events: list[dict[str, An
 
 @pytest.mark.parametrize("fault", ["drop", "freeze", "unreachable"])
 def test_a_lost_link(controller: RunningController, arm: UrArm, fault: str):
-    error, after_s, events = hit(controller, arm, getattr(controller.admin, fault))
+    error, events = hit(controller, arm, getattr(controller.admin, fault), LOST_S)
     assert isinstance(error, RobotLostError)
-    assert after_s <= LOST_S + BUSY_S
     time.sleep(0.2)  # ur_rtde would have been back by now
     controller.admin.clear()
     until(lambda: not controller.admin.state().moving, 2.0)
@@ -111,24 +115,27 @@ def test_a_lost_link(controller: RunningController, arm: UrArm, fault: str):
 
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP])
 def test_a_child_that_dies_or_hangs(controller: RunningController, arm: UrArm, number: signal.Signals):
-    child = arm._link.child
-    assert child is not None
-    error, after_s, events = hit(controller, arm, lambda: os.kill(child.pid, number))
+    struck: list[Child] = []
+
+    def strike() -> None:
+        assert arm._link.child is not None
+        struck.append(arm._link.child)
+        os.kill(struck[-1].pid, number)
+
+    error, events = hit(controller, arm, strike, LOST_S)
     assert isinstance(error, RobotLostError)
-    assert after_s <= LOST_S + BUSY_S
     is_over(controller, arm, events)
-    assert not child.alive
+    assert not any(child.alive for child in struck)
     arm.connect()
     arm.move(HOME)
 
 
 def test_a_protective_stop_is_ended_by_a_person_only(controller: RunningController, arm: UrArm):
-    error, after_s, events = hit(controller, arm, controller.admin.protective_stop)
+    error, events = hit(controller, arm, controller.admin.protective_stop, PROTECTIVE_S)
     assert isinstance(error, ProtectiveStopError)
-    assert after_s <= PROTECTIVE_S + BUSY_S
-    (stopped,) = kinds(events, "safety")
+    stopped = kinds(events, "safety")[0]
     is_over(controller, arm, events)
-    begin = len(controller.admin.log())
+    begin = controller.admin.state().events
 
     # Connecting does not unlock it.
     with pytest.raises(ProtectiveStopError):
@@ -178,14 +185,25 @@ def test_acknowledging_without_a_fault_does_nothing_to_a_foreign_program(control
         UrArm(FAST, free_host()).acknowledge()
 
 
+def test_what_is_let_go_late_is_not_somebody_elses_program(controller: RunningController, arm: UrArm):
+    """Out of reach, ours was ended by its watchdog; until somebody acknowledges that, another one may run."""
+    hit(controller, arm, controller.admin.unreachable, LOST_S)
+    until(lambda: controller.admin.state().program_state == "STOPPED", 5.0)
+    controller.admin.clear()
+    controller.admin.foreign_program()
+    arm.acknowledge()
+    with pytest.raises(RobotNotReadyError, match=r"another program \(welding.urp\)"):
+        arm.connect()
+    assert controller.admin.state().program == "welding.urp"
+
+
 @pytest.mark.parametrize(
     ("fault", "kind"),
     [("emergency_stop", EmergencyStopError), ("power_off", RobotNotReadyError)],
 )
 def test_stops_from_the_cell(controller: RunningController, arm: UrArm, fault: str, kind: type[CellError]):
-    error, after_s, events = hit(controller, arm, getattr(controller.admin, fault))
+    error, events = hit(controller, arm, getattr(controller.admin, fault), PROTECTIVE_S)
     assert isinstance(error, kind)
-    assert after_s <= PROTECTIVE_S + BUSY_S
     is_over(controller, arm, events)
     with pytest.raises(kind):
         arm.connect()
@@ -196,7 +214,7 @@ def test_stops_from_the_cell(controller: RunningController, arm: UrArm, fault: s
 def test_another_program_in_the_middle_of_a_move(controller: RunningController, arm: UrArm, monkeypatch):
     """It ends ours; that something plays is then no sign of life."""
     monkeypatch.setattr("cell.arm_move.STALL_S", 0.5)
-    error, _, events = hit(controller, arm, controller.admin.foreign_program)
+    error, events = hit(controller, arm, controller.admin.foreign_program, 5.0)
     assert isinstance(error, MotionError | RobotLostError)
     assert not motion_commands(events)
     assert not kinds(events, "script_upload", "motion_start")
@@ -222,7 +240,7 @@ def test_a_slow_link_is_no_lost_one(controller: RunningController, arm: UrArm):
 
 
 def test_a_watchdog_that_fired_between_moves_ends_the_connection(controller: RunningController, arm: UrArm):
-    begin = len(controller.admin.log())
+    begin = controller.admin.state().events
     child = arm._link.child
     assert child is not None
     os.kill(child.pid, signal.SIGSTOP)
@@ -231,6 +249,12 @@ def test_a_watchdog_that_fired_between_moves_ends_the_connection(controller: Run
     with pytest.raises(RobotLostError):
         arm.move(far())
     assert not motion_commands(controller.admin.log(begin))
+
+
+def in_time(expired: dict[str, Any], silent_from_s: float) -> bool:
+    """The watchdog fired as soon as is promised, but for the time in which this machine kept the controller itself."""
+    late_s = expired["details"]["excused_s"]
+    return expired["stamp_s"] - silent_from_s - late_s <= 1.1 / FAST.watchdog_hz
 
 
 PARENT = """
@@ -265,7 +289,7 @@ def test_a_process_that_is_suspended_in_the_middle_of_a_move(controller: Running
             until(lambda: not controller.admin.state().moving, 5.0)
             events = controller.admin.log(begin)
             (expired,) = kinds(events, "watchdog_expired")
-            assert expired["stamp_s"] - suspended_s <= 1.1 / FAST.watchdog_hz
+            assert in_time(expired, suspended_s)
             assert controller.admin.state().q_rad[0] < 1.6
         finally:
             parent.send_signal(signal.SIGCONT)
@@ -286,6 +310,6 @@ def test_a_process_that_is_killed_in_the_middle_of_a_move(controller: RunningCon
         killed_s = time.monotonic()
     until(lambda: not controller.admin.state().moving, 5.0)
     (expired,) = kinds(controller.admin.log(begin), "watchdog_expired")
-    assert expired["stamp_s"] - killed_s <= 1.1 / FAST.watchdog_hz
+    assert in_time(expired, killed_s)
     # Its child went with it.
     until(lambda: controller.admin.state().connections["rtde"] == 0, 5.0)

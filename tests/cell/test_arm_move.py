@@ -1,7 +1,5 @@
 """How a watched move tells that the arm is not doing what it was sent to do."""
 
-from collections.abc import Iterator
-
 import numpy as np
 import pytest
 
@@ -9,17 +7,11 @@ from cell.arm import UrArm
 from cell.arm_move import off_line
 from cell.child import Child
 from cell.errors import MotionError
-from cell.simulation.controller.process import RunningController, start_controller
-from tests.cell.loopback import free_host
+from cell.simulation.controller.process import RunningController
 from tests.cell.pendant import Pendant
 from tests.cell.virtual_arm import FAST, far, fresh, moving, thread_of, until
 
-
-@pytest.fixture(scope="module")
-def controller() -> Iterator[RunningController]:
-    controller = start_controller(host=free_host())
-    yield controller
-    controller.close()
+pytestmark = pytest.mark.xdist_group("cell")  # one at a time: each is several busy processes
 
 
 def test_the_distance_from_the_joint_line():

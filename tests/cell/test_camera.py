@@ -27,7 +27,13 @@ from cell.simulation.frames import FrameSource
 from cell.simulation.world import SimulatedWorld, simulated_world
 from tests.cell.flange_file import FlangeFile, flange_file
 
+pytestmark = pytest.mark.xdist_group("cell")  # one at a time: each is several busy processes
+
 SETTINGS = SimulatedCamera(model="ideal", errors=0.0, scene="straight", fps=50.0)
+
+
+SOON_S = 3.0
+"""That there is no camera is told so soon: what is promised."""
 
 
 def small_world() -> SimulatedWorld:
@@ -57,7 +63,7 @@ def world() -> SimulatedWorld:
 
 @pytest.fixture(scope="module")
 def flange(tmp_path_factory: pytest.TempPathFactory, world: SimulatedWorld) -> FlangeFile:
-    flange = FlangeFile(tmp_path_factory.mktemp("flange") / "T_base_flange.npy")
+    flange = FlangeFile(tmp_path_factory.mktemp("flange") / "T_base_flange.npz")
     flange.write(looking_down(world))
     return flange
 
@@ -89,7 +95,7 @@ def test_a_capture_shows_the_scene_from_where_the_arm_came_to_rest(
     camera: LiveCamera, world: SimulatedWorld, flange: FlangeFile
 ) -> None:
     after_s = time.monotonic() + 0.5
-    threading.Timer(0.2, flange.write, [looking_down(world, 0.7)]).start()
+    flange.write(looking_down(world, 0.7), at_s=after_s)
     frame = camera.capture(after_s)
     asked_s = time.time()
     # The model is exact: no exposure of before, and none of another place, is in the median.
@@ -131,15 +137,24 @@ def test_a_killed_camera_process_costs_no_view(camera: LiveCamera, world: Simula
     """Killed while it waits for the arm to settle; the look succeeds, and shows what it would have shown."""
     pid = camera.pid
     assert pid is not None
-    threading.Timer(0.3, os.kill, [pid, signal.SIGKILL]).start()
-    frame = camera.capture(time.monotonic() + 1.0)
+
+    def kill_at_work() -> None:
+        child = camera._child
+        assert child is not None
+        while not child._turn.locked():
+            time.sleep(0.001)
+        os.kill(pid, signal.SIGKILL)
+
+    threading.Thread(target=kill_at_work).start()
+    frame = camera.capture(time.monotonic() + 0.5)
     assert np.array_equal(frame.depth, FrameSource(world).expose(looking_down(world)))
     assert camera.connected
     assert camera.pid != pid
     assert not runs(pid)
 
 
-def test_a_frozen_camera_process_is_noticed_and_replaced(camera: LiveCamera) -> None:
+def test_a_frozen_camera_process_is_noticed_and_replaced(camera: LiveCamera, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("cell.camera.ASK_S", 0.5)
     pid = camera.pid
     assert pid is not None
     os.kill(pid, signal.SIGSTOP)
@@ -211,7 +226,7 @@ def test_the_virtual_controller_tells_where_the_camera_is(world: SimulatedWorld)
 
 
 def test_a_simulated_camera_without_an_arm_says_so(world: SimulatedWorld, tmp_path: Path) -> None:
-    camera = LiveCamera(SETTINGS, world, lambda: str(tmp_path / "none.npy"), flange_file)
+    camera = LiveCamera(SETTINGS, world, lambda: str(tmp_path / "none.npz"), flange_file)
     with pytest.raises(CameraUnreachableError, match="cannot learn from the simulated arm's controller where it is"):
         camera.connect()
     assert camera.pid is None
@@ -226,12 +241,14 @@ def test_a_simulated_camera_without_an_arm_says_so(world: SimulatedWorld, tmp_pa
 )
 def test_without_a_camera_it_is_said_what_to_check(device: str | None, words: str) -> None:
     camera = LiveCamera(OakCamera(kind="oak", device=device))
-    begun_s = time.process_time(), time.monotonic()
-    with pytest.raises(CameraUnreachableError, match=words):
-        camera.connect()
-    # Three seconds are asked for; a loaded machine may start the process late, but depthai's own search takes 11.
-    assert time.monotonic() - begun_s[1] < 6.0
-    assert camera.pid is None
+    took_s = []
+    while not took_s or (min(took_s) > SOON_S and len(took_s) < 4):  # a busy machine may start the process late
+        begun_s = time.monotonic()
+        with pytest.raises(CameraUnreachableError, match=words):
+            camera.connect()
+        took_s.append(time.monotonic() - begun_s)
+        assert camera.pid is None
+    assert min(took_s) <= SOON_S
 
 
 def test_the_parent_process_never_loads_what_hangs_or_weighs() -> None:

@@ -2,6 +2,7 @@
 
 import os
 import signal
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -36,10 +37,12 @@ RADIUS_M = 0.0042
 class Told:
     """A listener that keeps what it was told."""
 
-    def __init__(self, on_recorded: Callable[[int], None] | None = None) -> None:
+    def __init__(
+        self, on_recorded: Callable[[int], None] | None = None, on_missing: Callable[[int], None] | None = None
+    ) -> None:
         self.events: list[tuple[str, int]] = []
         self.reasons: dict[int, str] = {}
-        self._on_recorded = on_recorded
+        self._on_recorded, self._on_missing = on_recorded, on_missing
 
     def moving(self, index: int) -> None:
         self.events.append(("moving", index))
@@ -52,6 +55,8 @@ class Told:
     def missing(self, index: int, reason: str) -> None:
         self.events.append(("missing", index))
         self.reasons[index] = reason
+        if self._on_missing is not None:
+            self._on_missing(index)
 
 
 def simulated(time_factor: float = 20.0, **camera: Any) -> CellSettings:
@@ -143,6 +148,64 @@ def test_a_camera_that_dies_is_started_again_and_costs_no_view(cell: Cell, tmp_p
     told = Told(kill)
     assert len(scan(cell, tmp_path / "scan.mcap", told)) == 8
     assert told.reasons == {}
+
+
+def test_a_view_that_the_camera_fails_is_missing_and_the_other_seven_are_kept(cell: Cell, tmp_path: Path) -> None:
+    def fail(index: int) -> None:
+        if len(told.events) == 4:  # two views are taken
+            cell.camera.fault("zero")
+
+    told = Told(on_recorded=fail, on_missing=lambda index: cell.camera.fault("none"))
+    views = scan(cell, tmp_path / "scan.mcap", told)
+    (missing,) = told.reasons
+    assert {view.index for view in views} == set(range(8)) - {missing}
+    assert [view.index for view in read_recording(tmp_path / "scan.mcap").views] == [view.index for view in views]
+    assert cell.status.state == "ready"
+
+
+def test_the_views_can_be_asked_for_again_after_the_last(cell: Cell, tmp_path: Path) -> None:
+    plan = cell.prepare(2)
+    with (
+        RecordingWriter(tmp_path / "scan.mcap", cell.header(RADIUS_M)) as writer,
+        cell.scanning(plan, writer, Told()) as views,
+    ):
+        assert len(list(views)) == 2
+        assert list(views) == []
+
+
+def test_an_error_behind_the_last_view_does_not_stop_an_arm_that_is_home(cell: Cell, tmp_path: Path) -> None:
+    def refused(plan: ViewpointPlan) -> None:
+        with (
+            RecordingWriter(tmp_path / "scan.mcap", cell.header(RADIUS_M)) as writer,
+            cell.scanning(plan, writer, Told()) as views,
+        ):
+            list(views)
+            views.wait()
+            raise ZeroDivisionError
+
+    plan = cell.prepare(2)
+    with pytest.raises(ZeroDivisionError):
+        refused(plan)
+    np.testing.assert_allclose(controller_q(cell), plan.home_q_rad, atol=2e-3)
+    assert cell.status.state == "ready"
+
+
+def test_a_fault_is_not_forgotten_because_somebody_plans(tmp_path: Path) -> None:
+    with opened(simulated()) as cell:
+        cell.connect()
+        admin = controller(cell)
+        admin.protective_stop()
+        # The watch looks at the idle arm, and other threads plan all the time.
+        deadline = time.monotonic() + 30
+        while cell.status.state == "ready":
+            cell.plan(2)
+            assert time.monotonic() < deadline
+        for _ in range(3):
+            cell.plan(2)
+        admin.close()
+        assert (cell.status.state, cell.status.slug) == ("fault", "protective-stop")
+        assert cell.status.arm_state is not None
+        assert cell.status.arm_state.safety_mode == "protective_stop"
 
 
 def test_a_camera_that_shows_nothing_fails_the_scan_and_leaves_the_arm_home(tmp_path: Path) -> None:

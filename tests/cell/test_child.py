@@ -83,7 +83,8 @@ def test_calls_take_turns_and_one_need_not_wait_for_its_own(child: Child):
     answers: list[str] = []
     busy = threading.Thread(target=lambda: answers.append(child.call("sleep", 0.4, timeout_s=10.0)))
     busy.start()
-    time.sleep(0.1)
+    while not child._turn.locked():
+        time.sleep(0.001)
     with pytest.raises(ChildBusyError):
         child.call("add", 1, 2, timeout_s=10.0, turn_s=0.01)
     assert child.call("add", 1, 2, timeout_s=10.0) == 103

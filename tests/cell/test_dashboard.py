@@ -10,16 +10,11 @@ import pytest
 
 from cell.dashboard import PORT, Dashboard, stop_program
 from cell.errors import RobotUnreachableError
-from cell.simulation.controller.process import RunningController, start_controller
+from cell.simulation.controller.process import RunningController
 from tests.cell.loopback import free_host
 from tests.cell.virtual_arm import dashboard_commands, fresh
 
-
-@pytest.fixture(scope="module")
-def controller() -> Iterator[RunningController]:
-    controller = start_controller(host=free_host())
-    yield controller
-    controller.close()
+pytestmark = pytest.mark.xdist_group("cell")  # one at a time: each is several busy processes
 
 
 @contextmanager

@@ -3,28 +3,22 @@
 import socket
 import threading
 import time
-from collections.abc import Iterator
 
 import pytest
 
 from cell.devices import ArmInfo
 from cell.errors import CellError, EmergencyStopError, ProtectiveStopError, RobotNotReadyError, RobotUnreachableError
 from cell.probe import RTDE_PORT, probe, resolved, software_version
-from cell.simulation.controller.process import RunningController, start_controller
+from cell.simulation.controller.process import RunningController
 from tests.cell.loopback import free_host
 from tests.cell.virtual_arm import dashboard_commands, fresh, kinds
+
+pytestmark = pytest.mark.xdist_group("cell")  # one at a time: each is several busy processes
 
 QUESTIONS = {
     "robotmode", "safetystatus", "is in remote control", "programState", "get robot model", "get serial number",
     "PolyscopeVersion",
 }  # fmt: skip
-
-
-@pytest.fixture(scope="module")
-def controller() -> Iterator[RunningController]:
-    controller = start_controller(host=free_host(), software="5.25.1")
-    yield controller
-    controller.close()
 
 
 def test_it_only_asks_and_tells_who_answered(controller: RunningController):

@@ -13,22 +13,18 @@ from calibration.transforms import from_rotation_vector
 from cell.child import Child, ChildLostError
 from cell.errors import RobotLostError, RobotNotReadyError, RobotUnreachableError, StoppedError
 from cell.probe import RTDE_PORT
-from cell.simulation.controller.process import RunningController, start_controller
-from cell.ur import Reading, UrDriver, _not_connected, _safety
+from cell.simulation.controller.process import RunningController
+from cell.ur import UrDriver, _not_connected
+from cell.ur_reading import Reading, safety
 from tests.cell.loopback import free_host
 from tests.cell.pendant import Pendant
 from tests.cell.virtual_arm import HOME, far, fresh, kinds, motion_commands, moving, until
 
+pytestmark = pytest.mark.xdist_group("cell")  # one at a time: each is several busy processes
+
 ANSWER_S = 20.0
 """Starting Python and connecting, on a busy machine."""
 HZ = 2.5
-
-
-@pytest.fixture(scope="module")
-def controller() -> Iterator[RunningController]:
-    controller = start_controller(host=free_host())
-    yield controller
-    controller.close()
 
 
 @pytest.fixture
@@ -74,7 +70,7 @@ def test_a_tool_set_at_the_pendant_is_told_with_its_pose(controller: RunningCont
 
 
 def test_a_move_runs_while_other_calls_are_answered(controller: RunningController, driver: Child):
-    begin = len(controller.admin.log())
+    begin = controller.admin.state().events
     before = driver.call("start_move", tuple(far(0.3).tolist()), 1.0, 2.0, timeout_s=ANSWER_S)
     seen: list[Reading] = []
 
@@ -94,7 +90,7 @@ def test_after_a_stop_this_process_sends_no_move(controller: RunningController, 
     driver.call("start_move", tuple(far().tolist()), 1.0, 2.0, timeout_s=ANSWER_S)
     moving(controller, share=0.02)
     driver.call("stop", 4.0, timeout_s=ANSWER_S)
-    begin = len(controller.admin.log())
+    begin = controller.admin.state().events
     with pytest.raises(StoppedError):
         driver.call("start_move", tuple(HOME.tolist()), 1.0, 2.0, timeout_s=ANSWER_S)
     until(lambda: not controller.admin.state().moving, 5.0)
@@ -102,7 +98,7 @@ def test_after_a_stop_this_process_sends_no_move(controller: RunningController, 
 
 
 def test_between_moves_the_watchdog_is_quiet_without_the_parent(controller: RunningController, driver: Child):
-    begin = len(controller.admin.log())
+    begin = controller.admin.state().events
     time.sleep(3.0 / HZ)
     assert controller.admin.state().program_state == "PLAYING"
     assert not kinds(controller.admin.log(begin), "watchdog_expired")
@@ -120,7 +116,7 @@ def test_but_only_for_as_long_as_the_parent_is_heard(controller: RunningControll
 
 
 def test_during_a_move_only_the_parents_polls_keep_it_quiet(controller: RunningController, driver: Child):
-    begin = len(controller.admin.log())
+    begin = controller.admin.state().events
     driver.call("start_move", tuple(far().tolist()), 1.0, 2.0, timeout_s=ANSWER_S)
     until(lambda: bool(kinds(controller.admin.log(begin), "watchdog_expired")), 10.0)
     until(lambda: not controller.admin.state().moving, 5.0)
@@ -131,7 +127,7 @@ def test_a_broken_connection_is_never_made_again(controller: RunningController, 
     """ur_rtde would reconnect by itself, upload its script and send its last command once more."""
     driver.call("start_move", tuple(far().tolist()), 1.0, 2.0, timeout_s=ANSWER_S)
     moving(controller, share=0.02)
-    begin = len(controller.admin.log())
+    begin = controller.admin.state().events
     controller.admin.drop()
     with contextlib.suppress(RobotLostError):  # whether it is told as a reading or as an error is a matter of moments
         until(lambda: not driver.call("poll", timeout_s=ANSWER_S).connected, 5.0)
@@ -166,12 +162,12 @@ def test_two_cannot_drive_one_robot(controller: RunningController, driver: Child
 
 
 def test_bits_know_of_stops_that_the_mode_does_not_tell_yet():
-    assert _safety(1, 0b1) == "normal"
-    assert _safety(2, 0b10) == "reduced"
-    assert _safety(1, 0b101) == "protective_stop"
-    assert _safety(1, 1 << 6 | 1 << 7) == "robot_emergency_stop"
-    assert _safety(3, 0b1) == "protective_stop"
-    assert _safety(99, 0) == "undefined"
+    assert safety(1, 0b1) == "normal"
+    assert safety(2, 0b10) == "reduced"
+    assert safety(1, 0b101) == "protective_stop"
+    assert safety(1, 1 << 6 | 1 << 7) == "robot_emergency_stop"
+    assert safety(3, 0b1) == "protective_stop"
+    assert safety(99, 0) == "undefined"
 
 
 @pytest.mark.parametrize(

@@ -27,7 +27,7 @@ def fresh(controller: RunningController) -> int:
     """The controller as after a good night, arm at HOME; the number of the next event of its log."""
     controller.admin.reset(HOME)
     until(lambda: controller.admin.state().program_state == "STOPPED", 5.0)
-    return len(controller.admin.log())
+    return controller.admin.state().events
 
 
 def until(true: Callable[[], bool], timeout_s: float) -> None:

@@ -13,6 +13,7 @@ from typing import Any
 import httpx
 import pytest
 import uvicorn
+from fastapi import FastAPI
 
 from cell.simulation.camera import camera_model
 from cell.simulation.scenes import make_scene
@@ -25,7 +26,16 @@ from service.serve import KEEP_ALIVE_S
 # Generous, because it only bounds a hang: a loaded machine may take long to start a process.
 PATIENCE_S = 120.0
 
-Serve = Callable[..., AbstractContextManager[httpx.Client]]
+
+class ServedClient(httpx.Client):
+    """A client, and the application that it speaks to: for what no client can bring about."""
+
+    def __init__(self, app: FastAPI, port: int) -> None:
+        super().__init__(base_url=f"http://127.0.0.1:{port}", timeout=PATIENCE_S)
+        self.app = app
+
+
+Serve = Callable[..., AbstractContextManager[ServedClient]]
 
 
 @pytest.fixture(scope="session")
@@ -41,7 +51,7 @@ def serve() -> Serve:
     """`serve(data_dir, limits={...})`: a service of this process on a free port, and a client of it."""
 
     @contextmanager
-    def serving(data_dir: Path, **settings: Any) -> Iterator[httpx.Client]:
+    def serving(data_dir: Path, **settings: Any) -> Iterator[ServedClient]:
         app = create_app(ServiceConfig(data_dir=data_dir, **settings))
         # No log_config: the log goes where pytest looks.
         server = uvicorn.Server(
@@ -60,7 +70,7 @@ def serve() -> Serve:
             wait_until(lambda: server.started or not thread.is_alive())
             assert server.started, "the service did not start; its log has the reason"
             port = server.servers[0].sockets[0].getsockname()[1]
-            with httpx.Client(base_url=f"http://127.0.0.1:{port}", timeout=PATIENCE_S) as client:
+            with ServedClient(app, port) as client:
                 yield client
         finally:
             server.should_exit = True
@@ -121,7 +131,11 @@ def finished() -> Callable[[httpx.Client, str], dict[str, Any]]:
 
 @pytest.fixture
 def recognition_process(client: httpx.Client) -> int:
-    """The process id of the shared service's recognition, once it is ready for a task."""
+    """The process id of the shared service's recognition, once it waits for a task."""
+    # A ready one may still be at work on the picture of the last scan.
+    for scan in client.get("/api/scans?limit=1").json()["scans"]:
+        if scan["links"]["preview"] is not None:
+            client.get(scan["links"]["preview"])
     wait_until(lambda: client.get("/readyz").status_code == 200)
     (pid,) = [child.pid for child in multiprocessing.active_children() if child.name == "recognition"]
     assert pid is not None

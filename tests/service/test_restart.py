@@ -1,5 +1,6 @@
 """What a service that was killed leaves to the next one."""
 
+import hashlib
 import os
 import re
 import signal
@@ -7,14 +8,16 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import httpx
 import pytest
 
+from cell.recording import read_recording
 from service.data_folder import DataFolder
 from service.store import Store
+from tests.cell.loopback import free_host
 
 ROOT = Path(__file__).resolve().parents[2]
 SERVE = """
@@ -27,9 +30,9 @@ uvicorn.run(create_app(config), host=config.host, port=config.port)
 
 
 @contextmanager
-def process(data_dir: Path, log: Path) -> Iterator[tuple[subprocess.Popen[bytes], httpx.Client]]:
+def process(data_dir: Path, log: Path, **variables: str) -> Iterator[tuple[subprocess.Popen[bytes], httpx.Client]]:
     """A service in a process of its own."""
-    environment = os.environ | {"POINTCHAIN_DATA_DIR": str(data_dir), "POINTCHAIN_PORT": "0"}
+    environment = os.environ | {"POINTCHAIN_DATA_DIR": str(data_dir), "POINTCHAIN_PORT": "0"} | variables
     with log.open("wb") as output:
         running = subprocess.Popen(
             [sys.executable, "-c", SERVE], cwd=ROOT, env=environment, stdout=output, stderr=output
@@ -82,11 +85,7 @@ def test_killed_in_the_middle_of_a_scan(recording_file: Path, tmp_path: Path) ->
         second.send_signal(signal.SIGTERM)
         assert second.wait(timeout=60) in (0, -signal.SIGTERM)
 
-    deadline = time.monotonic() + 60
-    while [child for child in children if Path(f"/proc/{child}").exists() and not defunct(child)]:
-        assert time.monotonic() < deadline, "the killed service left a process behind"
-        time.sleep(0.02)
-
+    wait_for_end(children)
     folder = DataFolder(data)
     store = Store(folder)
     scan = store.scan(again.json()["id"])
@@ -97,13 +96,70 @@ def test_killed_in_the_middle_of_a_scan(recording_file: Path, tmp_path: Path) ->
     folder.close()
 
 
+@pytest.mark.xdist_group("cell")  # one at a time: several busy processes
+@pytest.mark.skipif(not Path("/proc").is_dir(), reason="looks for left-over processes in /proc")
+def test_killed_in_the_middle_of_a_live_scan(tmp_path: Path) -> None:
+    data, host = tmp_path / "data", free_host()
+    variables = {
+        "POINTCHAIN_ARM__HOST": host,
+        "POINTCHAIN_ARM__TIME_FACTOR": "5",
+        "POINTCHAIN_ARM__WATCHDOG_HZ": "1",
+        "POINTCHAIN_CAMERA__MODEL": "ideal",
+        "POINTCHAIN_CAMERA__FPS": "30",
+        "POINTCHAIN_CAMERA__EXPOSURES": "1",
+    }
+    with process(data, tmp_path / "first.log", **variables) as (first, client):
+        answer = client.post("/api/scans", json={"mode": "live", "string_radius_m": 0.0042})
+        assert answer.status_code == 202, answer.text
+        location = answer.headers["location"]
+
+        def acknowledged() -> set[int]:
+            views = client.get(location).json()["progress"]["views"]
+            return {view["index"] for view in views if view["state"] == "recorded"}
+
+        deadline = time.monotonic() + 120
+        while len(acknowledged()) < 2:
+            assert time.monotonic() < deadline
+            time.sleep(0.02)
+        kept = acknowledged()
+        children = child_processes(first.pid)
+        first.kill()
+        first.wait()
+    wait_for_end(children)  # the arm's driver and its simulated controller too
+
+    with process(data, tmp_path / "second.log", **variables) as (_, client):
+        scan = client.get(location).json()
+        assert (scan["state"], scan["problem"]["type"]) == ("interrupted", "urn:pointchain:interrupted")
+        assert client.get("/api/cell").json()["state"] == "not_ready"  # nothing goes on by itself
+        recording = client.get(f"/api/recordings/{scan['recording']}").json()
+        content = client.get(scan["links"]["recording"]).content
+    assert hashlib.sha256(content).hexdigest() == recording["sha256"]
+    (tmp_path / "kept.mcap").write_bytes(content)
+    views = {view.index for view in read_recording(tmp_path / "kept.mcap").views}
+    # The last one may have been on the disk before its row was.
+    assert kept <= views
+    assert len(views) == recording["views"] < 8
+
+
+def wait_for_end(children: list[int]) -> None:
+    deadline = time.monotonic() + 60
+    while any(map(runs, children)):
+        assert time.monotonic() < deadline, "the killed service left a process behind"
+        time.sleep(0.02)
+
+
 def child_processes(pid: int) -> list[int]:
-    """The recognition process, and what Python keeps beside it."""
-    return [int(child) for child in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()] or [
-        int(child) for task in Path(f"/proc/{pid}/task").iterdir() for child in (task / "children").read_text().split()
-    ]
+    """What its threads have started: recognition, drivers, what Python keeps beside them."""
+    found = []
+    for task in Path(f"/proc/{pid}/task").iterdir():
+        with suppress(FileNotFoundError, ProcessLookupError):  # the thread has ended
+            found += [int(child) for child in (task / "children").read_text().split()]
+    return found
 
 
-def defunct(pid: int) -> bool:
-    """Ended, but nobody has asked how: containers often have no process that does."""
-    return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] == "Z"
+def runs(pid: int) -> bool:
+    """Not when it has ended but nobody has asked how: containers often have no process that does."""
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except (FileNotFoundError, ProcessLookupError):
+        return False

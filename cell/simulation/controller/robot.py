@@ -110,8 +110,9 @@ class Robot:
         if self.runtime is not RuntimeState.PLAYING or self._cycles is None or self.now_s < self._program_start_s:
             return
         if self.watchdog.hungry(self.now_s):
-            silence_s = self.now_s - self.watchdog.fed_s
-            self.log.add("watchdog_expired", self.now_s, hz=self.watchdog.hz, silence_s=silence_s)
+            watchdog = self.watchdog
+            silence_s, excused_s = watchdog.silence_s(self.now_s), watchdog.excused_s
+            self.log.add("watchdog_expired", self.now_s, hz=watchdog.hz, silence_s=silence_s, excused_s=excused_s)
             self.stop_program("watchdog")
             return
         try:
@@ -172,7 +173,7 @@ class Robot:
         if self.why_no_program() is not None:
             return False
         if self.runtime is RuntimeState.PAUSED:
-            self.watchdog.fed_s = self.now_s
+            self.watchdog.feed(self.now_s)
             self._set_runtime(RuntimeState.PLAYING)
             goal, self._paused_goal = self._paused_goal, None
             if goal is not None:

@@ -101,7 +101,7 @@ class _Cycle:
     def _run(self, now_s: float) -> None:
         robot, rtde = self._robot, self._rtde
         if now_s - self._due_s > LATE_S:  # a real controller is never kept from its work
-            robot.watchdog.excuse(now_s - self._due_s)
+            robot.watchdog.excuse(self._due_s, now_s)
         robot.advance(now_s)
         robot.cycle()
         rtde.send(now_s)

@@ -4,10 +4,13 @@ import contextlib
 import socket
 import time
 
+import pytest
 from universal_robots_clients import dashboard_client
 
 from cell.simulation.controller.process import RunningController
 from tests.cell.simulation.controller.cell_log import LogSince, wait_for
+
+pytestmark = pytest.mark.xdist_group("cell")  # one at a time: each is several busy processes
 
 
 def ask(controller: RunningController, command: str) -> str:

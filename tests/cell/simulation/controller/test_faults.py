@@ -13,6 +13,8 @@ from tests.cell.simulation.controller import wheel
 from tests.cell.simulation.controller.cell_log import HOME_Q_RAD, LogSince, wait_for
 from tests.cell.simulation.controller.rtde_client import RtdeClient
 
+pytestmark = pytest.mark.xdist_group("cell")  # one at a time: each is several busy processes
+
 AWAY_Q_RAD = (HOME_Q_RAD + np.array([1.0, 0.0, 0.0, 0.0, 0.0, 0.0])).tolist()
 
 _MOVE = wheel.CONNECT + 'control.moveJ(arguments["q"], 1.05, 1.4, True)\n'

@@ -14,6 +14,8 @@ from cell.simulation.controller.links import PORTS
 from cell.simulation.controller.process import ControllerStartError, RunningController, start_controller
 from tests.cell.simulation.controller.cell_log import HOME_Q_RAD, wait_for
 
+pytestmark = pytest.mark.xdist_group("cell")  # one at a time: each is several busy processes
+
 
 def answers(host: str, port: int) -> bool:
     try:

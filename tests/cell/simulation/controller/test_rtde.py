@@ -9,6 +9,8 @@ from cell.simulation.controller.process import RunningController
 from tests.cell.simulation.controller.cell_log import HOME_Q_RAD, LogSince, wait_for
 from tests.cell.simulation.controller.rtde_client import RtdeClient
 
+pytestmark = pytest.mark.xdist_group("cell")  # one at a time: each is several busy processes
+
 
 def test_versions(controller: RunningController):
     with RtdeClient(controller.host) as client:

@@ -10,6 +10,8 @@ from tests.cell.simulation.controller import wheel
 from tests.cell.simulation.controller.cell_log import HOME_Q_RAD, LogSince
 from tests.cell.simulation.controller.wheel import CONNECT
 
+pytestmark = pytest.mark.xdist_group("cell")  # one at a time: each is several busy processes
+
 
 def test_it_connects_and_reads(controller: RunningController):
     log = LogSince(controller.admin)

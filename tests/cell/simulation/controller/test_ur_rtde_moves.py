@@ -7,9 +7,12 @@ import numpy as np
 import pytest
 
 from cell.simulation.controller.process import RunningController
+from cell.simulation.controller.server import LATE_S
 from tests.cell.simulation.controller import wheel
 from tests.cell.simulation.controller.cell_log import FAST, HOME_Q_RAD, LogSince, wait_for
 from tests.cell.simulation.controller.wheel import CONNECT
+
+pytestmark = pytest.mark.xdist_group("cell")  # one at a time: each is several busy processes
 
 AWAY_Q_RAD = (HOME_Q_RAD + np.array([1.0, 0.0, 0.0, 0.0, 0.0, 0.0])).tolist()
 FAR_Q_RAD = (HOME_Q_RAD + np.array([3.0, 0.0, 0.0, 0.0, 0.0, 0.0])).tolist()
@@ -131,8 +134,8 @@ for k in range(10**9):
         os.kill(talk.process.pid, end)
         expired = log.wait("watchdog_expired")
         still = log.wait("still")
-    # The log's own figures; on a loaded machine the cycle that notices may come late.
-    assert 0.2 <= expired["details"]["silence_s"] < 0.4
+    # The log's own figures: without the time in which a loaded machine kept the controller itself, from 20 ms on.
+    assert 0.2 <= expired["details"]["silence_s"] < 0.2 + LATE_S + 0.005
     assert expired["stamp_s"] > ended_s
     assert 0 < still["stamp_s"] - expired["stamp_s"] <= 0.5 / 15.0 + 1e-6
     assert log.events("motion_done") == []
@@ -190,4 +193,4 @@ answer()
     )
     (start,), (done,) = log.events("motion_start"), log.events("motion_done")
     assert done["stamp_s"] - start["stamp_s"] == pytest.approx(MOVE_S / FAST, abs=1e-9)
-    assert 0.1 <= log.wait("watchdog_expired")["details"]["silence_s"] < 0.3
+    assert 0.1 <= log.wait("watchdog_expired")["details"]["silence_s"] < 0.1 + LATE_S + 0.005

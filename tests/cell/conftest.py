@@ -1,0 +1,14 @@
+"""One virtual controller for all tests of the arm that a process runs; `virtual_arm.fresh` puts it right."""
+
+from collections.abc import Iterator
+
+import pytest
+
+from cell.simulation.controller.process import RunningController, start_controller
+from tests.cell.loopback import free_host
+
+
+@pytest.fixture(scope="session")
+def controller() -> Iterator[RunningController]:
+    with start_controller(host=free_host()) as controller:
+        yield controller
