@@ -178,7 +178,8 @@ class Cell:
     def close(self) -> None:
         """Stops the arm and lets everything go."""
         self._closing.set()
-        self._equipment.stop()
+        if self._status.now.state == "busy":
+            self._equipment.stop()
         self._watch.join()
         with self._turn:
             self._equipment.close()

@@ -3,7 +3,7 @@
 import json
 import sys
 from collections.abc import AsyncIterator
-from contextlib import asynccontextmanager
+from contextlib import ExitStack, asynccontextmanager
 
 from anyio import CapacityLimiter, to_thread
 from fastapi import FastAPI
@@ -62,15 +62,16 @@ def create_app(config: ServiceConfig) -> FastAPI:
 
 
 def _open(config: ServiceConfig) -> Context:
-    folder = DataFolder(config.data_dir)
-    try:
+    with ExitStack() as if_it_fails:
+        folder = DataFolder(config.data_dir)
+        if_it_fails.callback(folder.close)
         store = Store(folder)
+        if_it_fails.callback(store.close)
         own = Cell(config.cell)
+        if_it_fails.callback(own.close)
         jobs = Jobs(store, own, config.limits.recognition_s, config.gripper.value)
-        return Context(config, store, own, jobs, CapacityLimiter(1))
-    except BaseException:
-        folder.close()
-        raise
+        if_it_fails.pop_all()
+    return Context(config, store, own, jobs, CapacityLimiter(1))
 
 
 def _close(context: Context) -> None:

@@ -16,7 +16,7 @@ from recognition.model import PointChainModel
 from service.data_folder import PREVIEW
 from service.scan_once import take_scan
 from service.trace import write_trace
-from service.workflow import write_preview, write_results
+from service.workflow import recognise_recording, write_preview, write_results
 
 TIME_FACTOR = 4.0
 """The simulated arm moves so many times as fast as a real one: nobody waits half a minute for a demonstration."""
@@ -40,10 +40,12 @@ def demo(folder: Path) -> int:
     settings = CellSettings(arm=SimulatedArm(time_factor=TIME_FACTOR))
     cell = Cell(settings)
     try:
-        recognition = take_scan(cell, recording, None, "graph", Gripper(), _say)
+        take_scan(cell, recording, None, "graph", Gripper(), _say)
         status = cell.status
     finally:
         cell.close()
+    # The recording gives what the scan gave, and on the way there what is drawn.
+    recognition = recognise_recording(recording)
     told = [view.T_base_flange for view in read_recording(recording).views]
     truth = world_truth(simulated_world(settings), told)
     truth_path(recording).write_text(json.dumps(truth))

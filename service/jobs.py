@@ -63,7 +63,8 @@ class Jobs:
         with self._turn:
             self._closing = True
             running = self._running
-        self._stop(running, "interrupted", "the service was stopped; start it again from its recording")
+        if running is not None or self._cell.status.state == "busy":  # an arm at rest is let go, and no program ended
+            self._stop(running, "interrupted", "the service was stopped; start it again from its recording")
         if running is None:
             self._worker.kill()  # it may be starting
         self._accepted.put(None)

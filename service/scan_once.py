@@ -2,9 +2,11 @@
 
 import json
 import sys
-import tempfile
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
 
 from cell.cell import Cell
 from cell.errors import CellError
@@ -12,10 +14,12 @@ from cell.recording import RecordingExistsError, RecordingWriter
 from cell.viewpoints import ViewpointPlan
 from recognition.gripper import Gripper
 from recognition.model import SCHEMA, Method
-from recognition.pipeline import Recognition
-from service.config import ServiceConfig
+from service.config import LimitsConfig, ServiceConfig
+from service.data_folder import MODEL, PREVIEW
 from service.problems import INPUT_ERRORS, cell_problem, problem_document
-from service.workflow import OnStage, check_radius, recognise_views
+from service.worker import RecognitionWorker, TaskFailedError
+from service.worker_process import Task
+from service.workflow import check_radius
 
 Say = Callable[[str], None]
 
@@ -50,29 +54,40 @@ def take_scan(
     method: Method,
     gripper: Gripper,
     say: Say,
-    on_stage: OnStage | None = None,
     views: int | None = None,
-) -> Recognition:
+) -> dict[str, Any]:
     """A scan by `cell` into the new file `recording`; connects first if need be. The arm is home on return.
 
-    Interrupted by an exception (a KeyboardInterrupt too), the arm is stopped first; the views taken stay in the file.
+    Gives the model as JSON. Recognition has a process of its own: in this one it would keep the arm waiting for its
+    watchdog. Interrupted by an exception (a KeyboardInterrupt too), the arm is stopped first; the views taken stay in
+    the file.
 
     Raises:
         CellError: the scan cannot be done, or ended early.
+        TaskFailedError: recognition gave no result; all views are in the file.
         RecordingError, OSError: the file cannot be written.
-        RecognitionError: the radius, or what was recorded, cannot be used.
+        RecognitionError: the radius cannot be used.
     """
     radius = check_radius(radius_m, cell.settings.scan.string_radius_m)
     if recording.exists():
         raise RecordingExistsError(f"{recording} exists already; recordings are never overwritten")
     say("connecting, planning")
-    plan = cell.prepare(views)
-    told = ToldProgress(plan, say)
-    header = cell.header(radius)
-    with RecordingWriter(recording, header) as writer, cell.scanning(plan, writer, told) as taken:
-        recognition = recognise_views(taken, header, told.reasons, radius, method, on_stage, gripper)
-        writer.write_result(recognition.model.to_json())
-    return recognition
+    worker = RecognitionWorker()
+    with ThreadPoolExecutor(1) as pool, TemporaryDirectory(prefix="pointchain-") as folder:
+        try:
+            started = pool.submit(worker.start)
+            plan = cell.prepare(views)
+            started.result()
+            told, header = ToldProgress(plan, say), cell.header(radius)
+            results = Path(folder) / "results"
+            task = Task(header, radius, method, gripper, results, Path(folder) / PREVIEW)
+            with RecordingWriter(recording, header) as writer, cell.scanning(plan, writer, told) as taken:
+                worker.run(task, lambda _: None, LimitsConfig().recognition_s, taken, told.reasons)
+                model = json.loads((results / MODEL).read_bytes())
+                writer.write_result(model)
+        finally:
+            worker.close()
+    return model
 
 
 def scan_once(
@@ -85,10 +100,12 @@ def scan_once(
 
     cell = Cell(config.cell)
     try:
-        with tempfile.TemporaryDirectory(prefix="pointchain-") as folder:
+        with TemporaryDirectory(prefix="pointchain-") as folder:
             path = recording or Path(folder) / "scan.mcap"
-            recognition = take_scan(cell, path, radius_m, method, config.gripper.value, say, views=views)
-        document, code = recognition.model.to_json(), 0
+            document, code = take_scan(cell, path, radius_m, method, config.gripper.value, say, views), 0
+    except TaskFailedError as error:
+        document, code = {"schema": SCHEMA, "error": error.problem}, 1
+        say(str(error))
     except CellError as error:
         document, code = {"schema": SCHEMA, "error": cell_problem(error)}, 1
         say(str(error))
