@@ -78,6 +78,7 @@ def load(device: str | None = None) -> None:
     os.environ |= {
         "DEPTHAI_TELEMETRY": "0",
         "DEPTHAI_AUTOCALIBRATION": "OFF",  # it would rewrite the intrinsics that the hand-eye calibration rests on
+        "DEPTHAI_INSTALL_SIGNAL_HANDLER": "0",  # a full disk's signal, which Python ignores, would end the process
         "DEPTHAI_SEARCH_TIMEOUT": "500",
         "DEPTHAI_PROTOCOL": "usb" if device is None else "any",
     }

@@ -1,11 +1,13 @@
 """Of the camera's driver, what can be run without a camera: in this process, with the real depthai."""
 
 import re
+import resource
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from datetime import timedelta
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -79,6 +81,18 @@ def test_what_is_no_depth_image_is_refused() -> None:
     for wrong in (grey, short):
         with pytest.raises(BadFrameError, match=r"32 bytes of type .* no depth image"):
             decode(wrong)
+
+
+def test_a_full_disk_is_still_an_error_after_depthai_was_loaded(tmp_path: Path) -> None:
+    """Its own handler of the signal would end the process."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (1024, hard))
+    try:
+        with pytest.raises(OSError, match="too large"), (tmp_path / "file").open("wb", buffering=0) as file:
+            for _ in range(3):
+                file.write(bytes(1024))
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
 
 
 def test_depthai_s_clock_is_the_machine_s_monotonic_one() -> None:
