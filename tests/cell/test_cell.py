@@ -267,7 +267,7 @@ def test_closing_leaves_no_process_behind(tmp_path: Path) -> None:
         cell.connect()
         admin = controller(cell)
         assert len(children() - before) == 3  # controller, arm, camera
-    assert children() == before
+    assert children() <= before
     with pytest.raises(ConnectionError):
         admin.state()
     admin.close()

@@ -88,9 +88,10 @@ def test_a_full_disk_is_still_an_error_after_depthai_was_loaded(tmp_path: Path) 
     soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (1024, hard))
     try:
-        with pytest.raises(OSError, match="too large"), (tmp_path / "file").open("wb", buffering=0) as file:
-            for _ in range(3):
-                file.write(bytes(1024))
+        with (tmp_path / "file").open("wb", buffering=0) as file:
+            file.write(bytes(1024))
+            with pytest.raises(OSError, match="too large"):
+                file.write(b"one more")
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
 

@@ -55,7 +55,7 @@ def test_scans_in_a_row_leak_nothing(serve: Serve, tmp_path: Path, scans: int) -
             for pid, (then, now) in grown.items():
                 assert now <= GROWTH * then + GROWTH_BYTES, f"{name(pid)} grew from {then} to {now} bytes"
             assert set(warm) == processes() - before | {str(os.getpid())}, "a process came or went"
-    assert processes() == before
+    assert processes() <= before  # what other tests share may have ended meanwhile
     for port in (29900, 29999, 30003, 30004):
         with socket.socket() as probe:
             probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
