@@ -3,7 +3,6 @@
 import threading
 
 from cell.viewpoints import ViewpointPlan
-
 from service.schemas import ScanState
 from service.tables import ScanRow
 
