@@ -5,7 +5,7 @@
 help:
 	@echo 'make demo    a live scan by the simulated cell, the string in it recognised, the result shown'
 	@echo 'make test    run all tests'
-	@echo 'make soak    the tests that take long: 500 live scans, 200 stops'
+	@echo 'make soak    the tests that take long: 500 live scans, 20 random scenes, 200 stops'
 	@echo 'make serve   start the HTTP service'
 	@echo 'make lint    check style, types and the direction of imports'
 	@echo 'make bench   measure speed, the simulated cell, and accuracy on simulated scans'

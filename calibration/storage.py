@@ -205,11 +205,11 @@ def _check_place(path: Path, T_flange_camera: NDArray[np.float64]) -> None:
         )
 
 
-def _created(path: Path, value: object) -> datetime | None:
+def _created(path: Path, value: Any) -> datetime | None:
     if value is None:
         return None
     try:
-        created = datetime.fromisoformat(value)  # type: ignore[arg-type]
+        created = datetime.fromisoformat(value)
     except (TypeError, ValueError):
         raise HandEyeInvalidError(
             f'{path}: created is {str(value)[:40]!r}; a time as "2026-01-31T12:00:00+00:00" is needed'

@@ -84,7 +84,7 @@ def load(device: str | None = None) -> None:
     }
     os.environ.setdefault("DEPTHAI_LEVEL", "off")  # what matters comes as an exception
 
-    import depthai  # noqa: F401
+    import depthai  # noqa: F401 (it reads the environment now)
 
 
 def next_message(queue: "dai.MessageQueue", wait_s: float) -> Any:

@@ -36,6 +36,11 @@ class ScanListener(Protocol):
         ...
 
 
+def missing_view(index: int, reason: str) -> str:
+    """A missing view in words, as a warning of the model."""
+    return f"view {index} is missing: {reason}"
+
+
 @dataclass(frozen=True, eq=False)
 class ScanMeans:
     """What a scan is done with."""

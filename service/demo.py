@@ -13,6 +13,7 @@ from cell.simulation.simulate import truth_path
 from cell.simulation.world import simulated_world, world_truth
 from recognition.gripper import Gripper
 from recognition.model import PointChainModel
+from service.config import LimitsConfig
 from service.data_folder import PREVIEW
 from service.scan_once import take_scan
 from service.trace import write_trace
@@ -40,7 +41,7 @@ def demo(folder: Path) -> int:
     settings = CellSettings(arm=SimulatedArm(time_factor=TIME_FACTOR))
     cell = Cell(settings)
     try:
-        take_scan(cell, recording, None, "graph", Gripper(), _say)
+        take_scan(cell, recording, None, "graph", Gripper(), LimitsConfig().recognition_s, _say)
         status = cell.status
     finally:
         cell.close()

@@ -10,7 +10,7 @@ from pathlib import Path
 from cell.cell import Cell
 from cell.devices import View
 from cell.recording import RecordingEmptyError, RecordingError, RecordingWriter
-from cell.scan import BackgroundScan
+from cell.scan import BackgroundScan, missing_view
 from cell.viewpoints import ViewpointPlan
 from service.data_folder import MODEL
 from service.recording_rows import describe_recording
@@ -45,7 +45,7 @@ class StoredProgress:
 
     def missing(self, index: int, reason: str) -> None:
         """There is no such view."""
-        self.reasons.append(f"view {index} is missing: {reason}")
+        self.reasons.append(missing_view(index, reason))
         self._store.set_view(self._scan_id, index, "missing", reason)
         self._advance()
 
@@ -71,18 +71,16 @@ def live_outcome(
     """
     path = store.folder.recording(scan.id)
     progress = StoredProgress(store, scan.id, len(plan.viewpoints))
-    kept = False
     assert not isinstance(task.source, Path)
     try:
         with RecordingWriter(path, task.source) as writer, cell.scanning(plan, writer, progress) as views:
             outcome = _recognise(store, scan.id, worker, task, limit_s, views, progress)
             writer.write_result(json.loads((task.results / MODEL).read_bytes()))
             writer.close()
-            kept = keep_recording(store, scan.id)
+            keep_recording(store, scan.id)
             yield outcome
     finally:
-        if not kept:
-            keep_recording(store, scan.id)
+        keep_recording(store, scan.id)
 
 
 def _recognise(
@@ -112,18 +110,17 @@ def _recognise(
     return replace(outcome, partial=outcome.partial or bool(progress.reasons))
 
 
-def keep_recording(store: Store, scan_id: str) -> bool:
-    """Takes what a live scan has recorded into the store, and says whether it did; one without a view is removed."""
+def keep_recording(store: Store, scan_id: str) -> None:
+    """Takes what a live scan has recorded into the store, if it is not there yet; one without a view is removed."""
     path = store.folder.recording(scan_id)
     if not path.exists() or store.recording(scan_id) is not None:
-        return False
+        return
     try:
         row = describe_recording(scan_id, path)
     except RecordingEmptyError:
         path.unlink()
-        return False
+        return
     except RecordingError:
         log.exception("the recording %s cannot be read; it stays where it is", path)
-        return False
+        return
     store.add_scan_recording(row)
-    return True

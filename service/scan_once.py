@@ -11,10 +11,11 @@ from typing import Any
 from cell.cell import Cell
 from cell.errors import CellError
 from cell.recording import RecordingExistsError, RecordingWriter
+from cell.scan import missing_view
 from cell.viewpoints import ViewpointPlan
 from recognition.gripper import Gripper
 from recognition.model import SCHEMA, Method
-from service.config import LimitsConfig, ServiceConfig
+from service.config import ServiceConfig
 from service.data_folder import MODEL, PREVIEW
 from service.problems import INPUT_ERRORS, cell_problem, problem_document
 from service.worker import RecognitionWorker, TaskFailedError
@@ -43,7 +44,7 @@ class ToldProgress:
 
     def missing(self, index: int, reason: str) -> None:
         """There is no such view."""
-        self.reasons.append(f"view {index} is missing: {reason}")
+        self.reasons.append(missing_view(index, reason))
         self._say(self.reasons[-1])
 
 
@@ -53,10 +54,13 @@ def take_scan(
     radius_m: float | None,
     method: Method,
     gripper: Gripper,
+    limit_s: float,
     say: Say,
     views: int | None = None,
 ) -> dict[str, Any]:
     """A scan by `cell` into the new file `recording`; connects first if need be. The arm is home on return.
+
+    Recognition may take `limit_s`.
 
     Gives the model as JSON. Recognition has a process of its own: in this one it would keep the arm waiting for its
     watchdog. Interrupted by an exception (a KeyboardInterrupt too), the arm is stopped first; the views taken stay in
@@ -82,7 +86,7 @@ def take_scan(
             results = Path(folder) / "results"
             task = Task(header, radius, method, gripper, results, Path(folder) / PREVIEW)
             with RecordingWriter(recording, header) as writer, cell.scanning(plan, writer, told) as taken:
-                worker.run(task, lambda _: None, LimitsConfig().recognition_s, taken, told.reasons)
+                worker.run(task, lambda _: None, limit_s, taken, told.reasons)
                 model = json.loads((results / MODEL).read_bytes())
                 writer.write_result(model)
         finally:
@@ -102,7 +106,10 @@ def scan_once(
     try:
         with TemporaryDirectory(prefix="pointchain-") as folder:
             path = recording or Path(folder) / "scan.mcap"
-            document, code = take_scan(cell, path, radius_m, method, config.gripper.value, say, views), 0
+            document = take_scan(
+                cell, path, radius_m, method, config.gripper.value, config.limits.recognition_s, say, views
+            )
+            code = 0
     except TaskFailedError as error:
         document, code = {"schema": SCHEMA, "error": error.problem}, 1
         say(str(error))

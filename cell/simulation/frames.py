@@ -43,4 +43,4 @@ def _import_open3d() -> None:
     plots = ModuleType("open3d.visualization.draw_plotly")
     plots.__getattr__ = lambda name: None  # whatever open3d wants to hand on of them
     sys.modules.setdefault(plots.__name__, plots)
-    import open3d  # noqa: F401
+    import open3d  # noqa: F401 (whoever imports it later gets this one)

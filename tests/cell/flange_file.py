@@ -1,6 +1,5 @@
 """Where the flange of an arm that is not there is: in a file that a test writes."""
 
-import os
 import time
 from dataclasses import dataclass
 from pathlib import Path
@@ -25,7 +24,7 @@ class FlangeFile:
         before = self() if at_s > 0 else T_base_flange
         unfinished = self.path.with_suffix(".new.npz")
         np.savez(unfinished, before=before, after=T_base_flange, at_s=at_s)
-        os.replace(unfinished, self.path)  # noqa: PTH105
+        unfinished.replace(self.path)
 
 
 def flange_file(path: str) -> FlangeFile:

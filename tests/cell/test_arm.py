@@ -186,11 +186,15 @@ def _sizeless(ask: Callable[[Dashboard, Command], str]) -> Callable[[Dashboard, 
     return lambda dashboard, command: "UR3" if command == "get robot model" else ask(dashboard, command)
 
 
-def test_stops_at_random_moments(controller: RunningController, arm: UrArm):
+@pytest.mark.parametrize(
+    "count",
+    [6, pytest.param(200, marks=[pytest.mark.soak, pytest.mark.timeout(3600)])],
+)
+def test_stops_at_random_moments(controller: RunningController, arm: UrArm, count: int):
     """Each is on the wire at once, the arm is still soon, and no motion command ever follows."""
     chance = random.Random(7)
     waits, stills = [], []
-    for _ in range(6):
+    for _ in range(count):
         begin = controller.admin.state().events
 
         def wander() -> None:
@@ -214,8 +218,8 @@ def test_stops_at_random_moments(controller: RunningController, arm: UrArm):
         ends = [event["stamp_s"] for event in kinds(events, "still", "motion_done") if event["stamp_s"] > sent_s]
         stills.append(max(ends, default=sent_s) - sent_s)
         arm.connect()
-    # One in six may meet a machine that is busy with something else.
-    assert sorted(waits)[-2] <= WIRE_S
+    # One in a hundred (and of the few) may meet a machine that is busy with something else.
+    assert sorted(waits)[-1 - max(1, count // 100)] <= WIRE_S
     # By the controller's clock.
     assert max(stills) <= STILL_S
 

@@ -125,7 +125,7 @@ def controller_q(cell: Cell) -> np.ndarray:
     return q_rad
 
 
-@pytest.mark.parametrize("seed", [0, 1])
+@pytest.mark.parametrize("seed", [0, 1, *(pytest.param(seed, marks=pytest.mark.soak) for seed in range(2, 20))])
 def test_a_scan_of_a_random_scene_by_a_noisy_camera_gives_the_true_topology(tmp_path: Path, seed: int) -> None:
     settings = simulated(model="oak-d-pro", scene="random", seed=seed, exposures=5)
     with opened(settings) as cell:

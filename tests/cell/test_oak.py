@@ -27,7 +27,7 @@ from cell.simulation.frames import FrameSource
 from cell.simulation.world import SimulatedWorld, simulated_world
 
 load()
-import depthai as dai  # noqa: E402
+import depthai as dai  # noqa: E402 (`load` sets what it reads)
 
 OAK = OakCamera(kind="oak")
 K = np.array([[402.5, 0, 319.25], [0, 402.75, 199.5], [0, 0, 1]])
