@@ -2,13 +2,15 @@
 
 import time
 
-from cell.dashboard import Dashboard
+from cell.dashboard import Dashboard, no_program_left
 from cell.errors import CellError, RobotNotReadyError, TooEarlyError
 from cell.probe import robot_mode, safety_mode
 from cell.robot_modes import UNLOCK_S, mode_error
 
 ANSWERS_S = 2.5
+"""The dashboard's answers have come in this time, or it is not reachable."""
 SEEN_LATER_S = 0.2
+"""A stop is seen so long after it happened at the most."""
 RELEASE_S = 3.0
 """After unlocking, the robot is back to normal in this time."""
 
@@ -19,16 +21,21 @@ def acknowledge_protective_stop(address: str, seen_s: float | None, program_ours
     A protective stop only pauses the program: played on, it would finish its old motion. So it is ended first, whether
     or not the robot lets itself be unlocked yet. `seen_s`: when the stop was first seen, of `time.monotonic()`.
 
-    Raises: TooEarlyError, RobotNotReadyError, EmergencyStopError, RobotUnreachableError.
+    Raises: TooEarlyError, RobotNotReadyError, EmergencyStopError, RobotUnreachableError; ProtectiveStopError when the
+    robot has let itself be unlocked and is stopped all the same.
     """
     with Dashboard(address, time.monotonic() + ANSWERS_S) as dashboard:
         mode = safety_mode(dashboard)
-        if program_ours or mode == "protective_stop":
-            dashboard.ask("stop")
+        answer = dashboard.ask("stop") if program_ours or mode == "protective_stop" else None
         if mode != "protective_stop":
             error = mode_error(robot_mode(dashboard), mode)
             if error is not None:
                 raise error
+            if answer is not None and not no_program_left(answer) and not _stopped(dashboard):
+                raise RobotNotReadyError(
+                    f"the robot does not end the program that is still on it ({answer}): stop it at the pendant, then "
+                    "acknowledge again"
+                )
             return
         if dashboard.ask("is in remote control").lower() != "true":
             raise RobotNotReadyError("the robot is in local mode: unlock it at its pendant")
@@ -46,6 +53,10 @@ def acknowledge_protective_stop(address: str, seen_s: float | None, program_ours
         error = _after_release(dashboard)
     if error is not None:
         raise error
+
+
+def _stopped(dashboard: Dashboard) -> bool:
+    return dashboard.ask("programState").startswith("STOPPED")
 
 
 def _after_release(dashboard: Dashboard) -> CellError | None:

@@ -34,8 +34,8 @@ class UrArm:
     def connect(self) -> ArmInfo:
         """Takes the arm: after this it can be moved. It does not move.
 
-        Raises: RobotUnreachableError, RobotNotReadyError, ProtectiveStopError, EmergencyStopError; StoppedError when
-        `stop` was called meanwhile.
+        Raises: RobotUnreachableError, RobotNotReadyError, RobotLostError, ProtectiveStopError, EmergencyStopError;
+        StoppedError when `stop` was called meanwhile.
         """
         link = self._link
         link.stopped.clear()  # first: whoever calls `stop` from now on means this connection too
@@ -92,7 +92,7 @@ class UrArm:
 
         The robot must be connected again afterwards.
 
-        Raises: TooEarlyError, RobotNotReadyError, EmergencyStopError, RobotUnreachableError.
+        Raises: TooEarlyError, RobotNotReadyError, ProtectiveStopError, EmergencyStopError, RobotUnreachableError.
         """
         link = self._link
         program = link.program

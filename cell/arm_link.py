@@ -83,7 +83,7 @@ class ArmLink:
     def open(self, address: str) -> ArmState:
         """Starts the child, which connects: a controller that was probed, after `release`. The arm's first state.
 
-        Raises: RobotUnreachableError, RobotNotReadyError; StoppedError when `stop` was called meanwhile.
+        Raises: RobotUnreachableError, RobotNotReadyError, RobotLostError; StoppedError after a `stop` meanwhile.
         """
         # In this order: a stop that finds the child finds what it is to end as well.
         self.program = OurProgram(address, self._settings.watchdog_hz)
@@ -172,7 +172,7 @@ class ArmLink:
         self.stopped.set()
         child = self.child
         if child is not None:
-            deceleration = self._settings.stop_deceleration_rad_s2
+            deceleration = self._settings.stop_deceleration_m_s2
             try:
                 child.call("stop", deceleration, timeout_s=STOP_ANSWER_S, turn_s=STOP_TURN_S)
                 return
@@ -249,7 +249,7 @@ class ArmLink:
     def _see_it_stop(self) -> None:
         """After `stop`, by the thread that moved: until the arm is still. It is made to be when that takes too long."""
         reading = self.poll()
-        limit_s = time.monotonic() + fastest(reading) / self._settings.stop_deceleration_rad_s2 + STILL_S
+        limit_s = time.monotonic() + self._settings.flange_speed_m_s / self._settings.stop_deceleration_m_s2 + STILL_S
         while fastest(reading) > STEADY_RAD_S:
             if time.monotonic() > limit_s or silence(reading) is not None:
                 self.fail(RobotLostError("the robot was told to stop, and it is not known whether it did: look at it"))

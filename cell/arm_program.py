@@ -9,7 +9,7 @@ import logging
 import threading
 import time
 
-from cell.dashboard import Dashboard, stop_program
+from cell.dashboard import Dashboard, no_program_left, stop_program
 from cell.errors import RobotUnreachableError
 
 log = logging.getLogger(__name__)
@@ -78,7 +78,10 @@ class OurProgram:
             if not whatever_plays and (name := self.anothers()) is not None:
                 log.warning("the program %s on the robot is not ours and is left alone", name)
             else:
-                stop_program(self.address, DASHBOARD_S)
+                answer = stop_program(self.address, DASHBOARD_S)
+                if not no_program_left(answer):  # and no watchdog ends one that is paused
+                    log.warning("the robot did not end the program: it says %r", answer)
+                    return
             self.there = False
         except RobotUnreachableError as error:
             log.warning("the program was not ended, its watchdog will do it: %s", error)

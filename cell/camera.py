@@ -1,13 +1,12 @@
 """The depth camera as a scan sees it: a child process with the driver in it."""
 
-import contextlib
 import logging
 import time
 from collections.abc import Callable
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from cell.child import Child, ChildBusyError, ChildLostError
+from cell.child import Child, ChildLostError
 from cell.devices import CameraInfo, Frame
 from cell.errors import CameraLostError, CameraUnreachableError
 from cell.exposures import NoFramesError
@@ -21,7 +20,7 @@ if TYPE_CHECKING:
 
 log = logging.getLogger(__name__)
 
-OPEN_S = 25.0
+OPEN_S = 30.0
 """A camera in a network takes up to half of it to start."""
 OPEN_SIMULATED_S = 60.0
 """A busy machine takes its time to load and build what a simulated camera sees."""
@@ -72,6 +71,7 @@ class LiveCamera:
 
         Raises:
             CameraUnreachableError: no camera answers, or not the configured one; it says what to check.
+            CellError: what `controller_host` raises.
         """
         self.close()
         make_pose = None
@@ -143,7 +143,7 @@ class LiveCamera:
             )
         except ChildLostError as error:
             self._end()
-            raise CameraUnreachableError(f"the camera's driver did not start: {error}") from error
+            raise CameraUnreachableError(f"the camera's driver did not start, as {error}") from error
         except BaseException:
             self._end()
             raise
@@ -151,8 +151,7 @@ class LiveCamera:
     def _end(self) -> None:
         child, self._child = self._child, None
         if child is not None:
-            with contextlib.suppress(ChildBusyError):
-                child.close()
+            child.close()
 
     def _call(self, method: str, *arguments: object, timeout_s: float) -> Any:
         if self._child is None:
@@ -161,7 +160,7 @@ class LiveCamera:
             return self._child.call(method, *arguments, timeout_s=timeout_s)
         except ChildLostError as error:
             self._end()
-            raise CameraLostError(f"the camera was lost: {error}") from error
+            raise CameraLostError(f"the camera was lost, as {error}") from error
         except CameraLostError:
             self._end()  # what is lost is no longer connected
             raise

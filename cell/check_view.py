@@ -84,13 +84,12 @@ def viewpoints(grounds: Grounds) -> Step:
     q_rad = None if grounds.state is None else grounds.state.q_rad
     plan = plan_viewpoints(grounds.settings, grounds.hand_eye.T_flange_camera, q_rad)
     skipped = {viewpoint.index: viewpoint.reason for viewpoint in plan.viewpoints if viewpoint.reason is not None}
-    reached = len(plan.viewpoints) - len(skipped)
     start = "home" if q_rad is None else "where the arm stands"
-    words = f"{reached} of {len(plan.viewpoints)} reached from {start}, planned in {plan.planning_s:.1f} s"
+    words = f"{plan.reached} of {len(plan.viewpoints)} reached from {start}, planned in {plan.planning_s:.1f} s"
     if not skipped:
         return ok(name, words)
     words += "; " + "; ".join(f"{index}: {reason}" for index, reason in skipped.items())
     advice = "move the workspace nearer to the arm's middle reach, or see `pointchain viewpoints --picture`"
-    if reached < least:
+    if plan.reached < least:
         return Step(name, "failed", f"{words}; scan.min_views is {least}", advice)
     return Step(name, "warning", words, advice)

@@ -102,7 +102,7 @@ class Child:
         self._process.kill()
 
     def close(self) -> None:
-        """Ends the process: its driver's `close` is called if it still answers. Leaves no zombie behind."""
+        """Ends the process: a driver that was made and still answers has `close` called. Leaves no zombie behind."""
         if self.alive:
             with contextlib.suppress(ChildLostError, ChildBusyError, CellError):
                 self.call("close", timeout_s=END_S, turn_s=END_S)
@@ -154,6 +154,9 @@ def _answer_calls(pipe: Connection, make_driver: Callable[..., Any], arguments: 
         while made and hasattr(made[0], "idle") and not pipe.poll(made[0].IDLE_S):
             made[0].idle(time.monotonic() - last_call_s)
         call: _Call = pipe.recv()
+        if call.method == "close" and not made:
+            pipe.send(None)  # a driver is not made, and its device not opened, only to be closed
+            return
         last_call_s = time.monotonic()
         try:
             if not made:

@@ -112,9 +112,10 @@ class CollisionModel:
         ]
         return np.concatenate([own, table, *boxes], axis=1)
 
-    def free(self, q_rad: NDArray[np.float64]) -> NDArray[np.bool_]:
-        """Whether all clearances are kept, (N,), at joint angles (N, 6)."""
-        return np.all(self.gaps(q_rad) >= self.clearances, axis=1)
+    @property
+    def solid(self) -> NDArray[np.bool_]:
+        """(C,): which contacts are of bodies, all but those with the workspace."""
+        return np.arange(len(self.contacts)) < len(self.contacts) - len(PARTS[_ELBOW:])
 
     def _first_parts(self) -> list[int]:
         # The base cannot be moved out of the way of a box; the workspace only matters to what reaches into it.
@@ -129,9 +130,10 @@ def collision_model(settings: CellSettings, T_flange_camera: NDArray[np.float64]
     size = np.asarray(settings.camera.body_m)
     long = int(size.argmax())
     across = np.delete(size, long)
-    camera_radius = float(np.hypot(*across) / 2)
+    cross = float(np.hypot(*across) / 2)
     half = np.zeros(3)
-    half[long] = max(size[long] / 2 - camera_radius / 2, 0.0)
+    half[long] = max(size[long] / 2 - cross / 4, 0.0)
+    camera_radius = float(np.hypot(size[long] / 2 - half[long], cross))  # the body's corners are inside
     R, t = T_flange_camera[:3, :3], T_flange_camera[:3, 3]
     zero = (0.0, 0.0, 0.0)
     # Frame, end; frame, end; radius: in the order of PARTS.

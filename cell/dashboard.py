@@ -111,6 +111,11 @@ def stop_program(host: str, timeout_s: float) -> str:
     return lines[1].strip() if len(lines) > 1 else ""
 
 
+def no_program_left(answer: str) -> bool:
+    """Whether the answer to a stop says that no program is there any more. In local mode the robot refuses the stop."""
+    return answer.lower().startswith(("stopped", "failed to execute"))  # the second: there was none
+
+
 def _left(until_s: float) -> float:
     """Seconds left; never 0, which would mean a socket that does not wait."""
     return max(until_s - time.monotonic(), 1e-3)

@@ -162,7 +162,8 @@ class Arm(Protocol):
     def connect(self) -> ArmInfo:
         """Takes the arm: after this it can be moved. It does not move.
 
-        Raises: RobotUnreachableError, RobotNotReadyError, ProtectiveStopError, EmergencyStopError.
+        Raises: RobotUnreachableError, RobotNotReadyError, RobotLostError, ProtectiveStopError, EmergencyStopError;
+        StoppedError when `stop` was called meanwhile.
         """
         ...
 
@@ -184,9 +185,9 @@ class Arm(Protocol):
         ...
 
     def acknowledge(self) -> None:
-        """A person has looked at the cell after a protective stop: unlocks the robot and ends its program. No motion.
+        """A person has looked at the cell after a fault: ends the program and unlocks a protective stop. No motion.
 
-        Raises: TooEarlyError, RobotNotReadyError, RobotUnreachableError.
+        Raises: TooEarlyError, RobotNotReadyError, ProtectiveStopError, EmergencyStopError, RobotUnreachableError.
         """
         ...
 

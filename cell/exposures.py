@@ -36,8 +36,8 @@ def at_rest(
     """The first `count` exposures that began after `after_s`, seconds of `time.monotonic()`.
 
     `receive` waits for the next exposure for at most so many seconds and gives None if none came. What comes within
-    `silence_s` of the one before, or of the call or of `after_s`, is in time; all must be there `patience_s` after
-    `after_s`.
+    `silence_s` of the one before, or of the call or of `after_s`, is in time; all must be there `patience_s` after the
+    later of the call and `after_s`.
 
     Raises:
         NoFramesError: nothing came in time.

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 from cell.devices import CameraInfo, Frame
 from cell.errors import BadFrameError, CameraLostError, CameraUnreachableError, CellError
 from cell.exposures import Exposure, at_rest, combined
-from cell.oak_stream import DEPTH_UNIT_M, Fault, Stream, decode, next_message
+from cell.oak_stream import DEPTH_UNIT_M, Fault, Stream, decode, next_message, send
 from cell.settings import AnyCamera, OakCamera
 
 if TYPE_CHECKING:
@@ -43,6 +43,7 @@ class OakDriver:
         self._settings, self._world, self._make_pose = settings, world, make_pose
         self._stream: Stream | None = None
         self._warnings: tuple[str, ...] = ()
+        """Of opening the camera, beside those that it describes itself with."""
 
     def open(self) -> CameraInfo:
         """Starts the camera, waits for its first image, and lets its exposure settle and locks it.
@@ -54,13 +55,12 @@ class OakDriver:
         try:
             stream.watch(True)
             at_rest(self._receive, time.monotonic(), 1, FIRST_FRAME_S, FIRST_FRAME_S)
-            warnings = settle_exposure(stream, self._settings)
+            self._warnings = settle_exposure(stream, self._settings)
+            return self.info()
         except (BadFrameError, CameraLostError) as error:
-            raise CameraUnreachableError(f"the camera was found but gives no depth images: {error}") from error
+            raise CameraUnreachableError(f"the camera was found, but {error}") from error
         finally:
             stream.watch(False)
-        self._warnings = (*stream.describe().warnings, *warnings)
-        return self.info()
 
     def capture(self, after_s: float, silence_s: float, patience_s: float) -> Frame:
         """As `cell.devices.Camera.capture`; the times are those of `cell.exposures.at_rest`."""
@@ -82,9 +82,10 @@ class OakDriver:
         if stream.depth.isClosed() or not stream.pipeline.isRunning():
             raise CameraLostError("the camera's pipeline has ended: check its cable and power supply")
         try:
-            return replace(stream.describe(), warnings=self._warnings)
+            info = stream.describe()
         except RuntimeError as error:
-            raise CameraLostError(f"the camera does not answer ({error}): check its cable and power supply") from error
+            raise CameraLostError(f"the camera does not answer: check its cable and power supply ({error})") from error
+        return replace(info, warnings=(*info.warnings, *self._warnings))
 
     def fault(self, kind: Fault) -> None:
         """Lets a simulated camera fail from now on, until `none`."""
@@ -145,7 +146,7 @@ def settle_exposure(stream: Stream, settings: AnyCamera) -> tuple[str, ...]:
             break
     if given_us is None:
         for control in stream.controls:
-            control.send(dai.CameraControl().setAutoExposureLock(True))
+            send(control, dai.CameraControl().setAutoExposureLock(True))
     if steady:
         return ()
     latest = f"{times_us[-1]:.0f}" if times_us else "unknown"

@@ -52,7 +52,7 @@ def open_device(settings: OakCamera) -> Stream:
         with contextlib.suppress(RuntimeError):
             device.close()
         raise CameraUnreachableError(
-            f"the camera was found but did not start ({error}): check its cable and power supply"
+            f"the camera was found but did not start: check its cable and power supply ({error})"
         ) from error
 
 
@@ -236,7 +236,9 @@ def _warnings(device: "dai.Device", settings: OakCamera) -> list[str]:
     try:
         warnings += calibration_warnings(device.readFactoryCalibration(), device.readCalibration(), settings)
     except RuntimeError as error:
-        warnings.append(f"the camera's calibration could not be compared with the factory's: {error}")
+        warnings.append(
+            f"the camera's calibration could not be compared with the factory's: connect it again ({error})"
+        )
     return warnings
 
 

@@ -1,7 +1,8 @@
 """Depth images out of a running depthai pipeline, be it on a camera or on this machine."""
 
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import timedelta
 from typing import TYPE_CHECKING, Any, Literal, Protocol
@@ -89,15 +90,28 @@ def load(device: str | None = None) -> None:
 
 def next_message(queue: "dai.MessageQueue", wait_s: float) -> Any:
     """The next message, or None if none comes in so many seconds. Raises CameraLostError."""
+    with _link():
+        return queue.get(timedelta(seconds=wait_s)) if wait_s > 0 else queue.tryGet()
+
+
+def send(queue: "dai.InputQueue", setting: "dai.CameraControl") -> None:
+    """Tells an image sensor a setting. Raises CameraLostError."""
+    with _link():
+        queue.send(setting)
+
+
+@contextmanager
+def _link() -> Iterator[None]:
+    """What a broken link makes of the use of a queue is a lost camera."""
     import depthai as dai
 
     # Of a queue that was closed, and of a link that broke: depthai's XLinkErrors are RuntimeErrors.
     closed: type[Exception] = dai.MessageQueue.QueueException
     try:
-        return queue.get(timedelta(seconds=wait_s)) if wait_s > 0 else queue.tryGet()
+        yield
     except (closed, RuntimeError) as error:
         raise CameraLostError(
-            f"the link to the camera broke ({str(error).strip()}): check its cable and power supply"
+            f"the link to the camera broke: check its cable and power supply ({str(error).strip()})"
         ) from error
 
 
@@ -111,7 +125,8 @@ def decode(message: "dai.ImgFrame") -> Exposure:
 
     width, height, stride = message.getWidth(), message.getHeight(), message.getStride()
     data = np.asarray(message.getData(), dtype=np.uint8)
-    if message.getType() != dai.ImgFrame.Type.RAW16 or stride < 2 * width or data.size < height * stride > 0:
+    fits = 0 < 2 * width <= stride and 0 < height * stride <= data.size
+    if message.getType() != dai.ImgFrame.Type.RAW16 or not fits:
         raise BadFrameError(
             f"the camera sent {data.size} bytes of type {message.getType().name}, {width}x{height}, stride {stride}: "
             "that is no depth image"

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from cell.settings import CameraSettings, OakCamera, OakProduct, Range, SimulatedCamera
+from cell.settings import AnyCamera, OakCamera, OakProduct, Range, SimulatedCamera
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,20 +54,14 @@ _STEREO: dict[OakProduct, _Stereo] = {
 baselines, the 19.6 cm from which the OV9282's lens is in focus, and the 95 disparities searched."""
 
 
-def camera_optics(camera: CameraSettings) -> CameraOptics:
-    """What viewpoints are planned with: of a simulated camera exactly, of a real one by its product's data sheet.
-
-    Raises:
-        TypeError: settings of a kind of camera that is not known.
-    """
+def camera_optics(camera: AnyCamera) -> CameraOptics:
+    """What viewpoints are planned with: of a simulated camera exactly, of a real one by its product's data sheet."""
     if isinstance(camera, SimulatedCamera):
         from cell.simulation.camera import camera_model
 
         model = camera_model(camera.model)
         return CameraOptics(model.K, model.width, model.height, model.near_m, camera.working_m or model.working_m)
-    if isinstance(camera, OakCamera):
-        return _oak(camera)
-    raise TypeError(f"{type(camera).__name__} is no camera whose optics are known")
+    return _oak(camera)
 
 
 def baseline_m(product: OakProduct) -> float:

@@ -34,11 +34,6 @@ class Postures:
         """The joint vectors (K, 6) that reach this pose."""
         return self.q_rad[self.which == pose]
 
-    @property
-    def first(self) -> int | None:
-        """The first pose with a posture."""
-        return int(self.which.min()) if len(self.which) else None
-
 
 def find_postures(collisions: CollisionModel, T_base_flange: NDArray[np.float64]) -> Postures:
     """All postures for flange poses (N, 4, 4) that are away from singular ones and keep all clearances."""

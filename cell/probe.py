@@ -118,8 +118,10 @@ def robot_mode(dashboard: Dashboard) -> RobotMode:
 def safety_mode(dashboard: Dashboard) -> SafetyMode:
     """The robot's safety mode; `undefined` for one that is not known here."""
     said = dashboard.ask("safetystatus").rpartition(":")[2].strip().lower()
-    # Two kinds of safeguard stop have a name of their own: by a door in automatic mode, by an enabling switch.
-    if said in ("automatic_mode_safeguard_stop", "system_three_position_enabling_stop"):
+    # Some kinds of safeguard stop have a name of their own: by a door in automatic mode, by two enabling switches.
+    if said in (
+        "automatic_mode_safeguard_stop", "system_three_position_enabling_stop", "tp_three_position_enabling_stop",
+    ):  # fmt: skip
         return "safeguard_stop"
     return next((mode for mode in get_args(SafetyMode) if mode == said), "undefined")
 

@@ -45,7 +45,8 @@ class ArmSettings(_Settings):
     acceleration_rad_s2: float = Field(default=1.4, gt=0, le=14.0)
     flange_speed_m_s: float = Field(default=0.25, gt=0, le=2.0)
     """The flange never goes faster; moves are slowed down to keep it."""
-    stop_deceleration_rad_s2: float = Field(default=4.0, ge=1.0, le=40.0)
+    stop_deceleration_m_s2: float = Field(default=4.0, ge=1.0, le=15.0)
+    """Of the flange, after a stop."""
     watchdog_hz: float = Field(default=2.5, ge=1.0, le=50.0)
     """The controller stops the arm by itself when it hears nothing of us for 1 / this, seconds."""
     home_q_rad: Vector6 | None = None

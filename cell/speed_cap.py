@@ -19,37 +19,34 @@ def capped_speed(
     q_to: ArrayLike,
     speed_rad_s: float,
     flange_speed_m_s: float,
-    within_m: float = 0.0,
 ) -> float:
     """The leading joint's speed, rad/s, for the straight joint move between the angles (6,).
 
     At most `speed_rad_s` and what each joint can do, and such that the flange's origin stays below `flange_speed_m_s`
-    all along the line: proven between the places looked at, so at most 1 % or so too slow. `within_m` holds every
-    point that is fixed to the flange and so near to its origin, as the camera's body, to the same speed.
+    all along the line: proven between the places looked at, so at most 1 % or so too slow.
     """
     turn = np.asarray(q_to, dtype=np.float64) - np.asarray(q_from, dtype=np.float64)
     furthest = float(np.abs(turn).max())
     if furthest == 0.0:
         return float(min(speed_rad_s, joint_speeds(model).min()))
     by_joints = float((joint_speeds(model) / (np.abs(turn) / furthest).clip(min=1e-12)).min())
-    by_flange = flange_speed_m_s * furthest / greatest_shift(model, q_from, q_to, within_m)
+    by_flange = flange_speed_m_s * furthest / greatest_shift(model, q_from, q_to)
     return min(speed_rad_s, by_joints, by_flange)
 
 
-def greatest_shift(model: ArmModelName, q_from: ArrayLike, q_to: ArrayLike, within_m: float = 0.0) -> float:
+def greatest_shift(model: ArmModelName, q_from: ArrayLike, q_to: ArrayLike) -> float:
     """Greatest speed of the flange's origin, metres per whole move, were the straight joint line passed evenly.
 
-    An upper bound, near to the true one. `within_m`: as in `capped_speed`.
+    An upper bound, near to the true one.
     """
     start = np.asarray(q_from, dtype=np.float64)
     turn = np.asarray(q_to, dtype=np.float64) - start
     total = float(np.abs(turn).sum())
     steps = int(np.ceil(total / _STEP_RAD)) + 1
     places: NDArray[np.float64] = start + np.linspace(0.0, 1.0, steps + 1)[:, None] * turn
-    velocity = jacobian(model, places) @ turn
-    speed = np.linalg.norm(velocity[:, :3], axis=1) + within_m * np.linalg.norm(velocity[:, 3:], axis=1)
+    speed = np.linalg.norm(jacobian(model, places)[:, :3] @ turn, axis=1)
     # Between two places a velocity lies within h^2 / 8 max |v''| of the chord; each derivative along the line brings at
     # most a factor of the joints' turns together, on a lever no longer than the stretched arm.
     arm = ARMS[model]
-    lever = float(np.abs(arm.a_m).sum() + np.abs(arm.d_m).sum()) + within_m
+    lever = float(np.abs(arm.a_m).sum() + np.abs(arm.d_m).sum())
     return float(speed.max()) + lever * total**3 / (8 * steps**2)

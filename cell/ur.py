@@ -14,6 +14,7 @@ are asynchronous there, watched by the parent's polls. What is known of ur_rtde 
 from __future__ import annotations
 
 import functools
+import math
 import resource
 import signal
 import time
@@ -37,7 +38,7 @@ SAME_POSE = 1e-3
 _OPEN_FILES = 3
 _VARIABLES = [
     "timestamp", "actual_q", "actual_qd", "actual_TCP_pose", "robot_mode", "safety_mode", "safety_status_bits",
-    "robot_status_bits", "runtime_state", "speed_scaling", "target_speed_fraction",
+    "runtime_state", "target_speed_fraction",
 ]  # fmt: skip
 
 P = ParamSpec("P")
@@ -125,10 +126,11 @@ class UrDriver:
         return self._operation_before
 
     @_told_when_lost
-    def stop(self, deceleration: float) -> None:
+    def stop(self, deceleration_m_s2: float) -> None:
         """Stops the arm; no move is sent by this process afterwards."""
         self._stopped = True
-        self._control.stopJ(deceleration, True)
+        # Asynchronous, as it must be while a move runs, the script makes a stopl of it: the number is of the tool.
+        self._control.stopJ(deceleration_m_s2, True)
 
     @_told_when_lost
     def at_rest(self) -> tuple[Reading, tuple[float, ...]]:
@@ -144,7 +146,7 @@ class UrDriver:
                 raise RobotLostError("the robot did not tell the offset of its tool")
             after = self._reading()
             # A tool that somebody changes just now does not slip in between.
-            if max(abs(a - b) for a, b in zip(before.base_tcp, after.base_tcp, strict=True)) < SAME_POSE:
+            if same_pose(before.base_tcp, after.base_tcp):
                 return after, tuple(tool)
         raise RobotLostError("the robot's tool pose changes while the arm is at rest: leave the tool's settings alone")
 
@@ -193,6 +195,16 @@ class UrDriver:
             operating=operation.isAsyncOperationRunning(),
             speed_fraction=receive.getTargetSpeedFraction(),
         )
+
+
+def same_pose(a: tuple[float, ...], b: tuple[float, ...]) -> bool:
+    """Whether two tool poses (6,), metres and axis-angle, are those of one arm at rest."""
+    # Near half a turn, as of a tool that points straight down, noise swaps the axis for the opposite one.
+    turn = math.hypot(*b[3:])
+    opposite = [each * (1.0 - 2.0 * math.pi / turn) if turn > 0 else each for each in b[3:]]
+    return any(
+        max(abs(x - y) for x, y in zip(a, (*b[:3], *turned), strict=True)) < SAME_POSE for turned in (b[3:], opposite)
+    )
 
 
 def _not_connected(address: str, why: str) -> CellError:

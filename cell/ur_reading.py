@@ -15,6 +15,7 @@ ROBOT_MODES: dict[int, RobotMode] = {
 _SAFETY_MODES: dict[int, SafetyMode] = {
     1: "normal", 2: "reduced", 3: "protective_stop", 4: "recovery", 5: "safeguard_stop", 6: "system_emergency_stop",
     7: "robot_emergency_stop", 8: "violation", 9: "fault", 10: "validate_joint_id", 11: "undefined",
+    12: "safeguard_stop", 13: "safeguard_stop", 14: "safeguard_stop",  # in automatic mode; by two enabling switches
 }  # fmt: skip
 _STOP_BITS: dict[int, SafetyMode] = {
     2: "protective_stop", 4: "safeguard_stop", 5: "system_emergency_stop", 6: "robot_emergency_stop",

@@ -191,7 +191,7 @@ def _clearances_from(collisions: CollisionModel, start: NDArray[np.float64]) -> 
     """The clearances (C,) that hold on the way from where the arm stands."""
     gaps = collisions.gaps(start[None])[0]
     # In the workspace it may well have been at work; out of it leads any way.
-    overlap = np.where(collisions.clearances > 0, -gaps, 0.0)
+    overlap = np.where(collisions.solid, -gaps, 0.0)
     if overlap.max() > OVERLAP_M:
         raise ViewpointsError(
             f"where the arm stands, {collisions.contacts[overlap.argmax()]}: they overlap by {overlap.max():.3f} m. "

@@ -63,28 +63,13 @@ class StillImage:
     """(H, W): pixels that can be measured."""
 
 
-def measure(
-    depth: NDArray[np.float32],
-    focal_px: float,
-    noise: StereoNoise,
-    bias_px: float,
-    rng: np.random.Generator,
-    frame_share: float = MEDIAN_OF_FIVE,
-) -> NDArray[np.float32]:
-    """The depth (H, W), metres, that a stereo camera measures of an exact one; 0 where it measures nothing.
-
-    `focal_px` is the depth image's focal length, `bias_px` the session's disparity bias. The error of each frame is
-    taken times `frame_share`: unless told otherwise this is the median of five frames; 1 is a single one.
-    """
-    return expose(still_image(depth, focal_px, noise, bias_px, rng), noise, rng, frame_share)
-
-
 def still_image(
     depth: NDArray[np.float32], focal_px: float, noise: StereoNoise, bias_px: float, rng: np.random.Generator
 ) -> StillImage:
-    """The part of `measure` that is the same for all exposures from one pose.
+    """What all exposures from one pose share, of an exact depth image (H, W), metres, infinite where nothing is.
 
-    The reference camera is the left one: what its partner can't see is the band left of what stands before it.
+    `focal_px` is the depth image's focal length, `bias_px` the session's disparity bias. The reference camera is the
+    left one: what its partner can't see is the band left of what stands before it.
     """
     fb = np.float32(noise.focal_baseline_px_m)
     seen = np.isfinite(depth) & (depth > 0)
@@ -101,7 +86,10 @@ def still_image(
 def expose(
     still: StillImage, noise: StereoNoise, rng: np.random.Generator, frame_share: float = 1.0
 ) -> NDArray[np.float32]:
-    """The depth (H, W), metres, that one exposure measures; 0 where it measures nothing."""
+    """The depth (H, W), metres, that one exposure measures; 0 where it measures nothing.
+
+    The error of each frame is taken times `frame_share`: `MEDIAN_OF_FIVE` makes it the median of five exposures.
+    """
     fb = np.float32(noise.focal_baseline_px_m)
     spread = np.float32(noise.frame_px * frame_share)
     disparity = still.disparity + spread * rng.standard_normal(still.disparity.shape, dtype=np.float32)

@@ -2,6 +2,7 @@
 
 import os
 import time
+from pathlib import Path
 
 from cell.errors import CellError, MotionError
 
@@ -47,6 +48,17 @@ class Driver:
 class BrokenWhenIdle(Driver):
     def idle(self, quiet_s: float) -> None:
         raise RuntimeError("the device is gone")
+
+
+class Counted(Driver):
+    """Writes down each attempt to open its device, which may fail."""
+
+    def __init__(self, attempts: Path, opens: bool) -> None:
+        with attempts.open("a") as log:
+            log.write("opened\n")
+        if not opens:
+            raise CellError("no device here")
+        super().__init__()
 
 
 def refusing() -> Driver:

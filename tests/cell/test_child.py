@@ -12,7 +12,7 @@ import pytest
 
 from cell.child import Child, ChildBusyError, ChildLostError
 from cell.errors import CellError, MotionError
-from tests.cell.child_drivers import BrokenWhenIdle, Driver, refusing
+from tests.cell.child_drivers import BrokenWhenIdle, Counted, Driver, refusing
 
 
 @pytest.fixture
@@ -54,6 +54,18 @@ def test_a_driver_that_cannot_be_made_tells_why():
             child.call("add", 1, 2, timeout_s=10.0)
     finally:
         child.close()
+
+
+def test_a_driver_is_not_made_only_to_be_closed(tmp_path: Path):
+    """That would open the device once more: one that was never used, or that has just refused."""
+    attempts = tmp_path / "attempts"
+    Child("test", Counted, attempts, True).close()
+    assert not attempts.exists()
+    child = Child("test", Counted, attempts, False)
+    with pytest.raises(CellError, match="no device here"):
+        child.call("add", 1, 2, timeout_s=10.0)
+    child.close()
+    assert attempts.read_text() == "opened\n"
 
 
 def test_a_child_that_hangs_is_killed(child: Child):

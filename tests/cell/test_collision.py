@@ -1,3 +1,5 @@
+import itertools
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -91,7 +93,17 @@ def test_a_box_at_the_camera_is_touched_and_one_beside_it_is_not() -> None:
     # From the box's top to the underside of the camera's body, which is round across its length and nearly level.
     collisions = cell(obstacles=(box(beside),))
     gap = collisions.gaps(READY[None])[0, collisions.contacts.index("the camera comes too near obstacle 1")]
-    assert gap == pytest.approx(0.07 - 0.028, abs=0.006)
+    assert gap == pytest.approx(0.07 - 0.029, abs=0.006)
+
+
+@given(st.tuples(*[st.floats(0.02, 0.2)] * 3))
+@settings(deadline=None)
+def test_the_whole_body_of_the_camera_is_looked_at(body_m: tuple[float, float, float]) -> None:
+    collisions = collision_model(CellSettings(camera=SimulatedCamera(body_m=body_m)), np.eye(4))
+    (a, b), radius = collisions.part_ends[-1], collisions.part_radii[-1]
+    for corner in itertools.product(*((-size / 2, size / 2) for size in body_m)):
+        nearest = np.clip(corner, np.minimum(a, b), np.maximum(a, b))  # the axis is along one side of the body
+        assert np.linalg.norm(corner - nearest) <= radius + 1e-9
 
 
 def test_what_reaches_among_the_strings_is_said() -> None:
@@ -105,4 +117,10 @@ def test_many_postures_at_once_are_looked_at_each_for_itself() -> None:
     assert together.shape == (40, len(collisions.contacts))
     for k in range(len(q)):
         assert together[k] == pytest.approx(collisions.gaps(q[k : k + 1])[0], abs=1e-12)
-    assert np.array_equal(collisions.free(q), (together >= collisions.clearances).all(axis=1))
+
+
+def test_all_but_the_workspace_is_solid() -> None:
+    collisions = cell(obstacles=(((0.3, 0.3, 0.0), (0.5, 0.5, 0.6)),))
+    assert [words for words, solid in zip(collisions.contacts, collisions.solid, strict=True) if not solid] == [
+        words for words in collisions.contacts if words.endswith("the workspace")
+    ]

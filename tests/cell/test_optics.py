@@ -3,7 +3,7 @@ import pytest
 from pydantic import ValidationError
 
 from cell.optics import baseline_m, camera_optics
-from cell.settings import CameraName, CameraSettings, OakCamera, OakProduct, SimulatedCamera
+from cell.settings import CameraName, OakCamera, OakProduct, SimulatedCamera
 from cell.simulation.camera import CAMERAS
 
 
@@ -58,5 +58,3 @@ def test_cameras_that_do_not_exist_are_refused() -> None:
         OakCamera(kind="oak", product="oak-d-sr", extended_disparity=True)
     with pytest.raises(ValidationError, match="no images of 640x480"):
         OakCamera(kind="oak", width=640, height=480)
-    with pytest.raises(TypeError, match="CameraSettings"):
-        camera_optics(CameraSettings())

@@ -13,12 +13,9 @@ angles = st.lists(st.floats(-6.0, 6.0), min_size=6, max_size=6).map(np.array)
 PLACES = 2000
 
 
-def swept(
-    model: ArmModelName, start: NDArray[np.float64], end: NDArray[np.float64], point_m: NDArray[np.float64]
-) -> float:
-    """Greatest distance between neighbours of many places of a point of the flange, as a speed per whole move."""
-    flange = link_frames(model, start + np.linspace(0, 1, PLACES)[:, None] * (end - start))[:, 6]
-    points = flange[:, :3, :3] @ point_m + flange[:, :3, 3]
+def swept(model: ArmModelName, start: NDArray[np.float64], end: NDArray[np.float64]) -> float:
+    """Greatest distance between neighbours of many places of the flange's origin, as a speed per whole move."""
+    points = link_frames(model, start + np.linspace(0, 1, PLACES)[:, None] * (end - start))[:, 6, :3, 3]
     return float(np.linalg.norm(np.diff(points, axis=0), axis=1).max()) * (PLACES - 1)
 
 
@@ -31,25 +28,12 @@ def test_the_flange_keeps_its_limit_and_wastes_little(
     if furthest < 1e-3:
         return
     speed = capped_speed(model, start, end, 100.0, limit)
-    reached = swept(model, start, end, np.zeros(3)) * speed / furthest
+    reached = swept(model, start, end) * speed / furthest
     assert reached <= limit * (1 + 1e-9)
     rates = speed * np.abs(end - start) / furthest
     assert (rates <= joint_speeds(model) * (1 + 1e-12)).all()
     # Either the flange or a joint is near its limit: 3 % for what lies between the places looked at.
     assert reached > 0.97 * limit or (rates / joint_speeds(model)).max() > 0.999
-
-
-@given(models, angles, angles, st.lists(st.floats(-1, 1), min_size=3, max_size=3).map(np.array))
-@settings(max_examples=40)
-def test_so_does_whatever_is_fixed_near_the_flange(
-    model: ArmModelName, start: NDArray[np.float64], end: NDArray[np.float64], direction: NDArray[np.float64]
-) -> None:
-    furthest = np.abs(end - start).max()
-    length = np.linalg.norm(direction)
-    if furthest < 1e-3 or length < 1e-3:
-        return
-    speed = capped_speed(model, start, end, 100.0, 0.25, within_m=0.15)
-    assert swept(model, start, end, 0.15 * direction / length) * speed / furthest <= 0.25 * (1 + 1e-9)
 
 
 def test_turning_the_base_of_a_stretched_arm() -> None:
@@ -66,7 +50,6 @@ def test_turning_the_base_of_a_stretched_arm() -> None:
 def test_turning_the_last_joint_does_not_move_the_flange() -> None:
     turned = np.array([0, 0, 0, 0, 0, 2.0])
     assert capped_speed("ur5e", np.zeros(6), turned, 1.0, 0.01) == 1.0
-    assert capped_speed("ur5e", np.zeros(6), turned, 1.0, 0.01, within_m=0.1) == pytest.approx(0.1, rel=1e-2)
     # Nothing beyond what the joint can do.
     assert capped_speed("ur5e", np.zeros(6), turned, 10.0, 0.25) == pytest.approx(np.pi)
 

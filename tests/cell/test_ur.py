@@ -14,7 +14,7 @@ from cell.child import Child, ChildLostError
 from cell.errors import RobotLostError, RobotNotReadyError, RobotUnreachableError, StoppedError
 from cell.probe import RTDE_PORT
 from cell.simulation.controller.process import RunningController
-from cell.ur import UrDriver, _not_connected
+from cell.ur import UrDriver, _not_connected, same_pose
 from cell.ur_reading import Reading, safety
 from tests.cell.loopback import free_host
 from tests.cell.pendant import Pendant
@@ -168,6 +168,15 @@ def test_bits_know_of_stops_that_the_mode_does_not_tell_yet():
     assert safety(1, 1 << 6 | 1 << 7) == "robot_emergency_stop"
     assert safety(3, 0b1) == "protective_stop"
     assert safety(99, 0) == "undefined"
+    assert {safety(kind, 0) for kind in (5, 12, 13, 14)} == {"safeguard_stop"}
+
+
+def test_poses_are_the_same_whichever_way_half_a_turn_is_written():
+    down = (0.1, -0.4, 0.3, np.pi - 1e-5, 1e-5, 0.0)
+    assert same_pose(down, (0.1, -0.4, 0.3, 1e-5 - np.pi, 1e-5, 0.0))
+    assert same_pose((0.1, 0.0, 0.0, 0.0, 0.0, 0.0), (0.1, 0.0, 1e-4, 1e-4, 0.0, 0.0))
+    for shifted in ((0.102, *down[1:]), (*down[:3], np.pi - 0.01, 0.0, 0.0), (*down[:3], 0.0, np.pi, 0.0)):
+        assert not same_pose(down, shifted)
 
 
 @pytest.mark.parametrize(

@@ -148,7 +148,7 @@ def test_the_whole_way_is_free_and_within_the_joints_limits(
         q = plan.home_q_rad if leg.view is None else plan.viewpoints[leg.view].q_rad
         assert q is not None
         assert np.array_equal(place, q)
-        assert collisions.free(q[None])[0]
+        assert (collisions.gaps(q[None]) >= collisions.clearances).all()
         assert np.linalg.svd(jacobian(settings.arm.model, q), compute_uv=False)[-1] >= LEAST_SINGULAR_VALUE
     assert plan.legs[-1].view is None
     assert plan.travel_rad == pytest.approx(sum(leg.travel_rad for leg in plan.legs))
@@ -182,20 +182,27 @@ def test_a_wall_is_kept_away_from_and_named() -> None:
     assert all("obstacle 1" in v.reason or "no free way" in v.reason for v in plan.viewpoints if v.reason)
 
 
-def test_a_scan_can_begin_where_the_arm_stands_within_the_workspace() -> None:
+@pytest.mark.parametrize("clearance_m", [0.03, 0.0])
+def test_a_scan_can_begin_where_the_arm_stands_within_the_workspace(clearance_m: float) -> None:
+    settings = cell(mounting=MountingSettings(clearance_m=clearance_m))
     low = np.deg2rad((180.0, -80.0, 130.0, -80.0, -40.0, 0.0))
-    collisions = collision_model(DEFAULT, T_FLANGE_CAMERA)
-    assert not collisions.free(low[None])[0]
-    plan = plan_of(DEFAULT, tuple(low))
+    collisions = collision_model(settings, T_FLANGE_CAMERA)
+    assert collisions.gaps(low[None])[0, ~collisions.solid].min() < 0
+    plan = plan_of(settings, tuple(low))
     assert plan.reached == 8
     assert np.array_equal(plan.start_q_rad, low)
 
 
-def test_where_the_arm_touches_something_it_must_be_freed_first() -> None:
+@pytest.mark.parametrize("clearance_m", [0.03, 0.0])
+def test_where_the_arm_touches_something_it_must_be_freed_first(clearance_m: float) -> None:
     with pytest.raises(
         ViewpointsError, match=r"the camera comes too near the table: they overlap by 0\.\d+ m\. Move it"
     ):
-        plan_viewpoints(DEFAULT, T_FLANGE_CAMERA, np.deg2rad((180, -20, 60, -90, -90, 0)))
+        plan_viewpoints(
+            cell(mounting=MountingSettings(clearance_m=clearance_m)),
+            T_FLANGE_CAMERA,
+            np.deg2rad((180, -20, 60, -90, -90, 0)),
+        )
 
 
 def test_home_is_taken_from_the_settings_if_it_is_free() -> None:

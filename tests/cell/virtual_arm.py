@@ -15,7 +15,10 @@ from cell.simulation.controller.process import RunningController
 HOME = np.array([0.0, -1.57, 1.57, -1.57, -1.57, 0.0])
 FAST = SimulatedArm(speed_rad_s=1.5, acceleration_rad_s2=3.0, flange_speed_m_s=2.0)
 """For tests that are not about the flange's speed."""
-MOTION_COMMANDS = {"movej", "movej_ik", "movel", "movel_fk", "move_path", "servoj", "speedj", "speedl", "servol"}
+MOTION_COMMANDS = {
+    "movej", "movej_ik", "movel", "movel_fk", "move_path", "servoj", "servol", "servoc", "speedj", "speedl",
+    "force_mode", "start_jog", "move_until_contact", "freedrive_mode", "teach_mode",
+}  # fmt: skip
 
 
 def far(turn_rad: float = 2.0) -> np.ndarray:

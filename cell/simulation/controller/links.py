@@ -75,15 +75,13 @@ class Links:
         self.transports.pop(transport, None)
         self.mute.discard(transport)
 
-    def reset(self, *ports: int) -> int:
-        """Resets the connections of these ports; says how many."""
-        victims = [transport for transport, port in self.transports.items() if port in ports]
-        for transport in victims:
+    def reset(self, *ports: int) -> None:
+        """Resets the connections of these ports."""
+        for transport in [transport for transport, port in self.transports.items() if port in ports]:
             sock: socket.socket = transport.get_extra_info("socket")
             with contextlib.suppress(OSError):  # it has just gone by itself
                 sock.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
             transport.abort()
-        return len(victims)
 
     def freeze(self, frozen: bool) -> None:
         """Stops or lets go on all RTDE traffic."""

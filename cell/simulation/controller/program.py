@@ -37,8 +37,6 @@ NAMES = {
 }  # fmt: skip
 """The commands by their numbers. Those that the simulation does not know are answered as done, without effect."""
 
-MOVES = frozenset({1, 2, 3, 4, 6, 9, 10, 11, 12, 24, 41, 45, 51, 52})
-"""Commands that set the arm in motion on a real robot."""
 REALTIME = frozenset({6, 9, 10, 11, 24, 25, 26, 27, 38, 58, 66, 67, 68, 69, 70, 71})
 """Commands that need no return to 0 before the next."""
 READY, DONE = 1, 2

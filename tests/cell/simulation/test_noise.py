@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from cell.simulation.noise import MEDIAN_OF_FIVE, StereoNoise, measure
+from cell.simulation.noise import MEDIAN_OF_FIVE, StereoNoise, expose, still_image
 
 NONE = StereoNoise(
     800.0, 0.05, wave_px=0, fixed_px=0, frame_px=0, step_px=1e-6, hole_share=0, jitter_px=0, flying_share=0
@@ -17,6 +17,12 @@ NONE = StereoNoise(
 SHAPE = (600, 900)
 WALL = np.full(SHAPE, 0.4, dtype=np.float32)
 DISPARITY = 800.0 * 0.05 / 0.4
+
+
+def measure(
+    depth: NDArray[np.float32], focal_px: float, noise: StereoNoise, bias_px: float, rng: np.random.Generator
+) -> NDArray[np.float32]:
+    return expose(still_image(depth, focal_px, noise, bias_px, rng), noise, rng, MEDIAN_OF_FIVE)
 
 
 def disparity_error(noise: StereoNoise, bias_px: float = 0.0, depth: NDArray = WALL) -> NDArray[np.float64]:

@@ -103,11 +103,9 @@ def test_late_packages_are_late(controller: RunningController):
 def test_seldom_packages_are_seldom(controller: RunningController):
     with streaming(controller) as client:
         controller.admin.slow(rate_hz=20.0)
-        now_s = controller.admin.state().stamp_s
         stamps = [client.data()["timestamp"]]
         while stamps[-1] - stamps[0] < 0.5 or len(stamps) < 5:
             stamps.append(client.data()["timestamp"])
-        assert now_s > 0
         assert np.diff(stamps[-4:]).min() > 0.04
 
 

@@ -90,7 +90,7 @@ def test_what_the_admin_port_does_not_know_is_refused_with_words(controller: Run
         assert "JSONDecodeError" in lines.readline()
 
 
-def test_the_pose_is_asked_for_quickly(controller: RunningController):
+def test_the_pose_may_be_asked_for_often_and_after_closing(controller: RunningController):
     client = AdminClient(controller.host)
     np.testing.assert_allclose(client.pose(), kinematics.forward("ur5e", HOME_Q_RAD), atol=1e-12)
     for _ in range(100):

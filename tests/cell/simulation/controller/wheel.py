@@ -14,7 +14,7 @@ control = rtde_control.RTDEControlInterface(host)
 
 _HEAD = """
 import json, os, sys, time
-import rtde_control, rtde_io, rtde_receive, dashboard_client
+import rtde_control, rtde_receive
 host, arguments = sys.argv[1], json.loads(sys.argv[2])
 def answer(**values):
     print("ANSWER" + json.dumps(values), flush=True)
@@ -38,7 +38,7 @@ def run(host: str, code: str, **arguments: Any) -> dict[str, Any]:
 
 
 class Talk:
-    """The same in steps: the code calls `say(word)` and waits there until `go`."""
+    """The same under way: the code calls `say(word)` and waits there until it is ended with the block."""
 
     def __init__(self, host: str, code: str, **arguments: Any) -> None:
         self.process = subprocess.Popen(
@@ -59,16 +59,3 @@ class Talk:
             if line.decode().strip() == word:
                 return
         raise AssertionError(f"the client ended (exit code {self.process.wait()}) before it said {word!r}")
-
-    def go(self) -> None:
-        """Lets the code go on."""
-        assert self.process.stdin is not None
-        self.process.stdin.write(b"\n")
-        self.process.stdin.flush()
-
-    def answer(self) -> dict[str, Any]:
-        """What the code gives to `answer`."""
-        out, _ = self.process.communicate(timeout=TIMEOUT_S)
-        lines = [line for line in out.decode().splitlines() if line.startswith("ANSWER")]
-        assert lines, f"exit code {self.process.returncode}, no answer:\n{out.decode()}"
-        return json.loads(lines[-1].removeprefix("ANSWER"))

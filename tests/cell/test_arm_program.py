@@ -1,0 +1,60 @@
+"""The end of a program over the dashboard."""
+
+import pytest
+
+from cell.acknowledge import acknowledge_protective_stop
+from cell.arm_program import OurProgram
+from cell.dashboard import stop_program
+from cell.errors import RobotNotReadyError
+from cell.simulation.controller.process import RunningController
+from tests.cell.virtual_arm import dashboard_commands, fresh, until
+
+pytestmark = pytest.mark.xdist_group("cell")  # one at a time: each is several busy processes
+
+
+def paused_program(controller: RunningController) -> OurProgram:
+    """A program that stands for ours; paused, since one that plays would be ended by its watchdog."""
+    fresh(controller)
+    program = OurProgram(controller.host, watchdog_hz=2.5)
+    controller.admin.foreign_program("rtde_control")
+    program.started()
+    controller.admin.protective_stop()
+    until(lambda: controller.admin.state().program_state == "PAUSED", 5.0)
+    return program
+
+
+def test_a_robot_that_refuses_to_end_it_is_asked_again(controller: RunningController):
+    program = paused_program(controller)
+    controller.admin.local_mode()
+    program.end(5.0, whatever_plays=True)
+    program.wait()
+    assert program.there
+    assert controller.admin.state().program_state == "PAUSED"
+    controller.admin.clear()
+    program.end(5.0, whatever_plays=False)
+    program.wait()
+    assert not program.there
+    assert controller.admin.state().program_state == "STOPPED"
+
+
+def test_one_that_is_gone_is_not_looked_for_again(controller: RunningController):
+    program = paused_program(controller)
+    assert stop_program(controller.host, 5.0) == "Stopped"
+    begin = controller.admin.state().events
+    for _ in range(2):
+        program.end(5.0, whatever_plays=True)
+        program.wait()
+    assert not program.there
+    assert dashboard_commands(controller.admin.log(begin)) == ["stop"]
+
+
+def test_a_program_that_can_not_be_ended_is_not_acknowledged_away(controller: RunningController):
+    fresh(controller)
+    controller.admin.foreign_program("rtde_control")
+    controller.admin.local_mode()
+    with pytest.raises(RobotNotReadyError, match=r"still on it .*stop it at the pendant"):
+        acknowledge_protective_stop(controller.host, None, program_ours=True)
+    assert controller.admin.state().program_state == "PLAYING"
+    controller.admin.reset()  # somebody ends it there, and stays in local mode
+    controller.admin.local_mode()
+    acknowledge_protective_stop(controller.host, None, program_ours=True)
