@@ -8,14 +8,13 @@ from dataclasses import replace
 
 from calibration.storage import HandEye
 from cell.camera import LiveCamera
-from cell.cell_calibration import hand_eye_in_use, require_its_own, require_unchanged
+from cell.cell_calibration import hand_eye_in_use, require_unchanged
 from cell.cell_header import scan_header
 from cell.cell_status import FAULTS, CellStatus, KeptStatus
-from cell.devices import CameraInfo
+from cell.connecting import connect_equipment
 from cell.equipment import Equipment
 from cell.errors import (
     AcknowledgeRequiredError,
-    CameraLostError,
     CellBusyError,
     CellError,
     NothingToAcknowledgeError,
@@ -139,7 +138,14 @@ class Cell:
                 self._unchanged(hand_eye),
             )
             least = min(self.settings.scan.min_views, len(plan.viewpoints))
-            scan = BackgroundScan(means, plan, writer, listener, least)
+            scan = BackgroundScan(
+                means,
+                plan,
+                writer,
+                listener,
+                least,
+                lambda: self._status.change(reason="all views of the last scan are taken, the arm goes home"),
+            )
             try:
                 yield scan
                 scan.wait()
@@ -159,6 +165,22 @@ class Cell:
         self._last_stop = object()
         self._equipment.stop()
         self._status.no_longer_ready("stopped", STOPPED)
+
+    def release(self) -> None:
+        """Ends our program on the robot, so that another can move it; the camera stays connected. Nothing moves.
+
+        The next `connect` or `prepare` takes the arm again.
+
+        Raises:
+            AcknowledgeRequiredError: there was a fault that nobody has acknowledged.
+            CellBusyError: a scan is under way.
+        """
+        with self._using(HOME_S):
+            if self._status.now.state == "fault":
+                raise AcknowledgeRequiredError(self._status.now.reason)
+            self._equipment.release_arm()
+            reason = "the arm was let go for other programs: connect, or start a live scan"
+            self._status.change(state="not_ready", slug="released", reason=reason)
 
     def acknowledge(self) -> None:
         """A person has looked at the cell after a fault: the robot is unlocked, its program ended. Nothing moves.
@@ -198,42 +220,17 @@ class Cell:
             self._status.no_longer_ready("stopped", STOPPED)
             raise StoppedError("the arm was stopped by request before the scan began")
 
-    def _still_ready(self) -> bool:
-        """The arm that was ready is; not when it was stopped since. Raises what else is wrong with it."""
-        try:
-            self._equipment.arm.check_ready()
-        except StoppedError:
-            return False
-        return True
-
-    def _camera_info(self) -> CameraInfo:
-        camera = self._equipment.camera
-        if camera.connected:
-            try:
-                return camera.info()
-            except CameraLostError as error:
-                log.warning("%s; connecting it once more", error)
-        return camera.connect()
-
     def _connect(self) -> None:
         status, before = self._status.now, self._last_stop
         if status.state == "fault":
-            raise AcknowledgeRequiredError(f"{status.reason} Look at the cell, then acknowledge.")
+            raise AcknowledgeRequiredError(status.reason)
         try:
             hand_eye = self._calibration()
-            arm = self._equipment.arm
-            info = status.arm
-            if status.state != "ready" or info is None or not self._still_ready():
-                info = arm.connect()
-            seen = self._camera_info()
-            state = arm.state()
-            require_its_own(hand_eye, seen.device_id, info.serial)
+            seen = connect_equipment(self._equipment, hand_eye, status.arm if status.state == "ready" else None)
         except CellError as error:
             self._status.after(error)
             raise
-        self._status.change(
-            state="ready", reason=None, slug=None, arm=info, arm_state=state, camera=seen, hand_eye=hand_eye
-        )
+        self._status.change(state="ready", reason=None, slug=None, hand_eye=hand_eye, **vars(seen))
         self._refuse_stopped_since(before)
 
     def _calibration(self) -> HandEye:

@@ -67,7 +67,8 @@ class KeptStatus:
             self.change(state="ready", slug=None, reason=None)
         elif isinstance(error, faults):
             log.warning("fault: %s", error)
-            self.change(state="fault", slug=error.slug, reason=str(error))
+            first = "" if isinstance(error, SAFETY_STOPS) else "look at the cell and acknowledge first: "
+            self.change(state="fault", slug=error.slug, reason=f"{first}{error}")
         elif isinstance(error, CellError):
             self.change(state="not_ready", slug=error.slug, reason=str(error))
         else:

@@ -74,6 +74,11 @@ class Equipment:
         if arm is not None:
             arm.stop()
 
+    def release_arm(self) -> None:
+        """Ends the arm's connection, and with it our program on the robot."""
+        if self._arm is not None:
+            self._arm.close()
+
     def close(self) -> None:
         """Lets everything go; a simulated controller ends."""
         for device in (self._camera, self._arm, self.controller):

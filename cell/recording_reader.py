@@ -94,7 +94,7 @@ def read_recording(path: Path, limits: Limits = DEFAULT_LIMITS) -> Recording:
     if not complete:
         raise RecordingEmptyError(f"{path.name} has no complete view: {_why_none(contents)}")
     if contents.cut:
-        missing.append(f"{contents.cut}; whatever followed view {complete[-1].index} is lost")
+        missing.append(f"{contents.cut}; whatever followed view {complete[-1].index}, the last one taken, is lost")
     return Recording(header, tuple(complete), tuple(missing))
 
 

@@ -18,8 +18,8 @@ def mode_error(robot_mode: RobotMode, safety_mode: SafetyMode) -> CellError | No
             )
         case "system_emergency_stop" | "robot_emergency_stop":
             return EmergencyStopError(
-                "an emergency stop is pressed: make the cell safe, release the button, then switch the robot on again "
-                "at its pendant"
+                "an emergency stop is pressed: make the cell safe, release the button, switch the robot on again at "
+                "its pendant, then acknowledge"
             )
         case "safeguard_stop":
             return RobotNotReadyError(

@@ -137,8 +137,10 @@ class BackgroundScan:
         writer: RecordingWriter,
         listener: ScanListener,
         min_views: int,
+        going_home: Callable[[], None],
     ) -> None:
-        self._means, self._plan = means, plan
+        """`going_home` is called when the last view is taken."""
+        self._means, self._plan, self._going_home = means, plan, going_home
         self._taking_error: BaseException | None = None
         self._home_error: BaseException | None = None
         self._views: queue.SimpleQueue[View | None] = queue.SimpleQueue()
@@ -187,6 +189,7 @@ class BackgroundScan:
         if not isinstance(self._taking_error, MissingViewsError | None):
             return  # the arm stays where it is; where too few views were all, it is well
         try:
+            self._going_home()
             go_home(self._means.arm, self._plan)
         except Exception as error:  # noqa: BLE001 (told by `wait`)
             self._home_error = error

@@ -1,6 +1,7 @@
 """What goes over HTTP about the cell, as JSON."""
 
 import time
+from dataclasses import replace
 from typing import Literal
 
 from pydantic import BaseModel, Field
@@ -13,7 +14,8 @@ Matrix = list[list[float]]
 
 
 class RobotResource(BaseModel):
-    """The arm, as its controller last told it. Its modes are null while the cell is not ready: nobody knows them."""
+    """The arm, as its controller last told it. Its modes are null while the cell is not ready, and `moving`
+    in a fault too: nobody knows them."""
 
     kind: Literal["simulated", "ur"]
     model: str
@@ -93,8 +95,10 @@ class PlanRequest(BaseModel):
     views: int | None = Field(default=None, ge=2, le=32)
 
 
-def cell_resource(status: CellStatus, settings: CellSettings) -> CellResource:
-    """The status as JSON."""
+def cell_resource(status: CellStatus, settings: CellSettings, live_scan: str | None) -> CellResource:
+    """The status as JSON. `live_scan`: id of the one that is accepted and has not ended."""
+    if status.state == "ready" and live_scan is not None:
+        status = replace(status, state="busy", slug="cell-busy", reason=f"scan {live_scan} is about to begin")
     arm, state, camera, hand_eye, plan = status.arm, status.arm_state, status.camera, status.hand_eye, status.plan
     known = None if status.state == "not_ready" else state
     return CellResource(
@@ -108,7 +112,7 @@ def cell_resource(status: CellStatus, settings: CellSettings) -> CellResource:
             software=None if arm is None else arm.software,
             robot_mode=None if known is None else known.robot_mode,
             safety_mode=None if known is None else known.safety_mode,
-            moving=None if known is None else known.moving,
+            moving=None if known is None or status.state == "fault" else known.moving,
             q_rad=None if state is None else state.q_rad.tolist(),
             T_base_flange=None if state is None else state.T_base_flange.tolist(),
             age_s=None if state is None else state.age_s + time.monotonic() - state.read_s,

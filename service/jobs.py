@@ -122,6 +122,22 @@ class Jobs:
         live = running is not None and running.plan is not None
         self._stop(running if live else None, "aborted", "the arm was stopped by request")
 
+    def release_arm(self) -> None:
+        """Lets the arm go, once it is home.
+
+        Raises:
+            ProblemError: `cell-busy`, with the Location of the scan under way.
+            CellError: as `Cell.release`.
+        """
+        with self._place():
+            self._cell.release()
+
+    @property
+    def live_scan(self) -> str | None:
+        """Id of the live scan that is accepted and has not ended, if any."""
+        running = self._running
+        return None if running is None or running.plan is None else running.scan.id
+
     @contextmanager
     def _place(self) -> Iterator[None]:
         """The one place, for as long as it takes to accept a scan."""

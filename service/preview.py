@@ -83,5 +83,5 @@ def _title(model: PointChainModel) -> str:
     chains, crossings = len(model.chains), len(model.crossings)
     return (
         f"{chains} chain{'' if chains == 1 else 's'}, {crossings} crossing{'' if crossings == 1 else 's'} "
-        f"({model.method}, r = {model.parameters.r * 1000:g} mm)"
+        f"({model.method}, r = {model.parameters.r * 1000:.3g} mm)"
     )

@@ -1,6 +1,7 @@
 """One live scan by the configured cell, without a server: `pointchain scan`."""
 
 import json
+import signal
 import sys
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
@@ -23,6 +24,8 @@ from service.worker_process import Task
 from service.workflow import check_radius
 
 Say = Callable[[str], None]
+STOPPED_CODE = 130
+"""As a shell has it for what Ctrl-C ended."""
 
 
 class ToldProgress:
@@ -97,19 +100,29 @@ def take_scan(
 def scan_once(
     config: ServiceConfig, recording: Path | None, radius_m: float | None, method: Method, views: int | None
 ) -> int:
-    """One scan; its model as one line of JSON on stdout, or `{"schema", "error"}`. 0 when there is a model, else 1."""
+    """One scan; its model as one line of JSON on stdout, or `{"schema", "error"}`. 0 when there is a
+    model, 130 after Ctrl-C or SIGTERM, which stop the arm, else 1."""
 
     def say(words: str) -> None:
         print(f"pointchain scan: {words}", file=sys.stderr)
 
     cell = Cell(config.cell)
+    _interrupted_by_signals()
     try:
         with TemporaryDirectory(prefix="pointchain-") as folder:
             path = recording or Path(folder) / "scan.mcap"
             document = take_scan(
                 cell, path, radius_m, method, config.gripper.value, config.limits.recognition_s, say, views
             )
+            say(f"chains: {len(document['chains'])}, crossings: {len(document['crossings'])}")
+            for told in (*document["quality"]["ambiguities"], *document["quality"]["warnings"]):
+                say(told)
             code = 0
+    except KeyboardInterrupt:
+        kept = "" if recording is None else f"; any views taken until then are in {recording}"
+        reason = f"stopped by request{kept}"
+        document, code = {"schema": SCHEMA, "error": problem_document(409, "stopped", reason)}, STOPPED_CODE
+        say(reason)
     except TaskFailedError as error:
         document, code = {"schema": SCHEMA, "error": error.problem}, 1
         say(str(error))
@@ -127,3 +140,9 @@ def scan_once(
         cell.close()
     print(json.dumps(document, allow_nan=False), flush=True)
     return code
+
+
+def _interrupted_by_signals() -> None:
+    """SIGTERM, and SIGINT also where a shell script ignores it for what runs in the background, stop the arm first."""
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, signal.default_int_handler)

@@ -138,14 +138,15 @@ class ScanRunner:
             if stop is not None:
                 state, detail = stop
                 stopped = problem_document(409, state, detail)
-                store.update_scan(scan.id, state=state, problem=stopped, ended_at=now())
+                store.end_scan(scan.id, state, stopped)
             elif outcome is not None:
                 state = "partial" if outcome.partial else "succeeded"
                 self._drawing = scan.id
                 store.finish_scan(scan.id, state, dataclasses.asdict(outcome), results)
             else:
                 log.warning("scan %s failed: %s", scan.id, problem)
-                store.update_scan(scan.id, state="failed", problem=problem, ended_at=now())
+                assert problem is not None
+                store.end_scan(scan.id, "failed", problem)
 
     def _give_up(self, running: Running) -> None:
         """The disk or the database failed. If this cannot be written either, the next start mends the row."""
@@ -153,7 +154,7 @@ class ScanRunner:
         problem = problem_document(500, "internal", "the result could not be stored; the log has the reason")
         with self._leaving(running):
             try:
-                self._store.update_scan(running.scan.id, state="failed", problem=problem, ended_at=now())
+                self._store.end_scan(running.scan.id, "failed", problem)
             except sqlite3.Error:
                 log.exception("nor could this be written of scan %s", running.scan.id)
 

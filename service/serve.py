@@ -1,5 +1,6 @@
 """`pointchain serve`: the HTTP service in front of a socket."""
 
+import socket
 import sys
 
 import uvicorn
@@ -21,15 +22,27 @@ def serve(config: ServiceConfig) -> int:
     except DataFolderError as error:
         print(f"pointchain serve: {error}", file=sys.stderr)
         return 1
-    print(f"pointchain: http://{config.host}:{config.port}/docs, data in {config.data_dir}", file=sys.stderr)
+    try:
+        listening = _listen(config.host, config.port)
+    except OSError as error:
+        where = f"{config.host}:{config.port}"
+        print(f"pointchain serve: cannot listen on {where}: {error.strerror or error}", file=sys.stderr)
+        return 1
+    address = f"[{config.host}]" if ":" in config.host else config.host
+    print(f"pointchain: http://{address}:{listening.getsockname()[1]}/docs, data in {config.data_dir}", file=sys.stderr)
     server = uvicorn.Server(
         uvicorn.Config(
             create_app(config),
-            host=config.host,
-            port=config.port,
             timeout_graceful_shutdown=5,
             timeout_keep_alive=KEEP_ALIVE_S,
         )
     )
-    server.run()
+    with listening:
+        server.run(sockets=[listening])
     return 0 if server.started else 1
+
+
+def _listen(host: str, port: int) -> socket.socket:
+    """Taken before the service starts, so that a port in use is told in plain words, and 0 has become a port."""
+    family = socket.AF_INET6 if ":" in host else socket.AF_INET
+    return socket.create_server((host, port), family=family)

@@ -111,6 +111,13 @@ class Store:
             done = db.execute(sql, (*map(stored, values.values()), scan_id, *only_in))
             return done.rowcount == 1
 
+    def end_scan(self, scan_id: str, state: ScanState, problem: dict[str, Any]) -> None:
+        """Ends a scan that has no result. A view that was under way is missing."""
+        missed = "UPDATE views SET state = 'missing', reason = ?, changed_at = ? WHERE scan = ? AND state = 'moving'"
+        with self._transaction() as db:
+            db.execute(missed, ("the scan ended before this view was taken", now(), scan_id))
+        self.update_scan(scan_id, state=state, problem=problem, ended_at=now())
+
     def finish_scan(self, scan_id: str, state: ScanState, summary: dict[str, Any], results: Path) -> None:
         """Puts the folder `results`, whose files are synced, in its place, then writes the scan's row."""
         final = self.folder.results(scan_id)
@@ -141,7 +148,7 @@ class Store:
                 shutil.rmtree(self.folder.results(scan.id))
             detail = "the service ended while this scan was under way; start it again from its recording"
             problem = problem_document(500, "interrupted", detail)
-            self.update_scan(scan.id, state="interrupted", problem=problem, ended_at=now())
+            self.end_scan(scan.id, "interrupted", problem)
         return found
 
     def check(self) -> None:

@@ -87,7 +87,8 @@ class Refused:
 
 def work(pipe: Connection) -> None:
     """The process's own loop."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches it too; the service ends it in its own time
+    for number in (signal.SIGINT, signal.SIGTERM):  # they may reach it too; the service ends it in its own time
+        signal.signal(number, signal.SIG_IGN)
     threading.Thread(target=_end_with_parent, daemon=True).start()
     if hasattr(os, "nice"):
         os.nice(YIELDING)

@@ -32,6 +32,14 @@ def stop_cell(service: Service) -> CellResource:
     return _resource(service)
 
 
+@router.post("/cell/release", responses=problem_responses(409, 503))
+def release_arm(service: Service) -> CellResource:
+    """Ends our program on the robot, so that another can move it, as to grasp. Waits for the arm of a scan to come home
+    first. The next live scan, or connect, takes the arm again. Nothing moves."""
+    service.jobs.release_arm()
+    return _resource(service)
+
+
 @router.post("/cell/acknowledge", responses=problem_responses(409, 503))
 def acknowledge_fault(service: Service) -> CellResource:
     """Says that a person has looked at the cell after a fault. Unlocks a protective stop; nothing moves."""
@@ -40,9 +48,9 @@ def acknowledge_fault(service: Service) -> CellResource:
 
 
 @router.post("/viewpoints/plan", responses=problem_responses(409, 422))
-def plan_viewpoints(wanted: PlanRequest, service: Service) -> dict[str, Any]:
+def plan_viewpoints(service: Service, wanted: PlanRequest | None = None) -> dict[str, Any]:
     """The viewpoints, which of them can be reached and why not, their order and the way. Nothing moves."""
-    return service.cell.plan(wanted.views).to_json()
+    return service.cell.plan(wanted.views if wanted else None).to_json()
 
 
 PNG: dict[int | str, dict[str, Any]] = {200: {"content": {"image/png": BINARY}}}
@@ -57,4 +65,4 @@ def draw_viewpoints(service: Service, views: ViewCount = None) -> Response:
 
 
 def _resource(service: Context) -> CellResource:
-    return cell_resource(service.cell.status, service.cell.settings)
+    return cell_resource(service.cell.status, service.cell.settings, service.jobs.live_scan)

@@ -1,6 +1,7 @@
 """The command line as a person or a script meets it: what is on stdout, on stderr, and the exit code."""
 
 import json
+import socket
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -270,6 +271,10 @@ def test_serve_says_why_it_cannot_start(capsys: pytest.CaptureFixture[str], tmp_
         assert "another service uses this data folder" in capsys.readouterr().err
     finally:
         folder.close()
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = taken.getsockname()[1]
+        assert main(["serve", "--data-dir", str(tmp_path / "data"), "--port", str(port)]) == 1
+    assert f"cannot listen on 127.0.0.1:{port}: " in capsys.readouterr().err
     config = tmp_path / "cell.toml"
     config.write_text("prot = 8000\n")
     assert main(["serve", "--config", str(config)]) == 1

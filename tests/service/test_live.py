@@ -2,6 +2,7 @@
 
 import json
 import math
+import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -55,7 +56,7 @@ def test_a_live_scan_gives_the_true_model_and_replays_to_the_same(
 def test_the_cell_tells_what_it_is_made_of(cell: LiveCell) -> None:
     wait_until(lambda: cell.state()["state"] != "busy")  # the arm is home
     cell.is_well()
-    assert cell.client.post("/api/viewpoints/plan", json={}).status_code == 200
+    assert cell.client.post("/api/viewpoints/plan").status_code == 200
     state = cell.state()
     assert (state["state"], state["reason"], state["problem"]) == ("ready", None, None)
     assert state["robot"]["model"] == "ur5e"
@@ -70,10 +71,29 @@ def test_while_one_scan_runs_a_second_is_told_which(
     cell: LiveCell, assert_problem: Problem, finished: Finished
 ) -> None:
     location = cell.start()
-    answer = cell.client.post("/api/scans", json=SCAN)
-    assert_problem(answer, 409, "cell-busy")
-    assert answer.headers["Location"] == location
+    assert cell.state()["state"] == "busy"  # from its acceptance on, though the arm may not move yet
+    for path, wanted in (("/api/scans", SCAN), ("/api/cell/release", None)):
+        answer = cell.client.post(path, json=wanted)
+        assert_problem(answer, 409, "cell-busy")
+        assert answer.headers["Location"] == location
     assert finished(cell.client, location)["state"] == "succeeded"
+
+
+def test_a_released_arm_is_free_for_other_programs_until_the_next_scan(cell: LiveCell, finished: Finished) -> None:
+    location = cell.start()
+    assert finished(cell.client, location)["state"] == "succeeded"
+    if (state := cell.state())["state"] == "busy":
+        assert "goes home" in state["reason"]
+    # Asked for on the way home, it waits for the arm to get there.
+    begin = time.monotonic()
+    answer = cell.client.post("/api/cell/release")
+    assert (answer.status_code, answer.json()["state"]) == (200, "not_ready"), answer.text
+    assert answer.json()["problem"] == "urn:pointchain:released"
+    assert not cell.moving()
+    assert cell.controller.state().program_state == "STOPPED"
+    assert cell.events("braking", after_s=begin) == []
+    assert cell.client.post("/api/cell/release").status_code == 200
+    assert finished(cell.client, cell.start())["state"] == "succeeded"
 
 
 def test_viewpoints_out_of_reach_are_refused_by_number(serve: Serve, tmp_path: Path, assert_problem: Problem) -> None:

@@ -95,7 +95,10 @@ def test_a_lost_robot_fails_the_scan_and_is_a_fault(
     scan = finished(cell.client, location)
     assert (scan["state"], scan["problem"]["type"]) == ("failed", "urn:pointchain:robot-lost")
     assert taken(cell, scan) >= 1
+    assert cell.state()["robot"]["moving"] is None, "nobody knows"
+    assert cell.state()["reason"].startswith("look at the cell and acknowledge first: ")
     assert_problem(cell.client.post("/api/scans", json=SCAN), 409, "acknowledge-required")
+    assert_problem(cell.client.post("/api/cell/release"), 409, "acknowledge-required")
     cell.controller.clear()
     assert cell.client.post("/api/cell/acknowledge").status_code == 200
     cell.is_well()

@@ -33,7 +33,10 @@ def test_cancel_stops_the_arm_and_keeps_the_views(cell: LiveCell) -> None:
     answer = cell.client.post(f"{location}/cancel")
     assert answer.json()["state"] == "aborted", answer.text
     assert answer.json()["problem"]["type"] == "urn:pointchain:aborted"
-    taken = list(cell.views(location).values()).count("recorded")
+    states = list(cell.views(location).values())
+    assert states[-1] == "missing", "the view under way"
+    taken = states.count("recorded")
+    assert taken == len(states) - 1
     assert cell.client.get(f"/api/recordings/{answer.json()['recording']}").json()["views"] == taken
     wait_until(lambda: not cell.moving())
     braking = cell.events("braking", after_s=before)

@@ -20,13 +20,7 @@ from service.store import Store
 from tests.cell.loopback import free_host
 
 ROOT = Path(__file__).resolve().parents[2]
-SERVE = """
-import uvicorn
-from service.app import create_app
-from service.config import load_config
-config = load_config()
-uvicorn.run(create_app(config), host=config.host, port=config.port)
-"""
+SERVE = "import sys; from service.cli import main; sys.exit(main(['serve']))"
 
 
 @contextmanager
@@ -38,7 +32,7 @@ def process(data_dir: Path, log: Path, **variables: str) -> Iterator[tuple[subpr
             [sys.executable, "-c", SERVE], cwd=ROOT, env=environment, stdout=output, stderr=output
         )
     try:
-        while not (address := re.search(r"running on (http://\S+)", log.read_text())):
+        while not (address := re.search(r"pointchain: (http://\S+)/docs", log.read_text())):
             assert running.poll() is None, log.read_text()
             time.sleep(0.02)
         with httpx.Client(base_url=address[1], timeout=60) as client:

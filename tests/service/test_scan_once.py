@@ -1,0 +1,81 @@
+"""`pointchain scan` as a person runs it: a process of its own, the real ur_rtde and depthai, a virtual controller."""
+
+import json
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+
+from cell.recording import read_recording, read_result
+from cell.simulation.controller.admin import AdminClient
+from service.workflow import recognise_recording
+from tests.cell.loopback import free_host
+from tests.cell.virtual_arm import motion_commands, stops
+
+pytestmark = pytest.mark.xdist_group("cell")  # one at a time: each is several busy processes
+
+LONGEST_S = 120
+"""Loading the libraries on a busy machine, above all."""
+
+
+@contextmanager
+def scanning(folder: Path, host: str, time_factor: float) -> Iterator[subprocess.Popen[str]]:
+    """`pointchain scan scan.mcap` in `folder`, by a quick simulated cell."""
+    (folder / "cell.toml").write_text(
+        f"[arm]\nhost = '{host}'\ntime_factor = {time_factor}\nwatchdog_hz = 1.0\n"
+        "[camera]\nmodel = 'ideal'\nfps = 30\nexposures = 1\nsettle_s = 0.0\n[scan]\nstring_radius_m = 0.0042\n"
+    )
+    command = [sys.executable, "-c", "import sys; from service.cli import main; sys.exit(main(sys.argv[1:]))"]
+    command += ["scan", str(folder / "scan.mcap"), "--config", str(folder / "cell.toml")]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as running:
+        try:
+            yield running
+        finally:
+            running.kill()
+
+
+def test_the_model_goes_to_stdout_and_the_recording_gives_it_again(tmp_path: Path) -> None:
+    with scanning(tmp_path, free_host(), 20.0) as running:
+        out, said = running.communicate(timeout=LONGEST_S)
+    assert running.returncode == 0, said
+    model = json.loads(out)
+    assert (len(model["chains"]), len(model["crossings"])) == (1, 1)
+    assert "view 0 recorded" in said
+    assert "chains: 1, crossings: 1" in said
+    assert read_result(tmp_path / "scan.mcap") == model
+    again = json.loads(json.dumps(recognise_recording(tmp_path / "scan.mcap").model.to_json()))
+    for each in (model, again):
+        each.pop("timing_s")
+    assert again == model
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_stops_the_arm_first_and_the_views_are_kept(tmp_path: Path, number: signal.Signals) -> None:
+    host = free_host()
+    with scanning(tmp_path, host, 2.0) as running:
+        assert running.stderr is not None
+        while "view" not in (line := running.stderr.readline()) or "recorded" not in line:
+            assert line, "it ended"
+        controller = AdminClient(host)
+        begin = controller.state().events
+        running.send_signal(number)
+        seen = []
+        try:  # until the scan lets the controller go
+            while running.poll() is None:
+                seen = controller.log(begin)
+        except OSError:
+            pass
+        controller.close()
+        out, said = running.communicate(timeout=LONGEST_S)
+    assert running.returncode == 130, said
+    assert json.loads(out)["error"]["type"] == "urn:pointchain:stopped"
+    assert f"any views taken until then are in {tmp_path / 'scan.mcap'}" in said
+    views = read_recording(tmp_path / "scan.mcap").views
+    assert 1 <= len(views) < 8
+    arrived = stops(seen)
+    assert arrived, f"the arm was not stopped: {seen}"
+    assert not [event for event in motion_commands(seen) if event["stamp_s"] > arrived[0]]
