@@ -36,6 +36,9 @@ FARTHEST_M = 1.0
 """No camera is farther from the flange that carries it; larger numbers are millimetres."""
 CLOCKS_APART = timedelta(hours=1)
 """So much may the clock of the machine that wrote a file be ahead of ours."""
+BACKWARDS = -0.2
+"""Cosine of the angle between the camera's view and the flange's z from which on it looks back: 102 degrees. Across is
+the most that a mounting is meant to turn it."""
 LARGEST_BYTES = 16 << 20
 
 
@@ -54,7 +57,7 @@ class HandEye:
     sha256: str
     """Of the file's content, hexadecimal: another one means that it has changed."""
     warnings: tuple[str, ...] = ()
-    """What could not be checked."""
+    """What could not be checked, and what looks wrong."""
 
 
 def load_hand_eye(path: Path, max_age_days: float, now: datetime | None = None) -> HandEye:
@@ -86,7 +89,8 @@ def load_hand_eye(path: Path, max_age_days: float, now: datetime | None = None) 
         camera_id=names["camera_id"],
         robot_serial=names["robot_serial"],
         sha256=hashlib.sha256(content).hexdigest(),
-        warnings=tuple(
+        warnings=_looking_back(T_flange_camera)
+        + tuple(
             f"the hand-eye file does not say {about}"
             for key, about in {
                 "created": "when it was made, which is not checked: calibrate anew to have it known",
@@ -184,6 +188,19 @@ def _transform(path: Path, document: dict[str, Any]) -> NDArray[np.float64]:
         raise HandEyeInvalidError(str(error)) from error
     _check_place(path, T)
     return T
+
+
+def _looking_back(T_flange_camera: NDArray[np.float64]) -> tuple[str, ...]:
+    """A warning when the camera looks back along the flange's z: hardly a mounting, rather a mistake in the file."""
+    cosine = float(T_flange_camera[2, 2])
+    if cosine > BACKWARDS:
+        return ()
+    degrees = np.degrees(np.arccos(max(cosine, -1.0)))
+    return (
+        f"by the hand-eye file the camera looks back at the arm, {degrees:.0f} degrees from the flange's z: check that "
+        "quat_xyzw has the order x, y, z, w, the real part last, and that T_flange_camera is not given the other way "
+        "round",
+    )
 
 
 def _numbers(name: str, values: dict[str, Any], key: str, count: int) -> NDArray[np.float64]:

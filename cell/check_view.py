@@ -15,6 +15,7 @@ from recognition.table import MAX_HEIGHT_M, MAX_TILT_RAD
 
 LEAST_PLANE = 0.5
 """Of what is seen near the table's height, this much must be the table."""
+SHOW_IT_ALL = "make x_m and y_m in [workspace] smaller, or let the camera look from farther off by camera.working_m"
 MISPLACED = 3.0
 """So many times what recognition corrects, the table is elsewhere."""
 
@@ -86,10 +87,16 @@ def viewpoints(grounds: Grounds) -> Step:
     skipped = {viewpoint.index: viewpoint.reason for viewpoint in plan.viewpoints if viewpoint.reason is not None}
     start = "home" if q_rad is None else "where the arm stands"
     words = f"{plan.reached} of {len(plan.viewpoints)} reached from {start}, planned in {plan.planning_s:.1f} s"
+    unseen = [] if plan.unseen is None else [f"{plan.unseen}: {SHOW_IT_ALL}"]
     if not skipped:
-        return ok(name, words)
+        return ok(name, words, unseen)
     words += "; " + "; ".join(f"{index}: {reason}" for index, reason in skipped.items())
-    advice = "move the workspace nearer to the arm's middle reach, or see `pointchain viewpoints --picture`"
+    advice = (
+        "change x_m, y_m or top_m in [workspace] so that the arm reaches round it; `pointchain viewpoints --picture "
+        "plan.png` shows it"
+    )
     if plan.reached < least:
         return Step(name, "failed", f"{words}; scan.min_views is {least}", advice)
+    if plan.unseen is not None:
+        words, advice = f"{words}; {plan.unseen}", f"{advice}; {SHOW_IT_ALL}"
     return Step(name, "warning", words, advice)

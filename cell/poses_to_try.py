@@ -67,16 +67,16 @@ def _levels(sight: Sight, bearing: Bearing) -> Iterator[list[PoseToTry]]:
     seen_from = least_distance(sight.corners, sight.optics.K, size, sight.optics.near_m, bearing)
     wanted = float(np.clip(seen_from, nearest, farthest))
     distances = [wanted + nearer for nearer in _NEARER_M if nearest - 1e-9 <= wanted + nearer <= farthest + 1e-9]
-    # By what is given up last: nothing, the roll, the distance, the elevation, the azimuth.
-    levels: list[list[tuple[float, float, float, float]]] = [[], [], [], [], []]
-    for change in itertools.product(_ASIDE_RAD, _HIGHER_RAD, distances, _ROLLS_RAD):
-        aside, higher, distance, roll = change
+    yield [_pose(sight, bearing, wanted, (0.0, 0.0, wanted, 0.0))]
+    for aside, higher in itertools.product(_ASIDE_RAD, _HIGHER_RAD):
         if bearing.elevation_rad + higher > _STEEPEST_RAD:
             continue
-        levels[4 if aside else 3 if higher else 2 if distance != wanted else 1 if roll else 0].append(change)
-    for level in levels:
-        if level:
-            yield [_pose(sight, bearing, wanted, change) for change in level]
+        changes = [(aside, higher, distance, roll) for distance in distances for roll in _ROLLS_RAD]
+        if not (aside or higher):  # the distance is given up after the roll
+            yield [_pose(sight, bearing, wanted, change) for change in changes[1 : len(_ROLLS_RAD)]]
+            changes = changes[len(_ROLLS_RAD) :]
+        if changes:
+            yield [_pose(sight, bearing, wanted, change) for change in changes]
 
 
 def _pose(sight: Sight, bearing: Bearing, wanted_m: float, changes: tuple[float, float, float, float]) -> PoseToTry:

@@ -24,6 +24,9 @@ Vector6 = tuple[float, float, float, float, float, float]
 MOST_M = 5.0
 """Nothing of a cell is farther from the arm's base."""
 
+BASE_RADIUS_M: dict[ArmModelName, float] = {"ur3e": 0.064, "ur5e": 0.075, "ur10e": 0.095}
+"""Of the arm's base about its axis, by the maker's drawings: half the width of its foot."""
+
 
 def _is_loopback(address: str) -> bool:
     try:
@@ -272,7 +275,20 @@ class CellSettings(_Settings):
             raise ValueError("camera.kind is simulated, arm.kind is not: a simulated camera needs the simulated arm")
         if isinstance(self.camera, OakCamera) and self.hand_eye.file is None:
             raise ValueError("hand_eye.file is missing: a real camera's views are worth nothing without calibration")
+        self._refuse_base_within()
         return self
+
+    def _refuse_base_within(self) -> None:
+        """No string lies where the arm stands. Below its base there is room when it hangs above the table."""
+        x_m, y_m, (_, top) = self.workspace_m
+        radius = BASE_RADIUS_M[self.arm.model]
+        aside = math.hypot(*(max(low, 0.0, -high) for low, high in (x_m, y_m)))
+        if aside < radius and top > 0:
+            raise ValueError(
+                f"workspace: x_m {list(x_m)} and y_m {list(y_m)} hold the arm's own base, which stands about x = y = 0 "
+                f"with a radius of {radius:g} m, from z = 0 up: choose x_m or y_m beside it; where the base is above "
+                "the table, mounting.table_z_m says how far, and workspace.top_m must end below it"
+            )
 
     @property
     def workspace_m(self) -> tuple[Range, Range, Range]:

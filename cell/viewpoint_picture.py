@@ -11,7 +11,7 @@ from calibration.transforms import inverse, transform_points
 from cell.collision import CollisionModel, collision_model
 from cell.kinematics import forward, link_frames
 from cell.optics import CameraOptics, camera_optics
-from cell.settings import CellSettings
+from cell.settings import BASE_RADIUS_M, CellSettings
 from cell.viewpoints import Viewpoint, ViewpointPlan
 
 _FRUSTUM_M = 0.10
@@ -36,9 +36,9 @@ class _Panel:
 
 
 def draw_plan(plan: ViewpointPlan, settings: CellSettings) -> bytes:
-    """PNG: the workspace and the arm from the side and from above, the cameras numbered and coloured in the order in
-    which they are taken, the way of the flange between them, and those that are skipped in red by their
-    index.
+    """PNG: the workspace and the arm from the side and from above, the cameras by their indices with the order in
+    which they are taken, which also colours them, the way of the flange between them, those that are skipped in red,
+    and hatched, which part of the table too few of the pictures show.
     """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.cm import ScalarMappable
@@ -53,13 +53,15 @@ def draw_plan(plan: ViewpointPlan, settings: CellSettings) -> bytes:
     space.set_proj_type("ortho")
     space.view_init(elev=22, azim=-60)
     space.set_zlabel("z (m)")
-    flat: Any = figure.add_axes((0.6, 0.1, 0.38, 0.82))
+    flat: Any = figure.add_axes((0.62, 0.1, 0.36, 0.82))
     flat.grid(color="0.9")
+    flat.use_sticky_edges = False
     any_view = plan.viewpoints[0]
     parts = collision_model(settings, inverse(any_view.T_base_flange) @ any_view.T_base_camera)
     optics = camera_optics(settings.camera)
     for panel in (_Panel(space, 3), _Panel(flat, 2)):
         _draw_room(panel, settings)
+        _draw_unseen(panel, plan, settings.mounting.table_z_m)
         _draw_way(panel, plan, settings)
         _draw_arm(panel, parts, plan.home_q_rad, "0.4", 5.0)
         for viewpoint in plan.viewpoints:
@@ -75,10 +77,12 @@ def draw_plan(plan: ViewpointPlan, settings: CellSettings) -> bytes:
     flat.set_title("from above", fontsize=10)
     figure.suptitle(
         f"{settings.arm.model}: {plan.reached} of {len(plan.viewpoints)} viewpoints, travel {plan.travel_rad:.1f} rad. "
-        "Numbers: the order; grey: home; orange: the workspace"
+        "Bold: the viewpoint's index, and when it is taken; grey: home; orange: the workspace"
     )
-    skipped = [f"{v.index} is not reached: {v.reason}" for v in plan.viewpoints if v.q_rad is None]
-    figure.text(0.02, 0.01, "\n".join(skipped), fontsize=9, color=_SKIPPED, va="bottom")
+    told = [f"{v.index} is not reached: {v.reason}" for v in plan.viewpoints if v.q_rad is None]
+    if plan.unseen is not None:
+        told.append(f"Hatched: {plan.unseen}")
+    figure.text(0.02, 0.01, "\n".join(told), fontsize=9, color=_SKIPPED, va="bottom")
     target = io.BytesIO()
     figure.savefig(target, format="png", dpi=90)
     return target.getvalue()
@@ -90,8 +94,24 @@ def _draw_room(panel: _Panel, settings: CellSettings) -> None:
     for box in settings.mounting.obstacles_m:
         _draw_box(panel, np.array(box), "tab:red")
     turn = np.linspace(0, 2 * np.pi, 40)
-    panel.line(0.08 * np.column_stack([np.cos(turn), np.sin(turn), 0 * turn]), color="0.2")
+    panel.line(BASE_RADIUS_M[settings.arm.model] * np.column_stack([np.cos(turn), np.sin(turn), 0 * turn]), color="0.2")
     panel.text(np.array([0.0, -0.09, 0.0]), "base", fontsize=9, ha="center", va="top")
+
+
+def _draw_unseen(panel: _Panel, plan: ViewpointPlan, table_z_m: float) -> None:
+    """Hatches the part of the table that too few pictures show, where that is told."""
+    if plan.unseen is None:
+        return
+    coverage = plan.coverage
+    # The middles of its squares, and the rim.
+    sides = zip((coverage.x_m, coverage.y_m), coverage.pictures.shape, strict=True)
+    x, y = (np.linspace(*side, 2 * count + 1)[[0, *range(1, 2 * count, 2), -1]] for side, count in sides)
+    missing = np.pad(np.where(coverage.in_view, 0.0, 1.0), 1, mode="edge").T
+    if panel.dimensions == 3:
+        panel.axes.contourf(x, y, missing, levels=[0.5, 1.5], colors=[_SKIPPED], alpha=0.25, zdir="z", offset=table_z_m)
+    else:
+        panel.axes.contourf(x, y, missing, levels=[0.5, 1.5], colors=["none"], hatches=["///"])
+        panel.axes.contourf(x, y, missing, levels=[0.5, 1.5], colors=[_SKIPPED], alpha=0.15)
 
 
 def _draw_box(panel: _Panel, corners: NDArray[np.float64], colour: str) -> None:
@@ -124,11 +144,20 @@ def _draw_way(panel: _Panel, plan: ViewpointPlan, settings: CellSettings) -> Non
 
 
 def _draw_camera(panel: _Panel, viewpoint: Viewpoint, optics: CameraOptics, colour: Any, place: int | None) -> None:
+    from matplotlib.patheffects import withStroke
+
     corners = np.array([(0, 0), (optics.width, 0), (optics.width, optics.height), (0, optics.height)])
     rays = np.column_stack([corners, np.ones(4)]) @ np.linalg.inv(optics.K).T
     rim = transform_points(viewpoint.T_base_camera, _FRUSTUM_M * rays)
     eye = viewpoint.T_base_camera[:3, 3]
     lines = [rim[0], rim[1], rim[2], rim[3], rim[0], eye, rim[1], rim[2], eye, rim[3]]
     panel.line(np.array(lines), color=colour, linewidth=1.3, linestyle="--" if place is None else "-")
-    label = f" {viewpoint.index}" if place is None else f" {place + 1}"
-    panel.text(eye, label, color=colour, fontsize=12, fontweight="bold")
+    label = f" $\\bf{{{viewpoint.index}}}$" + ("" if place is None else f" {_ordinal(place + 1)}")
+    # Legible on whatever lies behind it: the lines have the colour.
+    outline = [withStroke(linewidth=3, foreground="white")]
+    panel.text(eye, label, color=_SKIPPED if place is None else "black", fontsize=12, path_effects=outline, zorder=9)
+
+
+def _ordinal(number: int) -> str:
+    last = 0 if number % 100 in (11, 12, 13) else number % 10
+    return f"{number}{ {1: 'st', 2: 'nd', 3: 'rd'}.get(last, 'th') }"

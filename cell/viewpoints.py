@@ -1,7 +1,6 @@
 """From where the camera looks at the workspace, and how the arm gets there: planned whole before anything moves."""
 
 import time
-from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -12,21 +11,17 @@ from cell.collision import CollisionModel, collision_model
 from cell.errors import ViewpointsError
 from cell.home import find_home
 from cell.joint_paths import JointPaths, travel_rad
-from cell.optics import camera_optics
-from cell.poses_to_try import PoseToTry, Sight, poses_to_try
-from cell.postures import find_postures, with_turns
+from cell.optics import CameraOptics, camera_optics
+from cell.pose_choice import PoseChoice, choose_poses
+from cell.poses_to_try import Sight, poses_to_try
 from cell.route import Route, best_route
 from cell.settings import CellSettings
+from recognition.coverage import Coverage, Look, table_coverage, told_coverage
 
-MOST_POSTURES = 12
-"""Of each viewpoint so many enter the search for the best route: those nearest to home."""
-POSES_TRIED = 4
-"""Of the poses that are equally good so many are looked at for a way home."""
 OVERLAP_M = 0.01
 """Where the arm stands its capsules, thicker than itself, may overlap something by this."""
 APPROACH_M = 0.003
 """Leaving a place nearer to something than the clearance, it may come still nearer by this."""
-NO_FREE_WAY = "no free way leads there from home, straight or by a lifted flange"
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,12 +73,19 @@ class ViewpointPlan:
     """(6,)."""
     travel_rad: float
     """Of all legs."""
+    coverage: Coverage
+    """Of the table by the pictures from the viewpoints that are taken."""
     planning_s: float = field(compare=False)
 
     @property
     def reached(self) -> int:
         """How many viewpoints are taken."""
         return sum(viewpoint.q_rad is not None for viewpoint in self.viewpoints)
+
+    @property
+    def unseen(self) -> str | None:
+        """In words, which part of the workspace too few pictures show; None where they show all, or there are none."""
+        return told_coverage(self.coverage) if self.reached else None
 
     def to_json(self) -> dict[str, Any]:
         """Plain numbers and words."""
@@ -115,6 +117,7 @@ class ViewpointPlan:
             "start_q_rad": self.start_q_rad.round(9).tolist(),
             "home_q_rad": self.home_q_rad.round(9).tolist(),
             "travel_rad": round(self.travel_rad, 6),
+            "coverage": {"share": round(self.coverage.share, 4), "warning": self.unseen},
             "planning_s": round(self.planning_s, 3),
         }
 
@@ -139,7 +142,7 @@ def plan_viewpoints(
     start_clearances = _clearances_from(collisions, start)
 
     paths = JointPaths(collisions, home)
-    chosen = [_choose(tries, collisions, paths, home) for tries in poses_to_try(sight, settings.scan.views)]
+    chosen = choose_poses(poses_to_try(sight, settings.scan.views), collisions, paths, home)
     groups = {index: choice.postures for index, choice in enumerate(chosen) if choice.reason is None}
     route = best_route(start, home, list(groups.values()), paths, start_clearances)
     if route is None:
@@ -147,7 +150,10 @@ def plan_viewpoints(
             "no free way leads from where the arm stands to home or to a viewpoint: move it by hand (freedrive) to "
             "above the workspace, clear of the table and obstacles"
         )
-    return _plan(chosen, groups, route, start, home, time.perf_counter() - began)
+    viewpoints, legs = _taken(chosen, list(groups), list(groups.values()), route, start)
+    travel = sum(leg.travel_rad for leg in legs)
+    coverage = _coverage(viewpoints, settings, optics)
+    return ViewpointPlan(viewpoints, legs, start, home, travel, coverage, time.perf_counter() - began)
 
 
 def home_posture(settings: CellSettings, T_flange_camera: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -169,8 +175,9 @@ def require_enough(plan: ViewpointPlan, min_views: int) -> None:
     if plan.reached < min_views:
         missing = "; ".join(f"{v.index}: {v.reason}" for v in plan.viewpoints if v.reason is not None)
         raise ViewpointsError(
-            f"only {plan.reached} of {len(plan.viewpoints)} viewpoints can be reached, {min_views} are needed: move "
-            f"the workspace, or lower min_views in [scan]. Not reached are {missing}"
+            f"only {plan.reached} of {len(plan.viewpoints)} viewpoints can be reached, {min_views} are needed: "
+            "change x_m, y_m or top_m in [workspace] so that the arm reaches round it, or lower min_views in [scan]. "
+            f"Not reached are {missing}"
         )
 
 
@@ -200,48 +207,20 @@ def _clearances_from(collisions: CollisionModel, start: NDArray[np.float64]) -> 
     return np.minimum(collisions.clearances, gaps - APPROACH_M)
 
 
-@dataclass(frozen=True, eq=False)
-class _Choice:
-    """A viewpoint's pose."""
-
-    pose: PoseToTry
-    postures: NDArray[np.float64]
-    """(K, 6), from each of which a way leads home."""
-    reason: str | None
-    """Why there are none."""
+def _coverage(viewpoints: tuple[Viewpoint, ...], settings: CellSettings, optics: CameraOptics) -> Coverage:
+    looks = [Look(optics.K, optics.width, optics.height, v.T_base_camera) for v in viewpoints if v.q_rad is not None]
+    return table_coverage(looks, settings.workspace.x_m, settings.workspace.y_m, settings.mounting.table_z_m)
 
 
-def _choose(
-    tries: Iterator[list[PoseToTry]], collisions: CollisionModel, paths: JointPaths, home: NDArray[np.float64]
-) -> _Choice:
-    """The first pose that will do; the wanted one where none does."""
-    wanted: PoseToTry | None = None
-    reason = ""
-    for level in tries:
-        postures = find_postures(collisions, np.array([pose.T_base_flange for pose in level]))
-        if wanted is None:
-            wanted, reason = level[0], postures.reasons[0] or NO_FREE_WAY
-        for pose in np.unique(postures.which)[:POSES_TRIED]:
-            q = with_turns(postures.of(pose), home)
-            nearest = q[np.abs(q - home).max(axis=1).argsort(kind="stable")[:MOST_POSTURES]]
-            linked = paths.linked(nearest)
-            if len(linked):
-                return _Choice(level[pose], linked, None)
-            reason = NO_FREE_WAY
-    assert wanted is not None
-    return _Choice(wanted, np.zeros((0, 6)), reason)
-
-
-def _plan(
-    chosen: list[_Choice],
-    groups: dict[int, NDArray[np.float64]],
+def _taken(
+    chosen: list[PoseChoice],
+    indices: list[int],
+    groups: list[NDArray[np.float64]],
     route: Route,
     start: NDArray[np.float64],
-    home: NDArray[np.float64],
-    planning_s: float,
-) -> ViewpointPlan:
-    indices = list(groups)
-    taken = {indices[group]: groups[indices[group]][posture] for group, posture in route.stops}
+) -> tuple[tuple[Viewpoint, ...], tuple[Leg, ...]]:
+    """All viewpoints, and the way by the route through those in `groups`, which have these `indices`."""
+    taken = {indices[group]: groups[group][posture] for group, posture in route.stops}
     viewpoints = tuple(
         Viewpoint(
             index=index,
@@ -265,4 +244,4 @@ def _plan(
         ]
         legs.append(Leg(view, np.array(passed), travel_rad(place, way)))
         place = way[-1]
-    return ViewpointPlan(viewpoints, tuple(legs), start, home, sum(leg.travel_rad for leg in legs), planning_s)
+    return viewpoints, tuple(legs)

@@ -12,6 +12,7 @@ from recognition.arrival import receive
 from recognition.centre_line import CentreLine, estimate_centre_line
 from recognition.chains import make_chains, sharp_bends
 from recognition.cover import Cover
+from recognition.coverage import unseen_parts
 from recognition.crossings import find_crossings
 from recognition.ends import extend_ends
 from recognition.enhanced import EnhancedMatching, match_enhanced
@@ -139,7 +140,8 @@ def recognise(
     arrivals = receive(views, parameters, scene)
     if arrivals.empty_because is not None:
         clock.begin(None)
-        quality = Quality(arrivals.left_out, warnings=(arrivals.empty_because,))
+        unseen = unseen_parts(arrivals.targets, (), scene)
+        quality = Quality(arrivals.left_out, warnings=(arrivals.empty_because, *unseen))
         return Recognition(PointChainModel(method, parameters, (), (), quality, clock.timing_s), arrivals.targets)
 
     clock.begin("registration")
@@ -153,6 +155,7 @@ def recognise(
     else:
         found = _by_sequences(method, registration, centre_line, parameters, scene, clock)
     left_over = unexplained(registration.points, found.chains, parameters)
+    unseen = unseen_parts(arrivals.targets, [view.index for view in registration.views if view.used], scene)
 
     clock.begin("grasps")
     grasps, ungraspable = find_grasps(
@@ -161,7 +164,7 @@ def recognise(
     clock.begin(None)
 
     views_told = tuple(sorted(registration.views + arrivals.left_out, key=lambda view: view.index))
-    warnings = (*registration.warnings, *found.warnings, *left_over, *ungraspable)
+    warnings = (*registration.warnings, *unseen, *found.warnings, *left_over, *ungraspable)
     quality = Quality(views_told, tuple(found.ambiguities), warnings)
     model = PointChainModel(
         method, parameters, found.chains, tuple(found.crossings), quality, clock.timing_s, grasps=grasps

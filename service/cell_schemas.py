@@ -70,6 +70,8 @@ class ViewpointsResource(BaseModel):
     planned: int
     reachable: int
     missing: list[MissingViewpoint]
+    warning: str | None
+    """What part of the workspace the reachable ones do not show well, if any."""
 
 
 class CellResource(BaseModel):
@@ -147,5 +149,6 @@ def cell_resource(status: CellStatus, settings: CellSettings, live_scan: str | N
                 for viewpoint in plan.viewpoints
                 if viewpoint.reason is not None
             ],
+            warning=plan.unseen,
         ),
     )

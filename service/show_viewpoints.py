@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from cell.cell import Cell
+from cell.cell_calibration import hand_eye_in_use
 from cell.errors import CellError
 from cell.viewpoints import ViewpointPlan, require_enough
 from service.config import ConfigError, load_config
@@ -19,6 +20,9 @@ def show_viewpoints(config_file: Path | None, views: int | None, picture: Path |
     """
     try:
         config = load_config(config_file)
+        if config.cell.hand_eye.file is not None:
+            for warning in hand_eye_in_use(config.cell.hand_eye, None).warnings:
+                print(f"pointchain viewpoints: {warning}", file=sys.stderr)
         with_cell = Cell(config.cell)
         try:
             plan = with_cell.plan(views)
@@ -55,4 +59,6 @@ def _table(plan: ViewpointPlan) -> str:
         f"{plan.reached} of {len(plan.viewpoints)} reached, from home ({home}) and back; the leading joints turn by "
         f"{np.rad2deg(plan.travel_rad):.0f} in all, angles in degrees. Planned in {plan.planning_s:.2f} s."
     )
+    if plan.unseen is not None:
+        lines.append(f"Warning: {plan.unseen}.")
     return "\n".join(lines)

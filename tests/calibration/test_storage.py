@@ -79,6 +79,20 @@ def test_the_form_of_recordings_is_taken_with_what_cannot_be_checked(tmp_path: P
     assert [warning.split("does not say ")[1].split(" ")[0] for warning in got.warnings] == ["when", "of", "of"]
 
 
+@pytest.mark.parametrize(("degrees", "warned"), [(0, False), (90, False), (95, False), (110, True), (180, True)])
+def test_a_camera_that_looks_back_at_the_arm_is_a_warning(tmp_path: Path, degrees: float, warned: bool) -> None:
+    path = tmp_path / "hand_eye.json"
+    write_hand_eye(path, from_rotation_vector((0, 0, 0.05), (np.deg2rad(degrees), 0, 0)), created=NOW)
+    told = [warning for warning in load(path).warnings if "looks back at the arm" in warning]
+    assert len(told) == warned
+    assert all(f"{degrees} degrees from the flange's z" in words and "x, y, z, w" in words for words in told)
+
+
+def test_the_identity_with_its_real_part_first_is_a_warning(tmp_path: Path) -> None:
+    wrong = {"xyz_m": [0.0, 0.0, 0.05], "quat_xyzw": [1.0, 0.0, 0.0, 0.0]}
+    assert "180 degrees" in load(written(tmp_path, T_flange_camera=wrong)).warnings[0]
+
+
 def test_more_than_is_needed_is_left_alone(tmp_path: Path) -> None:
     got = load(written(tmp_path, covariance=[[0.0] * 6] * 6, board={"kind": "charuco", "scale": 1.0002}))
     assert got.camera_id == "19443010"

@@ -72,6 +72,18 @@ def test_a_table_that_is_out_of_view_is_not_judged() -> None:
     assert "the camera sees 0 % of the workspace" in step.words
 
 
+def test_a_table_that_the_pictures_do_not_show_whole_is_a_warning() -> None:
+    grounds = looking_cell()
+    grounds.state = None
+    step = check_view.viewpoints(grounds)
+    assert (step.outcome, step.what_to_do) == ("ok", None)
+    wider = grounds.settings.model_copy(update={"workspace": WorkspaceSettings(x_m=(0.2, 0.8), y_m=(-0.6, 0.6))})
+    step = check_view.viewpoints(replace(grounds, settings=wider))
+    assert step.outcome == "warning"
+    assert "% of the table in the workspace" in step.words
+    assert "x_m and y_m in [workspace] smaller" in (step.what_to_do or "")
+
+
 def test_unreachable_viewpoints_are_told_with_their_reasons() -> None:
     grounds = looking_cell()
     grounds.state = None

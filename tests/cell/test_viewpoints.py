@@ -61,6 +61,8 @@ FAR = cell(middle=(0.62, 0.0))
 """So far off that the arm cannot reach round behind it."""
 OBSTRUCTED = cell(mounting=MountingSettings(obstacles_m=(((0.0, 0.3, 0.0), (0.7, 0.4, 0.7)),)))
 """With a wall beside the workspace, where viewpoints should be."""
+LARGE = cell(middle=(0.65, 0.0), half_m=0.5)
+"""More than eight pictures show."""
 CELLS = [
     DEFAULT,
     FAR,
@@ -238,6 +240,48 @@ def test_it_is_plain_json() -> None:
     assert document["reached"] == sum(v["q_rad"] is not None for v in document["viewpoints"])
 
 
+@pytest.mark.parametrize("settings", [DEFAULT, *CELLS[3:]])
+def test_a_workspace_that_fits_the_camera_is_covered(settings: CellSettings) -> None:
+    plan = plan_of(settings)
+    assert plan.coverage.share > 0.99
+    assert plan.to_json()["coverage"] == {"share": round(plan.coverage.share, 4), "warning": None}
+
+
+def test_a_workspace_larger_than_the_pictures_is_told() -> None:
+    plan = plan_of(LARGE)
+    # As many places, drawn at random, are out of the pictures: each is looked for in each, one by one.
+    rng, optics = np.random.default_rng(0), camera_optics(LARGE.camera)
+    (x0, x1), (y0, y1), (floor, _) = LARGE.workspace_m
+    places = np.column_stack([rng.uniform(x0, x1, 4000), rng.uniform(y0, y1, 4000), np.full(4000, floor)])
+    pictures = np.zeros(len(places))
+    for v in plan.viewpoints:
+        if v.q_rad is not None:
+            seen = transform_points(inverse(v.T_base_camera), places)
+            pixels = (seen @ optics.K.T)[:, :2] / seen[:, 2:]
+            pictures += np.all((pixels >= 0) & (pixels <= (optics.width - 1, optics.height - 1)), axis=1)
+    # Three sigma of 4000 draws.
+    assert plan.coverage.share == pytest.approx((pictures >= 2).mean(), abs=0.024)
+    assert 0.5 < plan.coverage.share < 0.95
+    assert plan.unseen is not None
+    assert f"{100 * (1 - plan.coverage.share):.0f} % of the table in the workspace" in plan.unseen
+    assert plan.to_json()["coverage"]["warning"] == plan.unseen
+
+
+def test_that_nothing_can_be_reached_is_soon_told() -> None:
+    # The required bound of 2 s, as below.
+    settings = DEFAULT.model_copy(update={"workspace": WorkspaceSettings(top_m=0.9)})
+    spent = []
+    for _ in range(2):
+        began = time.process_time()
+        plan_viewpoints(settings, T_FLANGE_CAMERA, None)
+        spent.append(time.process_time() - began)
+    assert min(spent) < 2.0
+    plan = plan_of(settings)
+    assert plan.reached == 0
+    with pytest.raises(ViewpointsError, match=r"change x_m, y_m or top_m in \[workspace\]"):
+        require_enough(plan, 4)
+
+
 def test_eight_viewpoints_are_planned_within_a_second() -> None:
     # The required bound, in the processor's time of the best of three: other programs may hold the machine up.
     spent = []
@@ -256,7 +300,7 @@ def test_other_numbers_of_viewpoints(views: int) -> None:
     assert len(plan.legs) == views + 1
 
 
-@pytest.mark.parametrize("settings", [DEFAULT, FAR])
+@pytest.mark.parametrize("settings", [DEFAULT, FAR, LARGE])
 def test_the_picture_shows_every_viewpoint(settings: CellSettings) -> None:
     plan = plan_of(settings)
     picture = matplotlib.image.imread(io.BytesIO(draw_plan(plan, settings)))
@@ -264,3 +308,6 @@ def test_the_picture_shows_every_viewpoint(settings: CellSettings) -> None:
     red, green, blue = picture[..., 0], picture[..., 1], picture[..., 2]
     skipped = ((red - green > 0.4) & (red - blue > 0.4) & (green < 0.4)).sum()
     assert (skipped > 100) == (plan.reached < 8)
+    # The shade of what is not in view is a light red, and in no other place.
+    shade = ((red - green > 0.05) & (red - green < 0.3) & (np.abs(green - blue) < 0.08) & (red > 0.85)).sum()
+    assert (shade > 5000) == (plan.unseen is not None)

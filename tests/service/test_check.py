@@ -118,6 +118,21 @@ def test_viewpoints_are_listed_and_drawn_without_asking_a_device(
     assert str(picture) in err
 
 
+def test_what_is_odd_about_calibration_and_coverage_is_told_with_the_viewpoints(
+    nobody: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (nobody.parent / "hand_eye.json").write_text(
+        '{"T_flange_camera": {"xyz_m": [0, 0, 0.05], "quat_xyzw": [1, 0, 0, 0]}}'
+    )
+    nobody.write_text(nobody.read_text() + "[workspace]\nx_m = [0.2, 1.0]\ny_m = [-0.5, 0.5]\n[scan]\nmin_views = 2\n")
+    main(["viewpoints", "--config", str(nobody)])
+    out, err = capsys.readouterr()
+    assert "the camera looks back at the arm" in err
+    assert "does not say when it was made" in err
+    assert out.splitlines()[-1].startswith("Warning: ")
+    assert "% of the table in the workspace" in out.splitlines()[-1]
+
+
 def test_viewpoints_for_programs(nobody: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["viewpoints", "--config", str(nobody), "--views", "5", "--json"]) == 0
     plan = json.loads(capsys.readouterr().out)

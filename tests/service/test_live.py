@@ -64,7 +64,7 @@ def test_the_cell_tells_what_it_is_made_of(cell: LiveCell) -> None:
     assert len(state["robot"]["q_rad"]) == 6
     assert state["camera"]["width"] == 640
     assert state["calibration"]["sha256"]
-    assert state["viewpoints"] == {"planned": 8, "reachable": 8, "missing": []}
+    assert state["viewpoints"] == {"planned": 8, "reachable": 8, "missing": [], "warning": None}
 
 
 def test_while_one_scan_runs_a_second_is_told_which(

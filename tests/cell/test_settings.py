@@ -1,0 +1,66 @@
+"""What a cell's settings refuse as a whole: the sections' own tests are those of the configuration file."""
+
+import pytest
+from pydantic import ValidationError
+
+from cell.collision import collision_model
+from cell.settings import (
+    BASE_RADIUS_M,
+    ArmModelName,
+    CellSettings,
+    MountingSettings,
+    SimulatedArm,
+    WorkspaceSettings,
+)
+from cell.simulation.poses import T_FLANGE_CAMERA
+
+AROUND = (-0.2, 0.2)
+
+
+def cell(
+    x_m: tuple[float, float], y_m: tuple[float, float], table_z_m: float = 0.0, model: ArmModelName = "ur5e"
+) -> CellSettings:
+    return CellSettings(
+        arm=SimulatedArm(model=model),
+        workspace=WorkspaceSettings(x_m=x_m, y_m=y_m, top_m=0.12),
+        mounting=MountingSettings(table_z_m=table_z_m),
+    )
+
+
+@pytest.mark.parametrize(
+    ("x_m", "y_m", "table_z_m"),
+    [
+        (AROUND, AROUND, 0.0),
+        (AROUND, AROUND, -0.1),  # the base stands from 0 up, the workspace ends at 0.02
+        (AROUND, AROUND, 0.3),  # a table over the base: the arm would come through it
+        ((0.07, 0.4), AROUND, 0.0),  # half a centimetre of the foot
+        ((-0.4, -0.05), (0.05, 0.3), 0.0),  # a corner
+    ],
+)
+def test_a_workspace_that_holds_the_arms_base_is_refused(
+    x_m: tuple[float, float], y_m: tuple[float, float], table_z_m: float
+) -> None:
+    with pytest.raises(ValidationError, match=r"workspace: x_m .* hold the arm's own base.*: choose x_m or y_m beside"):
+        cell(x_m, y_m, table_z_m)
+
+
+@pytest.mark.parametrize(
+    ("x_m", "y_m", "table_z_m"),
+    [
+        ((0.08, 0.4), AROUND, 0.0),
+        ((0.06, 0.3), (0.06, 0.3), 0.0),  # the corner is 85 mm from the axis, the foot 75 mm
+        (AROUND, AROUND, -0.12),  # the base is above all of it
+        (AROUND, AROUND, -0.5),
+    ],
+)
+def test_a_workspace_beside_the_base_or_below_it_is_taken(
+    x_m: tuple[float, float], y_m: tuple[float, float], table_z_m: float
+) -> None:
+    assert cell(x_m, y_m, table_z_m).workspace.x_m == x_m
+
+
+@pytest.mark.parametrize("model", BASE_RADIUS_M)
+def test_the_base_is_as_wide_as_where_collisions_are_looked_for(model: ArmModelName) -> None:
+    # Parts of the collision model: the first is the base.
+    parts = collision_model(cell((0.2, 0.4), AROUND, model=model), T_FLANGE_CAMERA)
+    assert parts.part_radii[0] == BASE_RADIUS_M[model]
