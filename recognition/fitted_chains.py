@@ -10,7 +10,8 @@ from recognition.parameters import ChainParameters
 from recognition.preprocess import Scene
 from recognition.refinement import RESTING_PERCENTILE, FittedStrand, Refinement
 from recognition.registration import Registration
-from recognition.strings import select_strings
+from recognition.strings import perhaps_square, select_strings
+from recognition.wording import in_mm
 
 FLOATING = 0.4
 """A string rests on the table somewhere; where there is more room below all of it, as a share of its radius, that is
@@ -21,8 +22,9 @@ OTHER_RADIUS = 0.25
 
 def fitted_chains(
     refinement: Refinement, registration: Registration, cover: Cover, scene: Scene, parameters: ChainParameters
-) -> tuple[tuple[Chain, ...], list[str]]:
-    """The chains of the strings among the fitted strands, and in words what was left out or contradicts the radius.
+) -> tuple[tuple[Chain, ...], list[str], list[str]]:
+    """The chains of the strings among the fitted strands; in words which may be no strings; and what was left out or
+    contradicts the radius.
 
     `cover` looks down on the registered surface.
     """
@@ -32,11 +34,16 @@ def fitted_chains(
             f"no string of radius {parameters.r * 1000:.1f} mm found: nothing above the table is long, round and about "
             "as thick; check the radius"
         )
-    chains = []
+    chains, doubts = [], []
     for number, strand in enumerate(strands):
         sigma_m, views = evidence(strand, registration, refinement.scatter_m)
         ends = end_kinds(strand, cover, scene, parameters)
         chains.append(Chain(number, strand.closed, strand.radius_m, strand.points, sigma_m, views, ends))
+        if perhaps_square(strand):
+            doubts.append(
+                f"chain {number} at {in_mm(strand.points.mean(axis=0))} may be no string but a bar with edges: "
+                "what was seen of it cannot tell"
+            )
         below = float(np.percentile(strand.points[:, 2], RESTING_PERCENTILE)) - scene.table_z_m - strand.radius_m
         if below > FLOATING * strand.radius_m:
             warnings.append(
@@ -48,7 +55,7 @@ def fitted_chains(
                 f"chain {number} measures {strand.measured_radius_m * 1000:.1f} mm in radius, not the "
                 f"{parameters.r * 1000:.1f} mm told"
             )
-    return tuple(chains), warnings
+    return tuple(chains), doubts, warnings
 
 
 def end_kinds(strand: FittedStrand, cover: Cover, scene: Scene, parameters: ChainParameters) -> tuple[End, End]:

@@ -216,7 +216,7 @@ def _by_graph(
     refinement = refine(graph.strands, registration.points, registration.normals, parameters, scene.table_z_m)
 
     clock.begin("topology")
-    chains, warnings = fitted_chains(refinement, registration, cover, scene, parameters)
+    chains, doubts, warnings = fitted_chains(refinement, registration, cover, scene, parameters)
     crossings, ambiguities = fitted_crossings(chains)
-    ambiguities = [*ambiguities, *told_doubts(graph.pairing), *sharp_bends(chains)]
+    ambiguities = [*ambiguities, *told_doubts(graph.pairing), *sharp_bends(chains), *doubts]
     return _Found(chains, crossings, ambiguities, warnings, {"graph": graph, "refinement": refinement})

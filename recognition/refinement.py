@@ -8,9 +8,9 @@ from numpy.typing import NDArray
 
 from recognition.joining import Strand
 from recognition.meeting_ends import joined_where_ends_meet
-from recognition.neighbourhoods import group_sums
 from recognition.parameters import ChainParameters
 from recognition.polyline import arc_length, closed_up, points_at
+from recognition.roundness import roundness
 from recognition.true_ends import to_true_end
 from recognition.tube_fit import Assigned, TubeFit
 
@@ -37,12 +37,6 @@ LEAST_SHARE = 0.4
 """A string of less than this share of the told radius can't be told from noise with what that radius sets."""
 BORNE_SHARE = 0.1
 """A point of a line with less than this share of the usual surface is not seen but bridged."""
-PROFILE_WIDTH = 0.85
-"""Sine of the angle from the top within which the profile is taken: beyond, rims disturb it."""
-SECTORS = 9
-"""Parts of the profile."""
-FEW_IN_SECTOR = 10
-"""Fewer surface points in a part say nothing."""
 MOST_JOINS = 3
 """Times that strands are joined where their ends meet: all that do are joined at once, so one is enough."""
 OVERLAP = 8
@@ -66,6 +60,10 @@ class FittedStrand:
     """By its height where it rests on the table, else that fits the surface best."""
     out_of_round_m: float
     """Standard deviation of its mean profile about the tube: noise averages out, an edge stays."""
+    squareness: float
+    """How much of a square bar's profile is in its own: 0 for a tube, 1 for a bar with sharp edges."""
+    squareness_sigma: float
+    """One sigma of it; infinite where nothing can be told."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,13 +127,15 @@ def refine(
     fit.radii = radii
     assigned = _settle(fit, LAST_STEPS, None)
     support = fit.support(assigned)
-    out_of_round = _out_of_round(fit, assigned)
+    shape = roundness(fit, assigned)
     fitted = [
         FittedStrand(
             *_once(strand, fit.points[rows], support[rows]),
             float(fit.radii[k]),
             float(measured[k]),
-            float(out_of_round[k]),
+            float(shape.out_of_round_m[k]),
+            float(shape.squareness[k]),
+            float(shape.squareness_sigma[k]),
         )
         for k, strand in enumerate(strands)
         for rows in [fit.line(k)]
@@ -195,25 +195,3 @@ def _once(
         once = slice(OVERLAP // 2, len(line) - 1 - OVERLAP + OVERLAP // 2)
         line, support = line[once], support[once]
     return line, strand.closed, support < BORNE_SHARE * np.median(support), support
-
-
-def _out_of_round(fit: TubeFit, assigned: Assigned) -> NDArray[np.float64]:
-    """(K,) standard deviation, metres, of each line's mean profile about its tube, beyond what noise leaves of it.
-
-    The radius where less than half of the profile is seen, as of a wall: from its sides a string shows more.
-    """
-    way = fit.points[assigned.link + 1] - fit.points[assigned.link]
-    left = np.column_stack([-way[:, 1], way[:, 0]])
-    left /= np.maximum(np.linalg.norm(left, axis=1, keepdims=True), 1e-12)
-    side = (assigned.outward[:, :2] * left).sum(axis=1)
-    inner = np.abs(side) < PROFILE_WIDTH
-    sector = ((side[inner] / PROFILE_WIDTH + 1) / 2 * SECTORS).astype(np.int64)
-    shape = (len(fit.radii), SECTORS)
-    cell, count = fit.strand[assigned.link][inner] * SECTORS + sector, shape[0] * SECTORS
-    points = np.bincount(cell, minlength=count).reshape(shape)
-    means = group_sums(cell, assigned.residual[inner], count).reshape(shape) / np.maximum(points, 1)
-    enough = points >= FEW_IN_SECTOR
-    share = enough / np.maximum(enough.sum(axis=1, keepdims=True), 1)
-    variance = (share * means**2).sum(axis=1) - (share * means).sum(axis=1) ** 2
-    noise = (share * assigned.sigma**2 / np.maximum(points, 1)).sum(axis=1)
-    return np.where(2 * enough.sum(axis=1) > SECTORS, np.sqrt(np.maximum(variance - noise, 0.0)), fit.radii)

@@ -21,7 +21,13 @@ BESIDE = 2.2
 """How far from the centre line surface is beside a string, as a share of its own radius."""
 OUT_OF_ROUND = 0.04
 """Largest deviation of a string's profile from a circle (standard deviation), as a share of its radius or, if that is
-larger, the told one. Strings had up to 0.03 in simulated and foreign scans, edges of boxes and bars 0.05 and more."""
+larger, the told one. Strings had up to 0.03 in simulated and foreign scans, edges of boxes 0.05 and more, and so had
+bars seen from near."""
+SQUARE = 0.25
+"""Share of a square bar's profile from which on it is a bar's. Depth noise of a fifth of the radius leaves a bar about
+half of it; strings of 0.1 m and more had up to 0.15."""
+DOUBTFUL_SIGMAS = 2.0
+"""What is within so many sigmas of a string's and of a bar's profile may be either: it is kept, and that is told."""
 SUNK = 0.6
 """A string's centre line is its radius above the table or higher; lower than this share of it runs something else,
 like the edge of a leaning plate, ..."""
@@ -38,7 +44,8 @@ def select_strings(
 ) -> tuple[list[FittedStrand], list[str]]:
     """The fitted strands that are strings, in the model's order and direction, and in words what the others are.
 
-    A string is round: the surface beside it lies on its tube. It lies on the table, not in it. The longest comes first.
+    A string is round: the surface beside it lies on its tube and has no flat top with edges. It lies on the table, not
+    in it. The longest comes first.
     """
     strands = refinement.strands
     on_tube = _on_tube(refinement, surface, parameters.r)
@@ -50,7 +57,8 @@ def select_strings(
         usual = float(np.median(strands[kept[0]].support)) if kept else 0.0
         borne = np.mean(strand.support >= BORNE * usual) >= BORNE_SHARE
         circular = strand.out_of_round_m <= OUT_OF_ROUND * max(strand.radius_m, parameters.r)
-        round_ = circular and on_tube[k] >= STRING_SHARE
+        square = strand.squareness > max(SQUARE, DOUBTFUL_SIGMAS * strand.squareness_sigma)
+        round_ = circular and not square and on_tube[k] >= STRING_SHARE
         sunk = float(np.percentile(strand.points[:, 2], SUNK_PERCENTILE)) - table_z_m < SUNK * strand.radius_m
         if length >= SHORTEST * parameters.r and borne and round_ and not sunk:
             kept.append(k)
@@ -66,6 +74,11 @@ def select_strings(
         )
         left_out.append(f"left out a piece of {length * 1000:.0f} mm at {in_mm(strand.points.mean(axis=0))}: {why}")
     return [_directed(strands[k]) for k in kept], left_out
+
+
+def perhaps_square(strand: FittedStrand) -> bool:
+    """Whether the surface of this string tells too little to say that it is no square bar."""
+    return strand.squareness + DOUBTFUL_SIGMAS * strand.squareness_sigma > SQUARE
 
 
 def _on_tube(refinement: Refinement, surface: NDArray[np.float64], r: float) -> NDArray[np.float64]:

@@ -25,16 +25,18 @@ Surface = tuple[np.ndarray, np.ndarray]
 def found(
     views: Registration, scene: Scene | None = None, parameters: ChainParameters = PARAMETERS
 ) -> tuple[tuple[Chain, ...], list[str]]:
-    """What the graph method makes of the surface."""
+    """What the graph method makes of the surface; of nothing it doubts that it is a string."""
     cover = Cover(views.points)
     graph = trace_strands(views.points - parameters.r * views.normals, cover, parameters)
     refinement = refine(graph.strands, views.points, views.normals, parameters)
-    return fitted_chains(refinement, views, cover, scene or Scene(), parameters)
+    chains, doubts, warnings = fitted_chains(refinement, views, cover, scene or Scene(), parameters)
+    assert doubts == []
+    return chains, warnings
 
 
 def fitted(points: np.ndarray) -> FittedStrand:
     n = len(points)
-    return FittedStrand(points, False, np.zeros(n, dtype=bool), np.full(n, 40.0), R, R, 0.35)
+    return FittedStrand(points, False, np.zeros(n, dtype=bool), np.full(n, 40.0), R, R, 0.35, 0.0, 0.05)
 
 
 def box(low: tuple[float, float], high: tuple[float, float], height: float, edge: float) -> Surface:
@@ -172,8 +174,8 @@ def test_a_ring_is_closed_and_its_length_is_its_perimeter(seen: Callable, arc: C
 def test_no_strands_are_no_chains_and_told(seen: Callable, straight: Callable, registered: Callable) -> None:
     views = registered([seen([straight((0, 0, R), (0.1, 0, R))])])
     nothing = Refinement([], np.full(len(views.points), -1), 0.0)
-    chains, warnings = fitted_chains(nothing, views, Cover(views.points), Scene(), PARAMETERS)
-    assert chains == ()
+    chains, doubts, warnings = fitted_chains(nothing, views, Cover(views.points), Scene(), PARAMETERS)
+    assert (chains, doubts) == ((), [])
     (warning,) = warnings
     assert warning.startswith("no string of radius 4.2 mm found")
     assert warning.endswith("check the radius")
@@ -190,3 +192,13 @@ def test_a_string_that_nothing_holds_up_is_told(seen: Callable, straight: Callab
     over = straight((0, 0, R), (0.2, 0, R))
     over[:, 2] += 2 * R * np.exp(-(((over[:, 0] - 0.1) / 0.025) ** 2))
     assert warnings(over, straight((0.1, -0.1, R), (0.1, 0.1, R))) == []
+
+
+def test_a_string_that_may_be_a_bar_is_kept_and_told(seen: Callable, straight: Callable, registered: Callable) -> None:
+    line = straight((0, 0, R), (0.1, 0, R), 0.003)
+    views = registered([seen([line])])
+    strand = replace(fitted(line), out_of_round_m=0.0, squareness=0.1, squareness_sigma=0.1)
+    refinement = Refinement([strand], np.zeros(len(views.points), dtype=np.int64), 0.0002)
+    (chain,), (doubt,), warnings = fitted_chains(refinement, views, Cover(views.points), Scene(), PARAMETERS)
+    assert (chain.id, warnings) == (0, [])
+    assert doubt.startswith("chain 0 at (50, 0, 4) mm may be no string but a bar with edges")

@@ -17,7 +17,7 @@ POSE_M = 0.0004
 def strand(hidden: np.ndarray | None = None, support: float = 40.0) -> FittedStrand:
     points = np.column_stack([X, np.zeros_like(X), np.full_like(X, R)])
     bridged = np.zeros(len(X), dtype=bool) if hidden is None else hidden
-    return FittedStrand(points, False, bridged, np.where(bridged, 0.0, support), R, R, 0.35)
+    return FittedStrand(points, False, bridged, np.where(bridged, 0.0, support), R, R, 0.35, 0.0, 0.05)
 
 
 def views(seen: Callable, straight: Callable, *ends: float) -> list[tuple[np.ndarray, np.ndarray]]:

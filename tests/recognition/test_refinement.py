@@ -52,6 +52,7 @@ def test_a_line_that_is_off_lands_on_the_axis_of_a_clean_tube(
     assert not fitted.bridged.any()
     # Its profile is a circle but for the noise.
     assert fitted.out_of_round_m < 0.01 * R
+    assert abs(fitted.squareness) < 0.05
 
 
 @pytest.mark.parametrize("noise", [0.05, 0.1])
@@ -208,7 +209,10 @@ def test_a_square_bar_is_out_of_round(straight: Callable) -> None:
     sides = [((x, side * R, R + z), (0, side, 0)) for x in axis[:, 0] for z in across for side in (-1, 1)]
     surface, normals = (np.array(values, dtype=np.float64) for values in zip(*(top + sides), strict=True))
     # From 1 r at the middle of its sides to 1.41 r at its edges.
-    assert only(axis[::4], (surface, normals)).out_of_round_m > 0.05 * R
+    fitted = only(axis[::4], (surface, normals))
+    assert fitted.out_of_round_m > 0.05 * R
+    assert fitted.squareness == pytest.approx(1.0, abs=0.1)
+    assert fitted.squareness_sigma < 0.1
 
 
 def test_nothing_to_fit_or_to_fit_to(seen: Callable, straight: Callable) -> None:

@@ -7,7 +7,7 @@ import numpy as np
 
 from recognition.parameters import ChainParameters
 from recognition.refinement import FittedStrand, Refinement
-from recognition.strings import select_strings
+from recognition.strings import perhaps_square, select_strings
 
 R = 0.0042
 PARAMETERS = ChainParameters.for_radius(R)
@@ -16,7 +16,7 @@ NOT_ROUND = ["left out a piece of 100 mm at (50, 0, 4) mm: not round like a stri
 
 def fitted(points: np.ndarray) -> FittedStrand:
     n = len(points)
-    return FittedStrand(points, False, np.zeros(n, dtype=bool), np.full(n, 40.0), R, R, 0.0)
+    return FittedStrand(points, False, np.zeros(n, dtype=bool), np.full(n, 40.0), R, R, 0.0, 0.0, 0.05)
 
 
 def selected(surface: np.ndarray, *strands: FittedStrand, owned: float = 1.0) -> tuple[list[FittedStrand], list[str]]:
@@ -44,6 +44,26 @@ def test_a_profile_that_is_no_circle_is_no_strings(seen: Callable, straight: Cal
     surface, _ = seen([line])
     assert len(selected(surface, replace(fitted(line), out_of_round_m=0.03 * R))[0]) == 1
     assert selected(surface, replace(fitted(line), out_of_round_m=0.05 * R)) == ([], NOT_ROUND)
+
+
+def test_the_profile_of_a_square_bar_is_no_strings_unless_it_may_be_either(seen: Callable, straight: Callable) -> None:
+    line = straight((0, 0, R), (0.1, 0, R), 0.003)
+    surface, _ = seen([line])
+
+    def judged(squareness: float, sigma: float) -> tuple[bool, bool]:
+        strand = replace(fitted(line), squareness=squareness, squareness_sigma=sigma)
+        kept, told = selected(surface, strand)
+        assert told == ([] if kept else NOT_ROUND)
+        return len(kept) == 1, perhaps_square(strand)
+
+    # Kept, doubted.
+    assert judged(0.1, 0.05) == (True, False)
+    assert judged(-0.3, 0.05) == (True, False)
+    assert judged(0.4, 0.05) == (False, True)
+    # Two sigmas to either side.
+    assert judged(0.1, 0.1) == (True, True)
+    assert judged(0.4, 0.25) == (True, True)
+    assert judged(0.0, np.inf) == (True, True)
 
 
 def test_what_is_hardly_borne_or_short_is_none(seen: Callable, straight: Callable) -> None:
