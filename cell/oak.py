@@ -79,7 +79,8 @@ class OakDriver:
         stream = self._running()
         if stream.trouble:
             raise CameraLostError(stream.trouble)
-        if stream.depth.isClosed() or not stream.pipeline.isRunning():
+        next_message(stream.depth, 0.0)  # raises if the link is broken
+        if not stream.pipeline.isRunning():
             raise CameraLostError("the camera's pipeline has ended: check its cable and power supply")
         try:
             info = stream.describe()

@@ -22,6 +22,9 @@ DEPTH_UNIT_M = 0.0001
 LONGEST_EXPOSURE_S = 0.033
 """Taken for the exposure time of a depth image that does not tell it."""
 
+LEAST_WAIT_S = 0.001
+"""The shortest time that a queue can be told to wait."""
+
 Fault = Literal["none", "silent", "zero", "constant", "stale", "lost"]
 """What a simulated camera can be told to do wrong: send nothing, send images without or of one depth, send images of
 long ago, close its stream."""
@@ -89,9 +92,13 @@ def load(device: str | None = None) -> None:
 
 
 def next_message(queue: "dai.MessageQueue", wait_s: float) -> Any:
-    """The next message, or None if none comes in so many seconds. Raises CameraLostError."""
+    """The next message, or None if none comes in so many seconds. Raises CameraLostError.
+
+    Always by a `get` that waits, a millisecond at least: depthai's `tryGet` and `isClosed` keep Python waiting for the
+    queue, while a thread that fills the queue may be waiting for Python: both for ever.
+    """
     with _link():
-        return queue.get(timedelta(seconds=wait_s)) if wait_s > 0 else queue.tryGet()
+        return queue.get(timedelta(seconds=max(wait_s, LEAST_WAIT_S)))
 
 
 def send(queue: "dai.InputQueue", setting: "dai.CameraControl") -> None:

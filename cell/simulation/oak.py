@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cell.devices import CameraInfo
-from cell.errors import CameraUnreachableError
-from cell.oak_stream import Fault, Stream, load
+from cell.errors import CameraLostError, CameraUnreachableError
+from cell.oak_stream import Fault, Stream, load, next_message
 from cell.settings import SimulatedCamera
 from cell.simulation.flange import PoseSource
 from cell.simulation.frames import FrameSource
@@ -124,7 +124,7 @@ def open_simulated(settings: SimulatedCamera, world: SimulatedWorld, make_pose: 
         def run(self) -> None:
             try:
                 self._run()
-            except closed:
+            except (closed, CameraLostError):  # it is being closed
                 return
             except OSError as error:
                 lens.trouble = f"the simulated camera no longer learns where the arm is: {error}"
@@ -135,9 +135,8 @@ def open_simulated(settings: SimulatedCamera, world: SimulatedWorld, make_pose: 
         def _run(self) -> None:
             exposure_us, number, locked = EXPOSURE_US / 8, 0, False
             while self.isRunning() and (image := lens.next_image()) is not None:
-                while (control := self.control.tryGet()) is not None:
-                    assert isinstance(control, dai.CameraControl)
-                    locked = locked or control.getCommand(dai.CameraControl.Command.AE_LOCK)
+                while not locked and (control := next_message(self.control, 0.0)) is not None:
+                    locked = control.getCommand(dai.CameraControl.Command.AE_LOCK)
                 exposure_us = exposure_us if locked else min(exposure_us * 2, EXPOSURE_US)
                 began_s, depth = image
                 message = dai.ImgFrame()

@@ -2,6 +2,8 @@
 
 import re
 import resource
+import subprocess
+import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -211,8 +213,11 @@ class Sensor(dai.node.ThreadedHostNode):
         number = 0
         while self.isRunning():
             exposure_us = self.times_us[min(number, len(self.times_us) - 1)]
-            control = self.control.tryGet()
-            if isinstance(control, dai.CameraControl) and control.getCommand(dai.CameraControl.Command.AE_LOCK):
+            try:
+                control = next_message(self.control, 0.0)
+            except CameraLostError:
+                return
+            if control is not None and control.getCommand(dai.CameraControl.Command.AE_LOCK):
                 self.locked_at_us = exposure_us
             self.images.send(message(np.ones((4, 4), np.uint16), exposure_us=exposure_us, end_s=time.monotonic()))
             number += 1
@@ -257,12 +262,36 @@ def test_an_exposure_that_does_not_settle_is_told(monkeypatch: pytest.MonkeyPatc
         assert "is 1000 microseconds and should be 2000" in warning
 
 
+ASKED = """
+import time
+import numpy as np
+from cell.oak import OakDriver
+from cell.settings import CellSettings, SimulatedCamera
+from cell.simulation.world import simulated_world
+
+settings = CellSettings(camera=SimulatedCamera(model="ideal", fps=60.0))
+T_base_flange = np.diag([1.0, -1.0, -1.0, 1.0])
+T_base_flange[:3, 3] = 0.36, 0.0, 0.6
+driver = OakDriver(settings.camera, simulated_world(settings), lambda: lambda: T_base_flange)
+driver.open()
+driver._running().watch(True)
+until = time.monotonic() + 6
+while time.monotonic() < until:
+    driver.info()
+driver.close()
+"""
+
+
+def test_a_camera_can_be_asked_while_its_images_come() -> None:
+    """In a process of its own: one in which depthai and Python wait for one another can only be killed."""
+    subprocess.run([sys.executable, "-c", ASKED], timeout=120, check=True)
+
+
 def test_a_closed_stream_is_a_lost_camera() -> None:
     with sensor([1000]) as (_, stream):
         assert next_message(stream.depth, 5.0) is not None
         stream.pipeline.stop()
-        while not stream.depth.isClosed():
-            time.sleep(0.01)
+        stream.pipeline.wait()
         with pytest.raises(CameraLostError, match="check its cable"):
             next_message(stream.depth, 0.1)
         with pytest.raises(CameraLostError, match="check its cable"):
