@@ -65,9 +65,9 @@ class Links:
         self.transports[transport] = port
         if self.half_open:
             self.mute.add(transport)
-            transport.pause_reading()
-        elif self.frozen and port == RTDE_PORT:
-            transport.pause_reading()
+        if self.half_open or (self.frozen and port == RTDE_PORT):
+            # Not at once: early releases of Python 3.11 begin to read behind this, paused or not.
+            asyncio.get_running_loop().call_soon(transport.pause_reading)
         return not self.half_open
 
     def closed(self, transport: asyncio.Transport) -> None:
