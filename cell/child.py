@@ -141,13 +141,19 @@ def serve(pipe_number: int) -> None:
         signal.signal(number, signal.SIG_IGN)
     os.dup2(2, 1)  # vendor libraries print; stdout is for our own output
     threading.Thread(target=_end_with_parent, daemon=True).start()
+    made: list[Any] = []
     with contextlib.suppress(EOFError, OSError), Connection(pipe_number) as pipe:
         make_driver, arguments = pickle.loads(pipe.recv_bytes())
-        _answer_calls(pipe, make_driver, arguments)
+        _answer_calls(pipe, make_driver, arguments, made)
+    # A driver that nobody has closed is not taken apart: a vendor library's destructor may wait for a thread that in
+    # turn waits for Python.
+    os._exit(0)
 
 
-def _answer_calls(pipe: Connection, make_driver: Callable[..., Any], arguments: tuple[Any, ...]) -> None:
-    made: list[Any] = []
+def _answer_calls(
+    pipe: Connection, make_driver: Callable[..., Any], arguments: tuple[Any, ...], made: list[Any]
+) -> None:
+    """`made`: takes the driver, once there is one."""
     last_call_s = time.monotonic()
     while True:
         # An error in `idle` ends the process: nobody waits for its answer, and the end is what the parent notices.
