@@ -16,7 +16,7 @@ PATIENCE_S = 60.0
 """Only bounds a hang."""
 
 SLEEPER = """
-import os, time
+import os, signal, time
 from pathlib import Path
 from cell.simulation.benchmark.processes import in_processes
 
@@ -26,6 +26,7 @@ def sleep(file):
     time.sleep(600)
 
 if __name__ == "__main__":
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # what a shell starts in the background ignores it
     list(in_processes(sleep, ["a", "b", "c", "d"], jobs=2))
 """
 MEMORY = """
