@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from cell.kinematics import ARMS, link_frames
 from cell.segments import box_distances, segment_distances
-from cell.settings import ArmModelName, CellSettings
+from cell.settings import BASE_RADIUS_M, ArmModelName, CellSettings
 
 
 @dataclass(frozen=True)
@@ -20,18 +20,17 @@ class _Build:
     upper_arm_beside_m: float
     """The upper arm lies so far beside the plane of the base's axis, along the shoulder's."""
     forearm_beside_m: float
-    base_m: float
-    """Radii: base and shoulder, upper arm, elbow, forearm, wrist."""
     upper_arm_m: float
+    """Radii: upper arm, elbow, forearm, wrist; base and shoulder have that of the base."""
     elbow_m: float
     forearm_m: float
     wrist_m: float
 
 
 _BUILDS: dict[ArmModelName, _Build] = {
-    "ur3e": _Build(0.120, 0.027, 0.064, 0.050, 0.055, 0.042, 0.042),
-    "ur5e": _Build(0.138, 0.007, 0.075, 0.060, 0.062, 0.050, 0.047),
-    "ur10e": _Build(0.176, 0.039, 0.095, 0.075, 0.078, 0.062, 0.055),
+    "ur3e": _Build(0.120, 0.027, 0.050, 0.055, 0.042, 0.042),
+    "ur5e": _Build(0.138, 0.007, 0.060, 0.062, 0.050, 0.047),
+    "ur10e": _Build(0.176, 0.039, 0.075, 0.078, 0.062, 0.055),
 }
 
 PARTS = (
@@ -126,7 +125,7 @@ def collision_model(settings: CellSettings, T_flange_camera: NDArray[np.float64]
     """Of a cell, with the camera mounted as told."""
     model, mounting = settings.arm.model, settings.mounting
     build, arm = _BUILDS[model], ARMS[model]
-    up, fore = build.upper_arm_beside_m, build.forearm_beside_m
+    base_m, up, fore = BASE_RADIUS_M[model], build.upper_arm_beside_m, build.forearm_beside_m
     size = np.asarray(settings.camera.body_m)
     long = int(size.argmax())
     across = np.delete(size, long)
@@ -138,8 +137,8 @@ def collision_model(settings: CellSettings, T_flange_camera: NDArray[np.float64]
     zero = (0.0, 0.0, 0.0)
     # Frame, end; frame, end; radius: in the order of PARTS.
     parts = [
-        (0, (0.0, 0.0, 0.02), 0, (0.0, 0.0, arm.d_m[0]), build.base_m),
-        (1, zero, 1, (0.0, 0.0, up), build.base_m),
+        (0, (0.0, 0.0, 0.02), 0, (0.0, 0.0, arm.d_m[0]), base_m),
+        (1, zero, 1, (0.0, 0.0, up), base_m),
         (1, (0.0, 0.0, up), 2, (0.0, 0.0, up), build.upper_arm_m),
         (2, (0.0, 0.0, up), 2, (0.0, 0.0, fore), build.elbow_m),
         (2, (0.0, 0.0, fore), 3, (0.0, 0.0, fore), build.forearm_m),

@@ -100,13 +100,16 @@ def take_scan(
 def scan_once(
     config: ServiceConfig, recording: Path | None, radius_m: float | None, method: Method, views: int | None
 ) -> int:
-    """One scan; its model as one line of JSON on stdout, or `{"schema", "error"}`. 0 when there is a
-    model, 130 after Ctrl-C or SIGTERM, which stop the arm, else 1."""
+    """One scan; its model as one line of JSON on stdout, or `{"schema", "error"}`.
+
+    0 when there is a model, 130 after Ctrl-C or SIGTERM, which stop the arm, else 1.
+    """
 
     def say(words: str) -> None:
         print(f"pointchain scan: {words}", file=sys.stderr)
 
-    cell = Cell(config.cell)
+    cell, problem, code = Cell(config.cell), {}, 0
+    document: dict[str, Any] = {}
     _interrupted_by_signals()
     try:
         with TemporaryDirectory(prefix="pointchain-") as folder:
@@ -114,30 +117,27 @@ def scan_once(
             document = take_scan(
                 cell, path, radius_m, method, config.gripper.value, config.limits.recognition_s, say, views
             )
-            say(f"chains: {len(document['chains'])}, crossings: {len(document['crossings'])}")
-            for told in (*document["quality"]["ambiguities"], *document["quality"]["warnings"]):
-                say(told)
-            code = 0
     except KeyboardInterrupt:
         kept = "" if recording is None else f"; any views taken until then are in {recording}"
-        reason = f"stopped by request{kept}"
-        document, code = {"schema": SCHEMA, "error": problem_document(409, "stopped", reason)}, STOPPED_CODE
-        say(reason)
+        problem, code = problem_document(409, "stopped", f"stopped by request{kept}"), STOPPED_CODE
     except TaskFailedError as error:
-        document, code = {"schema": SCHEMA, "error": error.problem}, 1
-        say(str(error))
+        problem, code = error.problem, 1
     except CellError as error:
-        document, code = {"schema": SCHEMA, "error": cell_problem(error)}, 1
-        say(str(error))
+        problem, code = cell_problem(error), 1
     except INPUT_ERRORS as error:
-        document, code = {"schema": SCHEMA, "error": problem_document(422, error.slug, str(error))}, 1
-        say(str(error))
+        problem, code = problem_document(422, error.slug, str(error)), 1
     except OSError as error:
-        reason, code = f"{recording or 'the recording'} cannot be written: {error.strerror or error}", 1
-        document = {"schema": SCHEMA, "error": problem_document(507, "file", reason)}
-        say(reason)
+        reason = f"{recording or 'the recording'} cannot be written: {error.strerror or error}"
+        problem, code = problem_document(507, "file", reason), 1
     finally:
         cell.close()
+    if problem:
+        document = {"schema": SCHEMA, "error": problem}
+        say(problem["detail"])
+    else:
+        say(f"chains: {len(document['chains'])}, crossings: {len(document['crossings'])}")
+        for told in (*document["quality"]["ambiguities"], *document["quality"]["warnings"]):
+            say(told)
     print(json.dumps(document, allow_nan=False), flush=True)
     return code
 

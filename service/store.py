@@ -105,18 +105,15 @@ class Store:
 
     def update_scan(self, scan_id: str, only_in: Sequence[ScanState] = ACTIVE_STATES, **values: Any) -> bool:
         """Sets columns of a scan, unless its state is not one of `only_in`; says whether it did."""
-        assignments = ", ".join(f"{name} = ?" for name in values)
-        sql = f"UPDATE scans SET {assignments} WHERE id = ? AND state IN ({', '.join('?' * len(only_in))})"
         with self._transaction() as db:
-            done = db.execute(sql, (*map(stored, values.values()), scan_id, *only_in))
-            return done.rowcount == 1
+            return _update(db, scan_id, only_in, values)
 
     def end_scan(self, scan_id: str, state: ScanState, problem: dict[str, Any]) -> None:
         """Ends a scan that has no result. A view that was under way is missing."""
         missed = "UPDATE views SET state = 'missing', reason = ?, changed_at = ? WHERE scan = ? AND state = 'moving'"
         with self._transaction() as db:
-            db.execute(missed, ("the scan ended before this view was taken", now(), scan_id))
-        self.update_scan(scan_id, state=state, problem=problem, ended_at=now())
+            if _update(db, scan_id, ACTIVE_STATES, {"state": state, "problem": problem, "ended_at": now()}):
+                db.execute(missed, ("the scan ended before this view was taken", now(), scan_id))
 
     def finish_scan(self, scan_id: str, state: ScanState, summary: dict[str, Any], results: Path) -> None:
         """Puts the folder `results`, whose files are synced, in its place, then writes the scan's row."""
@@ -206,3 +203,9 @@ class Store:
     def _one(self, make: Callable[[sqlite3.Row], T], sql: str, *values: Any) -> T | None:
         rows = self._all(make, sql, *values)
         return rows[0] if rows else None
+
+
+def _update(db: sqlite3.Connection, scan_id: str, only_in: Sequence[ScanState], values: dict[str, Any]) -> bool:
+    assignments = ", ".join(f"{name} = ?" for name in values)
+    sql = f"UPDATE scans SET {assignments} WHERE id = ? AND state IN ({', '.join('?' * len(only_in))})"
+    return db.execute(sql, (*map(stored, values.values()), scan_id, *only_in)).rowcount == 1

@@ -151,8 +151,9 @@ class RecognitionWorker:
     def _send_view(self, view: View, limit_s: float) -> None:
         """A process that hangs takes no view: without an end, sending would wait for ever once the pipe is full."""
         end = threading.Timer(limit_s, self.kill)
-        end.start()
+        end.daemon = True
         try:
+            end.start()  # Ctrl-C may come while it does
             self._send(view)
         except TaskFailedError as error:
             raise error if end.is_alive() else _late() from error

@@ -3,16 +3,13 @@
 import pytest
 from pydantic import ValidationError
 
-from cell.collision import collision_model
 from cell.settings import (
-    BASE_RADIUS_M,
     ArmModelName,
     CellSettings,
     MountingSettings,
     SimulatedArm,
     WorkspaceSettings,
 )
-from cell.simulation.poses import T_FLANGE_CAMERA
 
 AROUND = (-0.2, 0.2)
 
@@ -57,10 +54,3 @@ def test_a_workspace_beside_the_base_or_below_it_is_taken(
     x_m: tuple[float, float], y_m: tuple[float, float], table_z_m: float
 ) -> None:
     assert cell(x_m, y_m, table_z_m).workspace.x_m == x_m
-
-
-@pytest.mark.parametrize("model", BASE_RADIUS_M)
-def test_the_base_is_as_wide_as_where_collisions_are_looked_for(model: ArmModelName) -> None:
-    # Parts of the collision model: the first is the base.
-    parts = collision_model(cell((0.2, 0.4), AROUND, model=model), T_FLANGE_CAMERA)
-    assert parts.part_radii[0] == BASE_RADIUS_M[model]

@@ -267,15 +267,20 @@ def test_a_workspace_larger_than_the_pictures_is_told() -> None:
     assert plan.to_json()["coverage"]["warning"] == plan.unseen
 
 
-def test_that_nothing_can_be_reached_is_soon_told() -> None:
-    # The required bound of 2 s, as below.
-    settings = DEFAULT.model_copy(update={"workspace": WorkspaceSettings(top_m=0.9)})
+def planning_s(settings: CellSettings, start: np.ndarray | None, times: int) -> float:
+    """The processor's time, of the best of some: other programs may hold the machine up."""
     spent = []
-    for _ in range(2):
+    for _ in range(times):
         began = time.process_time()
-        plan_viewpoints(settings, T_FLANGE_CAMERA, None)
+        plan_viewpoints(settings, T_FLANGE_CAMERA, start)
         spent.append(time.process_time() - began)
-    assert min(spent) < 2.0
+    return min(spent)
+
+
+def test_that_nothing_can_be_reached_is_soon_told() -> None:
+    settings = DEFAULT.model_copy(update={"workspace": WorkspaceSettings(top_m=0.9)})
+    # Without an end of the search it takes ten times as long as it does, 1.1 s.
+    assert planning_s(settings, None, times=2) < 2.0
     plan = plan_of(settings)
     assert plan.reached == 0
     with pytest.raises(ViewpointsError, match=r"change x_m, y_m or top_m in \[workspace\]"):
@@ -283,13 +288,8 @@ def test_that_nothing_can_be_reached_is_soon_told() -> None:
 
 
 def test_eight_viewpoints_are_planned_within_a_second() -> None:
-    # The required bound, in the processor's time of the best of three: other programs may hold the machine up.
-    spent = []
-    for _ in range(3):
-        began = time.process_time()
-        plan_viewpoints(DEFAULT, T_FLANGE_CAMERA, READY)
-        spent.append(time.process_time() - began)
-    assert min(spent) < 1.0
+    # The required bound.
+    assert planning_s(DEFAULT, READY, times=3) < 1.0
 
 
 @pytest.mark.parametrize("views", [2, 12, 16])
