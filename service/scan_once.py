@@ -5,6 +5,7 @@ import signal
 import sys
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import closing
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -79,21 +80,22 @@ def take_scan(
     if recording.exists():
         raise RecordingExistsError(f"{recording} exists already; recordings are never overwritten")
     say("connecting, planning")
-    worker = RecognitionWorker()
-    with ThreadPoolExecutor(1) as pool, TemporaryDirectory(prefix="pointchain-") as folder:
-        try:
+    with closing(RecognitionWorker()) as worker, TemporaryDirectory(prefix="pointchain-") as folder:
+        with ThreadPoolExecutor(1) as pool:  # left when the process has started, or ended
             started = pool.submit(worker.start)
-            plan = cell.prepare(views)
-            started.result()
-            told, header = ToldProgress(plan, say), cell.header(radius)
-            results = Path(folder) / "results"
-            task = Task(header, radius, method, gripper, results, Path(folder) / PREVIEW)
-            with RecordingWriter(recording, header) as writer, cell.scanning(plan, writer, told) as taken:
-                worker.run(task, lambda _: None, limit_s, taken, told.reasons)
-                model = json.loads((results / MODEL).read_bytes())
-                writer.write_result(model)
-        finally:
-            worker.close()
+            try:
+                plan = cell.prepare(views)
+                started.result()
+            except BaseException:
+                worker.kill()
+                raise
+        told, header = ToldProgress(plan, say), cell.header(radius)
+        results = Path(folder) / "results"
+        task = Task(header, radius, method, gripper, results, Path(folder) / PREVIEW)
+        with RecordingWriter(recording, header) as writer, cell.scanning(plan, writer, told) as taken:
+            worker.run(task, lambda _: None, limit_s, taken, told.reasons)
+            model = json.loads((results / MODEL).read_bytes())
+            writer.write_result(model)
     return model
 
 
@@ -118,7 +120,7 @@ def scan_once(
                 cell, path, radius_m, method, config.gripper.value, config.limits.recognition_s, say, views
             )
     except KeyboardInterrupt:
-        kept = "" if recording is None else f"; any views taken until then are in {recording}"
+        kept = f"; the views taken until then are in {recording}" if recording and recording.exists() else ""
         problem, code = problem_document(409, "stopped", f"stopped by request{kept}"), STOPPED_CODE
     except TaskFailedError as error:
         problem, code = error.problem, 1

@@ -4,6 +4,7 @@ import json
 import signal
 import subprocess
 import sys
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -73,9 +74,23 @@ def test_a_signal_stops_the_arm_first_and_the_views_are_kept(tmp_path: Path, num
         out, said = running.communicate(timeout=LONGEST_S)
     assert running.returncode == 130, said
     assert json.loads(out)["error"]["type"] == "urn:pointchain:stopped"
-    assert f"any views taken until then are in {tmp_path / 'scan.mcap'}" in said
+    assert f"the views taken until then are in {tmp_path / 'scan.mcap'}" in said
     views = read_recording(tmp_path / "scan.mcap").views
     assert 1 <= len(views) < 8
     arrived = stops(seen)
     assert arrived, f"the arm was not stopped: {seen}"
     assert not [event for event in motion_commands(seen) if event["stamp_s"] > arrived[0]]
+
+
+@pytest.mark.parametrize("after_s", [0.3, 2.0])
+def test_a_signal_before_the_arm_moves_ends_it_in_order(tmp_path: Path, after_s: float) -> None:
+    # While it connects and plans, and recognition starts in a thread of its own.
+    with scanning(tmp_path, free_host(), 2.0) as running:
+        assert running.stderr is not None
+        assert "connecting" in running.stderr.readline()
+        time.sleep(after_s)
+        running.send_signal(signal.SIGINT)
+        out, said = running.communicate(timeout=LONGEST_S)
+    assert running.returncode == 130, said
+    assert json.loads(out)["error"]["detail"] == "stopped by request"
+    assert not (tmp_path / "scan.mcap").exists()
