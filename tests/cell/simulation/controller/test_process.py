@@ -20,7 +20,7 @@ pytestmark = pytest.mark.xdist_group("cell")  # one at a time: each is several b
 def answers(host: str, port: int) -> bool:
     try:
         socket.create_connection((host, port), timeout=1.0).close()
-    except ConnectionRefusedError:
+    except (ConnectionRefusedError, ConnectionResetError):  # reset: it ended while we connected
         return False
     return True
 
