@@ -19,26 +19,29 @@ def acknowledge_protective_stop(address: str, seen_s: float | None, program_ours
     """Ends the program, then unlocks a protective stop. Without one, only a program of ours is ended. No motion.
 
     A protective stop only pauses the program: played on, it would finish its old motion. So it is ended first, whether
-    or not the robot lets itself be unlocked yet. `seen_s`: when the stop was first seen, of `time.monotonic()`.
+    or not the robot lets itself be unlocked yet; while it is there nothing is unlocked. `seen_s`: when the stop was
+    first seen, of `time.monotonic()`.
 
     Raises: TooEarlyError, RobotNotReadyError, EmergencyStopError, RobotUnreachableError; ProtectiveStopError when the
     robot has let itself be unlocked and is stopped all the same.
     """
     with Dashboard(address, time.monotonic() + ANSWERS_S) as dashboard:
         mode = safety_mode(dashboard)
-        answer = dashboard.ask("stop") if program_ours or mode == "protective_stop" else None
-        if mode != "protective_stop":
-            error = mode_error(robot_mode(dashboard), mode)
-            if error is not None:
-                raise error
-            if answer is not None and not no_program_left(answer) and not _stopped(dashboard):
-                raise RobotNotReadyError(
-                    f"the robot does not end the program that is still on it ({answer}): stop it at the pendant, then "
-                    "acknowledge again"
-                )
-            return
-        if dashboard.ask("is in remote control").lower() != "true":
+        locked = mode == "protective_stop"
+        # Asked before the program is ended: in local mode the robot refuses that.
+        if locked and dashboard.ask("is in remote control").lower() != "true":
             raise RobotNotReadyError("the robot is in local mode: unlock it at its pendant")
+        answer = dashboard.ask("stop") if program_ours or locked else None
+        error = None if locked else mode_error(robot_mode(dashboard), mode)
+        if error is not None:
+            raise error
+        if answer is not None and not no_program_left(answer) and not _stopped(dashboard):
+            raise RobotNotReadyError(
+                f"the robot does not end the program that is still on it ({answer}): stop it at the pendant, then "
+                "acknowledge again"
+            )
+        if not locked:
+            return
         wait_s = 0.0 if seen_s is None else seen_s + UNLOCK_S - time.monotonic()
         # Towards the end of the wait the robot knows better: it was stopped a moment before that was seen.
         if wait_s > SEEN_LATER_S:

@@ -24,7 +24,7 @@ import numpy as np
 from calibration.transforms import from_rotation_vector
 from cell.arm_program import DASHBOARD_S, OurProgram
 from cell.arm_reading import STEADY_RAD_S, arm_state, fastest, silence
-from cell.child import Child, ChildBusyError, ChildLostError
+from cell.child import Child, ChildBusyError, ChildLostError, NotCalledError
 from cell.devices import ArmState
 from cell.errors import (
     CellError,
@@ -110,13 +110,18 @@ class ArmLink:
         self._beat.start()
         return state
 
-    def call(self, method: str, *arguments: Any) -> Any:
-        """What the driver answers; when it does not, the reason is looked for, and the link ended."""
+    def call(self, method: str, *arguments: Any, unless_stopped: bool = False) -> Any:
+        """What the driver answers; when it does not, the reason is looked for, and the link ended.
+
+        `unless_stopped`: once `stop` was called it is not sent, also when a stop still waits for its own turn.
+        """
         child = self.child
         if child is None:
             raise self.why_ended()
         try:
-            return child.call(method, *arguments, timeout_s=ANSWER_S)
+            return child.call(method, *arguments, timeout_s=ANSWER_S, unless=self.stopped if unless_stopped else None)
+        except NotCalledError:
+            self._end_stopped()
         except ChildLostError as error:
             if self.stopped.is_set():
                 self.fail(StoppedError(STOPPED))
@@ -142,8 +147,7 @@ class ArmLink:
         Raises: StoppedError, RobotLostError, ProtectiveStopError, EmergencyStopError, RobotNotReadyError.
         """
         if self.stopped.is_set():
-            self._see_it_stop()
-            raise self.why_ended()
+            self._end_stopped()
         reading = self.poll()
         error = self._fault(reading)
         if error is not None:
@@ -180,6 +184,9 @@ class ArmLink:
                 log.warning("stopping over the dashboard: %s", error)
                 # First of all it must not be able to send the move that it is perhaps just about to send.
                 child.kill()
+            except BaseException:
+                child.kill()  # interrupted: without it the watchdog, or whoever moves the arm, ends the motion
+                raise
         self._end_program(DASHBOARD_S, whatever_plays=True)
 
     def fail(self, error: CellError) -> NoReturn:
@@ -246,7 +253,7 @@ class ArmLink:
             time.sleep(POLL_S)
             reading = self.poll()
 
-    def _see_it_stop(self) -> None:
+    def _end_stopped(self) -> NoReturn:
         """After `stop`, by the thread that moved: until the arm is still. It is made to be when that takes too long."""
         reading = self.poll()
         limit_s = time.monotonic() + self._settings.flange_speed_m_s / self._settings.stop_deceleration_m_s2 + STILL_S
@@ -255,6 +262,12 @@ class ArmLink:
                 self.fail(RobotLostError("the robot was told to stop, and it is not known whether it did: look at it"))
             time.sleep(POLL_S)
             reading = self.poll()
+        # A stop hides no fault that came with it: somebody must look. And what has only paused the program, whether it
+        # is known or not, must not let it be played on: no watchdog ends it then.
+        error = self._fault(reading)
+        if error is not None:
+            self.fail(StoppedError(STOPPED) if isinstance(error, RobotLostError) else error)
+        raise self.why_ended()
 
     def _end_program(self, wait_s: float, whatever_plays: bool) -> None:
         program = self.program

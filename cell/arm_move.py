@@ -43,7 +43,7 @@ def watched_move(link: ArmLink, settings: ArmSettings, q_to: NDArray[np.float64]
             "the safety limits of its installation"
         )
     link.move_sent = True
-    before = link.call("start_move", target, float(speed), settings.acceleration_rad_s2)
+    before = link.call("start_move", target, float(speed), settings.acceleration_rad_s2, unless_stopped=True)
     _until_ended(link, before, q_from, q_to)
     _until_at_rest(link, q_to)
     link.move_sent = False

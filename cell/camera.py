@@ -1,12 +1,13 @@
 """The depth camera as a scan sees it: a child process with the driver in it."""
 
 import logging
+import threading
 import time
 from collections.abc import Callable
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from cell.child import Child, ChildLostError
+from cell.child import Child, ChildLostError, NotCalledError
 from cell.devices import CameraInfo, Frame
 from cell.errors import CameraLostError, CameraUnreachableError
 from cell.exposures import NoFramesError
@@ -31,7 +32,7 @@ SILENCE_S = 2.0
 
 
 class LiveCamera:
-    """A `cell.devices.Camera`: an OAK, or the simulated one. Belongs to one thread."""
+    """A `cell.devices.Camera`: an OAK, or the simulated one. Belongs to one thread, but for `give_up_connecting`."""
 
     def __init__(
         self,
@@ -50,6 +51,8 @@ class LiveCamera:
         self._child: Child | None = None
         self._driver: Callable[[], OakDriver] | None = None
         self._device_id: str | None = None
+        self._opening: Child | None = None
+        self._given_up = threading.Event()
 
     @property
     def connected(self) -> bool:
@@ -113,6 +116,16 @@ class LiveCamera:
         """Lets a simulated camera fail, until `none` or until it is connected anew. Raises CellError on a real one."""
         self._call("fault", kind, timeout_s=ASK_S)
 
+    def give_up_connecting(self) -> None:
+        """From any thread: a connecting that is under way fails at once, and so does every later one.
+
+        A camera that is open stays so. For whoever closes everything and would else wait until a camera has started.
+        """
+        self._given_up.set()  # first: a process that is not asked yet to open the camera will not be
+        opening = self._opening
+        if opening is not None:
+            opening.kill()
+
     def close(self) -> None:
         """Lets the camera go; leaves no process behind."""
         self._end()
@@ -136,17 +149,22 @@ class LiveCamera:
 
     def _open(self) -> CameraInfo:
         assert self._driver is not None
-        self._child = Child("camera", self._driver)
+        self._child = self._opening = Child("camera", self._driver)
+        limit_s = OPEN_S if isinstance(self.settings, OakCamera) else OPEN_SIMULATED_S
         try:
-            return self._child.call(
-                "open", timeout_s=OPEN_S if isinstance(self.settings, OakCamera) else OPEN_SIMULATED_S
-            )
-        except ChildLostError as error:
+            return self._child.call("open", timeout_s=limit_s, unless=self._given_up)
+        except (ChildLostError, NotCalledError) as error:
             self._end()
+            if self._given_up.is_set():
+                raise CameraUnreachableError(
+                    "connecting the camera was given up, as the cell is being closed"
+                ) from error
             raise CameraUnreachableError(f"the camera's driver did not start, as {error}") from error
         except BaseException:
             self._end()
             raise
+        finally:
+            self._opening = None
 
     def _end(self) -> None:
         child, self._child = self._child, None

@@ -12,6 +12,8 @@ import logging
 import os
 import pickle
 import signal
+import socket
+import struct
 import subprocess
 import sys
 import threading
@@ -30,6 +32,8 @@ log = logging.getLogger(__name__)
 END_S = 1.0
 """How long a child may take to end by itself before it is killed."""
 
+HALF_S = 2
+"""An answer that has begun may pause for so long before the child counts as hanging."""
 LAST_WORDS_S = 0.05
 """A process that has closed its pipe may take so long to end, and to say how, before it is killed."""
 
@@ -40,6 +44,10 @@ class ChildLostError(Exception):
 
 class ChildBusyError(Exception):
     """Another thread's call did not end in the time that this one had to wait for its turn."""
+
+
+class NotCalledError(Exception):
+    """When its turn had come, the call was no longer wanted: nothing was sent."""
 
 
 @dataclass(frozen=True)
@@ -60,6 +68,7 @@ class Child:
         self.name = name
         self._turn = threading.Lock()
         self._pipe, theirs = Pipe()
+        _limit_pauses(self._pipe)
         # Not a process of multiprocessing: that would first import the program that runs here, with all that it needs.
         with theirs:
             self._process = subprocess.Popen(
@@ -82,10 +91,20 @@ class Child:
         """The process runs. It may hang all the same."""
         return self._process.poll() is None
 
-    def call(self, method: str, *arguments: Any, timeout_s: float, turn_s: float | None = None) -> Any:
+    def call(
+        self,
+        method: str,
+        *arguments: Any,
+        timeout_s: float,
+        turn_s: float | None = None,
+        unless: threading.Event | None = None,
+    ) -> Any:
         """What the driver's method returns. A child that does not answer within `timeout_s` is killed.
 
+        `unless`: looked at when the turn has come, and as long as no other call can come in between.
+
         Raises:
+            NotCalledError: `unless` was set.
             ChildLostError: the process died or was killed, now or before.
             ChildBusyError: another thread's call took longer than `turn_s` (for as long as it takes unless given).
             CellError: what the driver raised.
@@ -93,6 +112,8 @@ class Child:
         if not self._turn.acquire(timeout=-1 if turn_s is None else turn_s):
             raise ChildBusyError(f"the {self.name} process is busy")
         try:
+            if unless is not None and unless.is_set():
+                raise NotCalledError(f"{method!r} of the {self.name} process is no longer wanted")
             return self._exchange(_Call(method, arguments), timeout_s)
         finally:
             self._turn.release()
@@ -117,9 +138,15 @@ class Child:
                 self._end()
                 raise ChildLostError(f"the {self.name} process did not answer {call.method!r} within {timeout_s:g} s")
             answer = self._pipe.recv()
+        except BlockingIOError as error:
+            self._end()
+            raise ChildLostError(f"the {self.name} process stopped amid its answer to {call.method!r}") from error
         except (EOFError, OSError) as error:
             code = self._end(LAST_WORDS_S)
             raise ChildLostError(f"the {self.name} process has ended (exit code {code})") from error
+        except BaseException:
+            self.kill()  # interrupted: its answer must not be taken for that of the next call
+            raise
         if isinstance(answer, Exception):
             raise answer
         return answer
@@ -132,6 +159,12 @@ class Child:
         assert self._process.stdin is not None
         self._process.stdin.close()
         return code
+
+
+def _limit_pauses(pipe: Connection) -> None:
+    """Waiting for the first byte of an answer has its own limit; this is for the rest, as of a large image."""
+    with socket.socket(fileno=os.dup(pipe.fileno())) as end:
+        end.setsockopt(socket.SOL_SOCKET, socket.SO_RCVTIMEO, struct.pack("ll", HALF_S, 0))
 
 
 def serve(pipe_number: int) -> None:

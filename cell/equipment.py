@@ -18,7 +18,8 @@ from cell.viewpoints import home_posture
 class Equipment:
     """Arm and camera of one cell; for a simulated one also the controller's process and the world it stands in.
 
-    Belongs to one thread at a time, but for `stop`, `world`, `latest_arm_state` and `controller_address`.
+    Belongs to one thread at a time, but for `stop`, `give_up_connecting`, `world`, `latest_arm_state` and
+    `controller_address`.
     """
 
     def __init__(self, settings: CellSettings) -> None:
@@ -31,6 +32,7 @@ class Equipment:
         """Of the world, which takes a moment to make."""
         self._arm: UrArm | None = None
         self._camera: LiveCamera | None = None
+        self._given_up = threading.Event()
 
     @property
     def world(self) -> SimulatedWorld | None:
@@ -55,6 +57,8 @@ class Equipment:
         """The camera; it may not be connected."""
         if self._camera is None:
             self._camera = LiveCamera(self.settings.camera, self.world, self._controller_host)
+        if self._given_up.is_set():
+            self._camera.give_up_connecting()
         return self._camera
 
     @property
@@ -74,14 +78,21 @@ class Equipment:
         if arm is not None:
             arm.stop()
 
+    def give_up_connecting(self) -> None:
+        """From any thread, before `close`, for good: no camera is waited for any more that is not connected yet."""
+        self._given_up.set()  # first: a camera that is only just being made is told then
+        camera = self._camera
+        if camera is not None:
+            camera.give_up_connecting()
+
     def release_arm(self) -> None:
         """Ends the arm's connection, and with it our program on the robot."""
         if self._arm is not None:
             self._arm.close()
 
     def close(self) -> None:
-        """Lets everything go; a simulated controller ends."""
-        for device in (self._camera, self._arm, self.controller):
+        """Lets everything go, the arm first; a simulated controller ends."""
+        for device in (self._arm, self._camera, self.controller):
             if device is not None:
                 device.close()
         self._camera = self._arm = self.controller = None

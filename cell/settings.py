@@ -43,8 +43,8 @@ class ArmSettings(_Settings):
     """What holds for any arm."""
 
     model: ArmModelName = "ur5e"
-    speed_rad_s: float = Field(default=1.0, gt=0, le=3.2)
-    """Speed of the fastest joint of a move."""
+    speed_rad_s: float = Field(default=1.0, gt=0, le=3.14)
+    """Speed of the fastest joint of a move; ur_rtde takes no greater one."""
     acceleration_rad_s2: float = Field(default=1.4, gt=0, le=14.0)
     flange_speed_m_s: float = Field(default=0.25, gt=0, le=2.0)
     """The flange never goes faster; moves are slowed down to keep it."""

@@ -5,6 +5,7 @@ import time
 from pathlib import Path
 
 from cell.errors import CellError, MotionError
+from cell.ur import UrDriver
 
 
 class Driver:
@@ -28,6 +29,9 @@ class Driver:
     def sleep(self, seconds: float) -> str:
         time.sleep(seconds)
         return "slept"
+
+    def picture(self) -> bytes:
+        return bytes(5_000_000)
 
     def crash(self) -> None:
         os.abort()
@@ -59,6 +63,15 @@ class Counted(Driver):
         if not opens:
             raise CellError("no device here")
         super().__init__()
+
+
+class SlowToAllow(UrDriver):
+    """Has the controller's answer, and takes its time to hand it on."""
+
+    def allows(self, q_rad: tuple[float, ...]) -> bool:
+        allowed = super().allows(q_rad)
+        time.sleep(0.2)
+        return allowed
 
 
 def refusing() -> Driver:

@@ -24,6 +24,7 @@ from cell.errors import (
     RobotLostError,
     RobotNotReadyError,
     RobotUnreachableError,
+    StoppedError,
     TooEarlyError,
 )
 from cell.simulation.controller.process import RunningController
@@ -130,6 +131,26 @@ def test_a_child_that_dies_or_hangs(controller: RunningController, arm: UrArm, n
     arm.move(HOME)
 
 
+def test_a_stop_that_is_interrupted_itself(controller: RunningController, arm: UrArm, monkeypatch: pytest.MonkeyPatch):
+    """As by Ctrl-C while it waits for its turn: whoever moves the arm must not go on with it."""
+
+    def interrupted(*arguments: object, **named: object) -> None:
+        raise KeyboardInterrupt
+
+    with thread_of(lambda: arm.move(far())) as result:
+        moving(controller)
+        begin, child = controller.admin.state().events, arm._link.child
+        assert child is not None
+        call = child.call
+        monkeypatch.setattr(
+            child, "call", lambda *args, **of: (interrupted if args[0] == "stop" else call)(*args, **of)
+        )
+        with pytest.raises(KeyboardInterrupt):
+            arm.stop()
+    assert isinstance(result[0], StoppedError)
+    is_over(controller, arm, controller.admin.log(begin))
+
+
 def test_a_protective_stop_is_ended_by_a_person_only(controller: RunningController, arm: UrArm):
     error, events = hit(controller, arm, controller.admin.protective_stop, PROTECTIVE_S)
     assert isinstance(error, ProtectiveStopError)
@@ -159,6 +180,19 @@ def test_a_protective_stop_is_ended_by_a_person_only(controller: RunningControll
         arm.move(HOME)
     arm.connect()
     arm.move(HOME)
+
+
+@pytest.mark.parametrize("order", ["before", "after"])
+def test_a_stop_by_request_hides_no_protective_stop(controller: RunningController, arm: UrArm, order: str):
+    """Unlocked and played on at the pendant, a program that was only paused would finish its move."""
+    with thread_of(lambda: arm.move(far())) as result:
+        moving(controller)
+        begin = controller.admin.state().events
+        strikes = [controller.admin.protective_stop, arm.stop]
+        for strike in strikes if order == "before" else reversed(strikes):
+            strike()
+    assert isinstance(result[0], ProtectiveStopError)
+    is_over(controller, arm, controller.admin.log(begin))
 
 
 def test_whoever_did_not_see_the_stop_is_refused_by_the_robot_itself(controller: RunningController):

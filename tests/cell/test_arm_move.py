@@ -1,15 +1,18 @@
 """How a watched move tells that the arm is not doing what it was sent to do."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 
 from cell.arm import UrArm
 from cell.arm_move import off_line
 from cell.child import Child
-from cell.errors import MotionError
+from cell.errors import MotionError, StoppedError
 from cell.simulation.controller.process import RunningController
+from tests.cell.child_drivers import SlowToAllow
 from tests.cell.pendant import Pendant
-from tests.cell.virtual_arm import FAST, far, fresh, moving, thread_of, until
+from tests.cell.virtual_arm import FAST, far, fresh, kinds, motion_commands, moving, stops, thread_of, until
 
 pytestmark = pytest.mark.xdist_group("cell")  # one at a time: each is several busy processes
 
@@ -22,6 +25,47 @@ def test_the_distance_from_the_joint_line():
     # Beyond an end counts from the end; a move of no length is a point.
     assert off_line(np.array([1.0, 2.3, 0.0, 0.0, 0.0, 0.0]), q_from, q_to) == pytest.approx(0.3)
     assert off_line(np.full(6, 0.1), q_from, q_from) == pytest.approx(0.1)
+
+
+def test_a_move_does_not_leave_once_a_stop_was_asked_for(
+    controller: RunningController, monkeypatch: pytest.MonkeyPatch
+):
+    """Also when the stop still waits for its turn; nothing of the move was sent when it was asked for."""
+    monkeypatch.setattr("cell.arm_link.UrDriver", SlowToAllow)
+    monkeypatch.setattr("cell.arm_link.STOP_TURN_S", 5.0)  # else it would not wait, and end the process
+    begin = fresh(controller)
+    arm = UrArm(FAST, controller.host)
+    try:
+        arm.connect()
+        with thread_of(lambda: arm.move(far())) as result:
+            until(lambda: any(asks_for_limits(event) for event in controller.admin.log(begin)), 5.0)
+            arm.stop()
+        assert isinstance(result[0], StoppedError)
+        events = controller.admin.log(begin)
+        assert stops(events)
+        assert not motion_commands(events)
+        assert not kinds(events, "motion_start")
+    finally:
+        arm.close()
+
+
+def test_a_stop_that_outlasts_the_watchdog_is_no_fault(controller: RunningController):
+    """Nobody keeps the watchdog quiet after a stop: an arm that brakes slowly is ended by it, as it was asked for."""
+    begin = fresh(controller)
+    arm = UrArm(FAST.model_copy(update={"stop_deceleration_m_s2": 1.0}), controller.host)
+    try:
+        arm.connect()
+        with thread_of(lambda: arm.move(far())) as result:
+            moving(controller, share=0.3)
+            arm.stop()
+        assert kinds(controller.admin.log(begin), "watchdog_expired")
+        assert isinstance(result[0], StoppedError)
+    finally:
+        arm.close()
+
+
+def asks_for_limits(event: dict[str, Any]) -> bool:
+    return event["kind"] == "command" and "within" in event["details"]["name"]
 
 
 def test_an_arm_whose_speed_is_turned_down_moves_slowly_and_one_that_is_held_is_given_up(

@@ -4,7 +4,7 @@ import pytest
 
 from cell.acknowledge import acknowledge_protective_stop
 from cell.arm_program import OurProgram
-from cell.dashboard import stop_program
+from cell.dashboard import Command, Dashboard, stop_program
 from cell.errors import RobotNotReadyError
 from cell.simulation.controller.process import RunningController
 from tests.cell.virtual_arm import dashboard_commands, fresh, until
@@ -46,6 +46,26 @@ def test_one_that_is_gone_is_not_looked_for_again(controller: RunningController)
         program.wait()
     assert not program.there
     assert dashboard_commands(controller.admin.log(begin)) == ["stop"]
+
+
+def test_nothing_is_unlocked_while_its_program_is_there(controller: RunningController, monkeypatch: pytest.MonkeyPatch):
+    """Somebody has the pendant for the moment in which the program should be ended."""
+    paused_program(controller)
+    begin = controller.admin.state().events
+    ask = Dashboard.ask
+
+    def local_for_the_stop(dashboard: Dashboard, command: Command) -> str:
+        if command == "stop":
+            controller.admin.local_mode()
+        answer = ask(dashboard, command)
+        controller.admin.clear()
+        return answer
+
+    monkeypatch.setattr(Dashboard, "ask", local_for_the_stop)
+    with pytest.raises(RobotNotReadyError, match=r"still on it .*stop it at the pendant"):
+        acknowledge_protective_stop(controller.host, None, program_ours=True)
+    assert controller.admin.state().program_state == "PAUSED"
+    assert "unlock protective stop" not in dashboard_commands(controller.admin.log(begin))
 
 
 def test_a_program_that_can_not_be_ended_is_not_acknowledged_away(controller: RunningController):

@@ -16,16 +16,19 @@ from numpy.typing import NDArray
 
 from calibration.transforms import inverse
 from cell.camera import LiveCamera
+from cell.equipment import Equipment
 from cell.errors import BadFrameError, CameraLostError, CameraUnreachableError
 from cell.exposures import NoFramesError
 from cell.kinematics import inverse as inverse_kinematics
 from cell.look_at import look_at
-from cell.settings import CellSettings, OakCamera, SimulatedCamera
+from cell.settings import CellSettings, OakCamera, SimulatedArm, SimulatedCamera
 from cell.simulation.camera import camera_model
 from cell.simulation.controller.process import start_controller
 from cell.simulation.frames import FrameSource
 from cell.simulation.world import SimulatedWorld, simulated_world
 from tests.cell.flange_file import FlangeFile, flange_file
+from tests.cell.loopback import free_host
+from tests.cell.virtual_arm import thread_of, until
 
 pytestmark = pytest.mark.xdist_group("cell")  # one at a time: each is several busy processes
 
@@ -223,6 +226,49 @@ def test_the_virtual_controller_tells_where_the_camera_is(world: SimulatedWorld)
     finally:
         camera.close()
         controller.close()
+
+
+def test_a_camera_that_does_not_open_can_be_given_up_by_another_thread(
+    world: SimulatedWorld, flange: FlangeFile
+) -> None:
+    """Frozen, it would be waited for as long as a slow one."""
+    camera = LiveCamera(SETTINGS, world, lambda: str(flange.path), flange_file)
+    with thread_of(camera.connect) as result:
+        until(lambda: camera.pid is not None, 5.0)
+        assert camera.pid is not None
+        os.kill(camera.pid, signal.SIGSTOP)
+        given_up_s = time.monotonic()
+        camera.give_up_connecting()
+    error, ended_s = result
+    assert isinstance(error, CameraUnreachableError)
+    assert "was given up" in str(error)
+    assert ended_s - given_up_s < 5.0  # of the 60 s that it would take
+    assert camera.pid is None
+    # For good: nobody is there to close one that is connected later.
+    with pytest.raises(CameraUnreachableError, match="was given up"):
+        camera.connect()
+    assert camera.pid is None
+
+
+def test_a_camera_that_is_open_is_not_lost_by_giving_up(world: SimulatedWorld, flange: FlangeFile) -> None:
+    flange.write(looking_down(world))
+    camera = LiveCamera(SETTINGS, world, lambda: str(flange.path), flange_file)
+    try:
+        camera.connect()
+        camera.give_up_connecting()
+        assert camera.capture(time.monotonic()).depth.any()
+    finally:
+        camera.close()
+
+
+def test_equipment_that_is_given_up_makes_no_camera_to_wait_for() -> None:
+    equipment = Equipment(CellSettings(arm=SimulatedArm(host=free_host()), camera=SETTINGS))
+    try:
+        equipment.give_up_connecting()
+        with pytest.raises(CameraUnreachableError, match="was given up"):
+            equipment.camera.connect()
+    finally:
+        equipment.close()
 
 
 def test_a_simulated_camera_without_an_arm_says_so(world: SimulatedWorld, tmp_path: Path) -> None:

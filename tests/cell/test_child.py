@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from cell.child import Child, ChildBusyError, ChildLostError
+from cell.child import Child, ChildBusyError, ChildLostError, NotCalledError
 from cell.errors import CellError, MotionError
 from tests.cell.child_drivers import BrokenWhenIdle, Counted, Driver, refusing
 
@@ -77,6 +77,50 @@ def test_a_child_that_hangs_is_killed(child: Child):
         child.call("add", 1, 2, timeout_s=10.0)
 
 
+def test_a_child_that_hangs_in_the_middle_of_its_answer_is_killed(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr("cell.child.HALF_S", 1)
+    child = Child("test", Driver)
+    assert len(child.call("picture", timeout_s=10.0)) == 5_000_000
+    poll = child._pipe.poll
+
+    def freeze_once_it_answers(timeout_s: float) -> bool:
+        answers = poll(timeout_s)
+        os.kill(child.pid, signal.SIGSTOP)
+        return answers
+
+    monkeypatch.setattr(child._pipe, "poll", freeze_once_it_answers)
+    lost: list[ChildLostError] = []
+
+    def call() -> None:
+        with pytest.raises(ChildLostError, match="stopped amid its answer to 'picture'") as caught:
+            child.call("picture", timeout_s=10.0)
+        lost.append(caught.value)
+
+    caller = threading.Thread(target=call, daemon=True)
+    caller.start()
+    caller.join(20.0)
+    child.kill()
+    assert lost
+    child.close()
+
+
+def interrupt(number: int, frame: object) -> None:
+    raise KeyboardInterrupt
+
+
+def test_the_answer_to_an_interrupted_call_is_not_taken_for_the_next_ones(child: Child):
+    child.call("add", 0, 0, timeout_s=10.0)
+    before = signal.signal(signal.SIGUSR1, interrupt)
+    try:
+        threading.Timer(0.1, os.kill, (os.getpid(), signal.SIGUSR1)).start()
+        with pytest.raises(KeyboardInterrupt):
+            child.call("sleep", 0.5, timeout_s=10.0)
+    finally:
+        signal.signal(signal.SIGUSR1, before)
+    with pytest.raises(ChildLostError, match="has ended"):
+        child.call("add", 1, 2, timeout_s=10.0)
+
+
 def test_a_crash_is_noticed_and_named(child: Child):
     child.call("add", 0, 0, timeout_s=10.0)
     with pytest.raises(ChildLostError, match=rf"exit code -{signal.SIGABRT.value}"):
@@ -102,6 +146,21 @@ def test_calls_take_turns_and_one_need_not_wait_for_its_own(child: Child):
     assert child.call("add", 1, 2, timeout_s=10.0) == 103
     busy.join()
     assert answers == ["slept"]
+
+
+def test_what_is_no_longer_wanted_when_its_turn_comes_is_not_sent(child: Child):
+    child.call("add", 0, 0, timeout_s=10.0)
+    unwanted = threading.Event()
+    assert child.call("add", 1, 2, timeout_s=10.0, unless=unwanted) == 103
+    busy = threading.Thread(target=lambda: child.call("sleep", 0.5, timeout_s=10.0))
+    busy.start()
+    while not child._turn.locked():
+        time.sleep(0.001)
+    threading.Timer(0.1, unwanted.set).start()
+    with pytest.raises(NotCalledError, match="'add' of the test process is no longer wanted"):
+        child.call("add", 1, 2, timeout_s=10.0, unless=unwanted)
+    busy.join()
+    assert child.call("add", 0, 0, timeout_s=10.0) == 100
 
 
 def test_between_calls_the_driver_may_be_idle(child: Child):

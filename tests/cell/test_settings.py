@@ -24,6 +24,13 @@ def cell(
     )
 
 
+def test_no_joint_speed_is_taken_that_the_robots_library_would_refuse() -> None:
+    """Above it, it raises a ValueError when the first move is sent."""
+    assert SimulatedArm(speed_rad_s=3.14).speed_rad_s == 3.14
+    with pytest.raises(ValidationError, match=r"less than or equal to 3\.14"):
+        SimulatedArm(speed_rad_s=3.15)
+
+
 @pytest.mark.parametrize(
     ("x_m", "y_m", "table_z_m"),
     [

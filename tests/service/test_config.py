@@ -179,8 +179,8 @@ def test_variables_alone_make_a_real_cell(monkeypatch: pytest.MonkeyPatch, tmp_p
 @pytest.mark.parametrize(
     ("text", "told"),
     [
-        ("[arm]\nspeed_rad_s = 0", "arm.speed_rad_s is 0; a number more than 0, at most 3.2 is taken"),
-        ("[arm]\nspeed_rad_s = nan", "arm.speed_rad_s is nan; a number more than 0, at most 3.2 is taken"),
+        ("[arm]\nspeed_rad_s = 0", "arm.speed_rad_s is 0; a number more than 0, at most 3.14 is taken"),
+        ("[arm]\nspeed_rad_s = nan", "arm.speed_rad_s is nan; a number more than 0, at most 3.14 is taken"),
         ("[camera]\nfps = 'many'", "camera.fps is 'many'; a number from 1 to 60 is taken"),
         ("[camera]\nexposures = 1.5", "camera.exposures is 1.5; a whole number from 1 to 25 is taken"),
         ("[arm]\nmodel = 'UR5e'", 'arm.model is \'UR5e\'; "ur3e", "ur5e" or "ur10e" is taken; did you mean "ur5e"?'),
