@@ -128,7 +128,7 @@ class Cell:
             self._refuse_stopped_since(before)
             hand_eye = self._status.now.hand_eye
             assert hand_eye is not None
-            # Whatever else has happened to the arm since it was prepared, its first move tells.
+            # Whatever else has happened to the arm since it was prepared, the scan's beginning tells.
             self._status.change(state="busy", slug="cell-busy", reason="a scan is under way")
             means = ScanMeans(
                 self._equipment.arm,
@@ -147,6 +147,7 @@ class Cell:
                 lambda: self._status.change(reason="all views of the last scan are taken, the arm goes home"),
             )
             try:
+                scan.start()
                 yield scan
                 scan.wait()
             except BaseException as error:
@@ -200,6 +201,7 @@ class Cell:
     def close(self) -> None:
         """Stops the arm and lets everything go."""
         self._closing.set()
+        self._equipment.give_up_connecting()
         if self._status.now.state == "busy":
             self._equipment.stop()
         self._watch.join()

@@ -12,12 +12,14 @@ from numpy.typing import NDArray
 
 from calibration.transforms import inverse, rotation_angle
 from cell.devices import Arm, ArmState, Camera, View
-from cell.errors import BadFrameError, CameraLostError, MissingViewsError
+from cell.errors import BadFrameError, CameraLostError, MissingViewsError, RobotNotReadyError
 from cell.recording import RecordingWriter
 from cell.viewpoints import ViewpointPlan
 
 STILL_M, STILL_RAD = 0.0002, 0.0005
 """The flange may have moved by no more between the start and the end of a look."""
+START_RAD = 0.002
+"""No joint may be further from where the way was planned from: only that way is free of collisions."""
 
 
 class ScanListener(Protocol):
@@ -62,6 +64,7 @@ def take_views(
     A look that the camera fails is a missing view, and the scan goes on. The arm stays where the last view was taken.
 
     Raises:
+        RobotNotReadyError: the arm is not where the plan begins.
         CellError: whatever the arm's `move` and `means.check` raise: the scan ends there.
         MissingViewsError: the camera gave fewer than `min_views`.
         RecordingError, OSError: a view cannot be written.
@@ -69,6 +72,8 @@ def take_views(
     for viewpoint in plan.viewpoints:
         if viewpoint.reason is not None:
             listener.missing(viewpoint.index, viewpoint.reason)
+    if np.abs(means.arm.state().q_rad - plan.start_q_rad).max() > START_RAD:
+        raise RobotNotReadyError("the arm was moved after this scan was planned: start another")
     taken, failed = 0, ""
     for leg in plan.legs:
         if leg.view is None:
@@ -127,7 +132,7 @@ def _look(means: ScanMeans, index: int, at_rest: ArmState) -> View:
 class BackgroundScan:
     """A scan whose arm moves in a thread of its own, while whoever iterates over it works on the views.
 
-    Iterating ends with the last view; the arm then goes home by itself.
+    It begins with `start`. Iterating ends with the last view; the arm then goes home by itself.
     """
 
     def __init__(
@@ -145,13 +150,24 @@ class BackgroundScan:
         self._home_error: BaseException | None = None
         self._views: queue.SimpleQueue[View | None] = queue.SimpleQueue()
         taking = take_views(means, plan, writer, listener, min_views)
+        self._ended = threading.Event()
+        """Not the thread's own: a signal that interrupts who joins a thread makes it look ended."""
+        self._ended.set()
         self._thread = threading.Thread(target=self._run, args=(taking,), name="motion", daemon=True)
-        self._thread.start()
+
+    def start(self) -> None:
+        """The arm may move from here on, even when this raises."""
+        self._ended.clear()
+        try:
+            self._thread.start()
+        except RuntimeError:  # there cannot be another thread
+            self._ended.set()
+            raise
 
     @property
     def at_work(self) -> bool:
         """The arm may move."""
-        return self._thread.is_alive()
+        return not self._ended.is_set()
 
     @property
     def error(self) -> BaseException | None:
@@ -177,9 +193,15 @@ class BackgroundScan:
 
     def join(self) -> None:
         """Returns when the arm has ended moving for good."""
-        self._thread.join()
+        self._ended.wait()
 
     def _run(self, taking: Iterator[View]) -> None:
+        try:
+            self._take(taking)
+        finally:
+            self._ended.set()
+
+    def _take(self, taking: Iterator[View]) -> None:
         try:
             for view in taking:
                 self._views.put(view)

@@ -15,7 +15,9 @@ from cell.cell import Cell
 from cell.devices import View
 from cell.errors import (
     CameraUnreachableError,
+    CellError,
     MissingViewsError,
+    RobotNotReadyError,
     RobotUnreachableError,
     StoppedError,
 )
@@ -229,6 +231,24 @@ def test_a_stop_between_planning_and_moving_keeps_the_arm_where_it_is(cell: Cell
     assert cell.status.slug == "stopped"
     cell.connect()
     assert cell.status.state == "ready"
+
+
+def test_an_arm_that_was_moved_since_the_scan_was_planned_is_not_sent_that_way(tmp_path: Path) -> None:
+    with opened(simulated()) as cell:
+        plan = cell.prepare(2)
+        admin = controller(cell)
+        # A person takes it at the pendant, turns its base, and gives it back; then somebody connects.
+        admin.foreign_program()
+        admin.reset(plan.start_q_rad + [1.2, 0.0, 0.0, 0.0, 0.0, 0.0])
+        with pytest.raises(CellError):
+            cell.connect()
+        cell.connect()
+        begin = admin.state().events
+        with pytest.raises(RobotNotReadyError, match="moved after this scan was planned"):
+            scan(cell, tmp_path / "scan.mcap", Told(), plan)
+        assert not [event for event in admin.log(begin) if event["kind"] == "motion_start"]
+        admin.close()
+        assert len(scan(cell, tmp_path / "another.mcap", Told())) == 8
 
 
 def test_a_scan_that_nobody_wants_any_more_stops_the_arm(tmp_path: Path) -> None:
