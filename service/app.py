@@ -30,6 +30,10 @@ Metres, radians and seconds everywhere. Errors are `application/problem+json` (R
 """
 
 
+STOPS = 100
+"""So many stops and cancels are seen to at the same time; each may wait some seconds for its scan's end."""
+
+
 def create_app(config: ServiceConfig) -> FastAPI:
     """The application; the data folder and the recognition process are taken when it starts, not here."""
 
@@ -39,7 +43,8 @@ def create_app(config: ServiceConfig) -> FastAPI:
         try:
             yield
         finally:
-            await to_thread.run_sync(_close, context)
+            # A thread of its own: requests that were given up may still hold all others.
+            await to_thread.run_sync(_close, context, limiter=CapacityLimiter(1))
 
     app = FastAPIOffline(
         title="Pointchain",
@@ -71,14 +76,14 @@ def _open(config: ServiceConfig) -> Context:
         if_it_fails.callback(own.close)
         jobs = Jobs(store, own, config.limits.recognition_s, config.gripper.value)
         if_it_fails.pop_all()
-    return Context(config, store, own, jobs, CapacityLimiter(1))
+    return Context(config, store, own, jobs, parsing=CapacityLimiter(1), stopping=CapacityLimiter(STOPS))
 
 
 def _close(context: Context) -> None:
-    context.jobs.close()
-    context.cell.close()
-    context.store.close()
-    context.store.folder.close()
+    """Closes all, the last to be opened first; what one of them raises keeps none of the others open."""
+    with ExitStack() as opened:
+        for part in (context.store.folder, context.store, context.cell, context.jobs):
+            opened.callback(part.close)
 
 
 def openapi_document() -> str:

@@ -25,6 +25,9 @@ class Context:
     jobs: Jobs
     parsing: CapacityLimiter
     """Uploads are parsed one after the other: each may take much memory."""
+    stopping: CapacityLimiter
+    """The threads of stops and cancels. Those of all other requests may all be waiting for a robot that does not
+    answer, and a stop would wait for them."""
 
 
 async def _context(request: Request) -> Context:
@@ -34,21 +37,29 @@ async def _context(request: Request) -> Context:
 Service = Annotated[Context, Depends(_context)]
 
 
-def _scan(id: Annotated[str, Path(pattern=ID_PATTERN)], service: Service) -> ScanRow:  # noqa: A002 (the path's own name)
+Id = Annotated[str, Path(pattern=ID_PATTERN)]
+
+
+def find_scan(id: Id, service: Service) -> ScanRow:  # noqa: A002 (the path's own name)
+    """The scan of this id; asks the database.
+
+    Raises:
+        ProblemError: 404 `scan-not-found`.
+    """
     scan = service.store.scan(id)
     if scan is None:
         raise ProblemError(404, "scan-not-found", f"there is no scan {id}; GET /api/scans lists them")
     return scan
 
 
-def _recording(id: Annotated[str, Path(pattern=ID_PATTERN)], service: Service) -> RecordingRow:  # noqa: A002 (the path's own name)
+def _recording(id: Id, service: Service) -> RecordingRow:  # noqa: A002 (the path's own name)
     recording = service.store.recording(id)
     if recording is None:
         raise ProblemError(404, "recording-not-found", f"there is no recording {id}; GET /api/recordings lists them")
     return recording
 
 
-Scan = Annotated[ScanRow, Depends(_scan)]
+Scan = Annotated[ScanRow, Depends(find_scan)]
 """The scan that the address names, or a problem 404."""
 Recording = Annotated[RecordingRow, Depends(_recording)]
 """The recording that the address names, or a problem 404."""

@@ -39,8 +39,8 @@ class Jobs:
     """Runs scans. Every method may be called from any thread and may block for a moment."""
 
     def __init__(self, store: Store, cell: Cell, recognition_limit_s: float, gripper: Gripper) -> None:
-        """Marks what an earlier service left unfinished as interrupted, keeping what it had recorded; starts the
-        recognition process."""
+        """Marks what an earlier service left unfinished as interrupted, keeps what earlier ones had recorded, and
+        starts the recognition process."""
         self._store = store
         self._cell = cell
         self._worker = RecognitionWorker()
@@ -53,20 +53,28 @@ class Jobs:
         """The place is taken for a live scan that is not accepted yet."""
         self._closing = False
         self._accepted: queue.SimpleQueue[Running | None] = queue.SimpleQueue()
-        for interrupted in store.interrupt_unfinished():
-            keep_recording(store, interrupted.id)
+        store.interrupt_unfinished()
+        # Not only of those: an earlier start may have been killed at this point, or the database was locked before.
+        for scan in store.scans_without_recording():
+            try:
+                keep_recording(store, scan.id)
+            except OSError:
+                log.exception("the recording of scan %s cannot be read; the next start tries again", scan.id)
         self._thread = threading.Thread(target=self._work, name="jobs", daemon=True)
         self._thread.start()
 
-    def close(self) -> None:
-        """Stops the scan under way, if any (it becomes `interrupted`), and ends the recognition process."""
+    def wind_up(self) -> None:
+        """Takes no more scans, and stops the one under way, if any: it becomes `interrupted`."""
         with self._turn:
             self._closing = True
             running = self._running
         if running is not None or self._cell.status.state == "busy":  # an arm at rest is let go, and no program ended
             self._stop(running, "interrupted", "the service was stopped; start it again from its recording")
-        if running is None:
-            self._worker.kill()  # it may be starting
+
+    def close(self) -> None:
+        """Winds up, and ends the recognition process."""
+        self.wind_up()
+        self._worker.kill()  # it may be starting
         self._accepted.put(None)
         self._thread.join()
         self._worker.close()

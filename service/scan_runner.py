@@ -120,13 +120,13 @@ class ScanRunner:
 
     def _add_preview(self, scan: ScanRow) -> None:
         """The picture comes behind the result, which nobody shall wait for longer."""
+        drawn = self._store.folder.incoming(f"{scan.id}.png")
         try:
-            self._worker.wait_for_preview()
-            drawn = self._store.folder.incoming(f"{scan.id}.png")
-            if drawn.exists():
+            if self._worker.wait_for_preview() and drawn.exists():
                 drawn.replace(self._store.folder.results(scan.id) / PREVIEW)
         finally:
             self._drawing = None
+            drawn.unlink(missing_ok=True)  # a part, if it is still there
 
     def _task(self, scan: ScanRow, source: Path | RecordingHeader, results: Path) -> Task:
         preview = self._store.folder.incoming(f"{scan.id}.png")

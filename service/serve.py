@@ -2,16 +2,42 @@
 
 import socket
 import sys
+import threading
+from types import FrameType
+from typing import Any
 
 import uvicorn
+from fastapi import FastAPI
 
 from service.app import create_app
 from service.config import ServiceConfig
+from service.context import Context
 from service.data_folder import DataFolder, DataFolderError
 
 KEEP_ALIVE_S = 75
 """How long an idle connection stays open: a client that asks every few seconds must not meet one that is just being
 closed, as with uvicorn's own 5 s."""
+
+
+ENDING_S = 5
+"""Requests under way may take so long to end."""
+
+
+class Server(uvicorn.Server):
+    """Ends the scan under way, the arm first, as soon as a signal comes: uvicorn itself waits for requests before."""
+
+    def __init__(self, app: FastAPI, **options: Any) -> None:
+        """`options`: more of uvicorn's."""
+        limits = {"timeout_graceful_shutdown": ENDING_S, "timeout_keep_alive": KEEP_ALIVE_S}
+        super().__init__(uvicorn.Config(app, **limits, **options))
+        self._app = app
+
+    def handle_exit(self, sig: int, frame: FrameType | None) -> None:
+        """Called in the event loop's thread, between any two lines: whatever waits is for another one."""
+        context: Context | None = getattr(self._app.state, "context", None)
+        if context is not None:
+            threading.Thread(target=context.jobs.wind_up, name="winding-up", daemon=True).start()
+        super().handle_exit(sig, frame)
 
 
 def serve(config: ServiceConfig) -> int:
@@ -30,13 +56,7 @@ def serve(config: ServiceConfig) -> int:
         return 1
     address = f"[{config.host}]" if ":" in config.host else config.host
     print(f"pointchain: http://{address}:{listening.getsockname()[1]}/docs, data in {config.data_dir}", file=sys.stderr)
-    server = uvicorn.Server(
-        uvicorn.Config(
-            create_app(config),
-            timeout_graceful_shutdown=5,
-            timeout_keep_alive=KEEP_ALIVE_S,
-        )
-    )
+    server = Server(create_app(config))
     with listening:
         server.run(sockets=[listening])
     return 0 if server.started else 1

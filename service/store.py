@@ -135,8 +135,12 @@ class Store:
         sql = f"SELECT * FROM views WHERE scan IN ({marks}) ORDER BY scan, view"
         return self._all(lambda row: ViewRow(**dict(row)), sql, *scan_ids)
 
-    def interrupt_unfinished(self) -> list[ScanRow]:
-        """At start-up: scans that were under way when the service ended become `interrupted`; these."""
+    def scans_without_recording(self) -> list[ScanRow]:
+        """Live scans that have no recording in the store; some may have its file."""
+        return self._all(to_scan, "SELECT * FROM scans WHERE mode = 'live' AND recording IS NULL ORDER BY id")
+
+    def interrupt_unfinished(self) -> None:
+        """At start-up: scans that were under way when the service ended become `interrupted`."""
         marks = ", ".join("?" * len(ACTIVE_STATES))
         found = self._all(to_scan, f"SELECT * FROM scans WHERE state IN ({marks}) ORDER BY id", *ACTIVE_STATES)
         for scan in found:
@@ -146,7 +150,6 @@ class Store:
             detail = "the service ended while this scan was under way; start it again from its recording"
             problem = problem_document(500, "interrupted", detail)
             self.end_scan(scan.id, "interrupted", problem)
-        return found
 
     def check(self) -> None:
         """Asks the database for something; raises sqlite3.Error when it does not answer."""

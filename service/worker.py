@@ -8,7 +8,6 @@ import multiprocessing
 import threading
 import time
 from collections.abc import Iterable, Sequence
-from contextlib import suppress
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
 from pathlib import Path
@@ -69,19 +68,22 @@ class RecognitionWorker:
         """Makes sure that a warmed-up process waits for a task; blocks until it does.
 
         Raises:
-            TaskFailedError: it ended before it was ready, or took too long.
+            TaskFailedError: it could not be started, ended before it was ready, or took too long.
         """
         if self.alive:
             return
         self._not_ready = "recognition is starting"
         self._release()
         context = multiprocessing.get_context("spawn")
-        self._pipe, theirs = context.Pipe()
-        process = context.Process(target=work, args=(theirs,), name="recognition", daemon=True)
-        with self._starting:
-            process.start()
-            self._process, self._killed = process, False
-        theirs.close()
+        try:
+            self._pipe, theirs = context.Pipe()
+            process = context.Process(target=work, args=(theirs,), name="recognition", daemon=True)
+            with theirs, self._starting:
+                process.start()
+                self._process, self._killed = process, False
+        except OSError as error:
+            self._release()
+            raise _not_started(error) from error
         message = self._receive(time.monotonic() + START_S)
         if isinstance(message, Refused):
             self.close()
@@ -104,30 +106,26 @@ class RecognitionWorker:
         Raises:
             TaskFailedError: the input was refused, the process died or was killed, or the time is over.
         """
-        self._send(task)
-        if not isinstance(task.source, Path):
-            try:
-                for view in views:
-                    self._send_view(view, limit_s)
-            except BaseException:
-                self.kill()  # it waits for a view that will not come
-                raise
-            self._send(LastView(tuple(missing)))
-        deadline = time.monotonic() + limit_s
-        while True:
-            message = self._receive(deadline)
-            if isinstance(message, Stage):
-                on_stage(message.name)
-            elif isinstance(message, Refused):
-                raise TaskFailedError(message.status, message.slug, message.detail)
-            elif isinstance(message, Outcome):
-                return message
+        try:
+            message = self._answer(task, on_stage, limit_s, views, missing)
+        except BaseException:
+            self.kill()  # what it says later would be taken for the answer to the next task
+            raise
+        if isinstance(message, Refused):
+            raise TaskFailedError(message.status, message.slug, message.detail)
+        return message
 
-    def wait_for_preview(self) -> None:
-        """Returns when the picture of the task that has just given its outcome is there, or will not be."""
-        with suppress(TaskFailedError):  # killed, or hanging: the next task starts a new process
+    def wait_for_preview(self) -> bool:
+        """Waits for the picture of the task that has just given its outcome: whether the process came to its end.
+
+        If not, it is dead, and what there is of the picture may be a part.
+        """
+        try:
             while not isinstance(self._receive(time.monotonic() + PREVIEW_S), PreviewEnded):
                 pass
+        except TaskFailedError:  # killed, or hanging: the next task starts a new process
+            return False
+        return True
 
     def kill(self) -> None:
         """Ends the process, if there is one, at once, whatever it does."""
@@ -141,22 +139,33 @@ class RecognitionWorker:
         self.kill()
         self._release()
 
-    def _send(self, message: object) -> None:
-        assert self._pipe is not None
-        try:
-            self._pipe.send(message)
-        except OSError as error:
-            raise self._died() from error
+    def _answer(
+        self, task: Task, on_stage: OnStage, limit_s: float, views: Iterable[View], missing: Sequence[str]
+    ) -> Outcome | Refused:
+        self._send(task, limit_s)
+        if not isinstance(task.source, Path):
+            for view in views:
+                self._send(view, limit_s)
+            self._send(LastView(tuple(missing)), limit_s)
+        deadline = time.monotonic() + limit_s
+        while True:
+            message = self._receive(deadline)
+            if isinstance(message, Stage):
+                on_stage(message.name)
+            elif isinstance(message, Refused | Outcome):
+                return message
 
-    def _send_view(self, view: View, limit_s: float) -> None:
-        """A process that hangs takes no view: without an end, sending would wait for ever once the pipe is full."""
-        end = threading.Timer(limit_s, self.kill)
+    def _send(self, message: object, limit_s: float) -> None:
+        """A process that hangs takes nothing: without an end, sending would wait for ever once the pipe is full."""
+        assert self._pipe is not None
+        deadline, end = time.monotonic() + limit_s, threading.Timer(limit_s, self.kill)
         end.daemon = True
         try:
             end.start()  # Ctrl-C may come while it does
-            self._send(view)
-        except TaskFailedError as error:
-            raise error if end.is_alive() else _late() from error
+            self._pipe.send(message)
+        except OSError as error:
+            late, died = time.monotonic() >= deadline, self._died()
+            raise (_late() if late else died) from error
         finally:
             end.cancel()
 
@@ -196,6 +205,15 @@ class RecognitionWorker:
             self._pipe.close()
             self._pipe = None
         return code
+
+
+def _not_started(error: OSError) -> TaskFailedError:
+    return TaskFailedError(
+        500,
+        "recognition-crashed",
+        f"no process for recognition could be started: {error.strerror or error}; it is tried again. If it stays so, "
+        "end other programs, or allow the service more open files, processes or memory",
+    )
 
 
 def _late() -> TaskFailedError:

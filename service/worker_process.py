@@ -73,7 +73,7 @@ class Stage:
 
 @dataclass(frozen=True)
 class PreviewEnded:
-    """The picture is there, or will never be."""
+    """The picture is there, whole, or will never be."""
 
 
 @dataclass(frozen=True)
@@ -142,6 +142,7 @@ def _draw(recognition: Recognition, preview: Path) -> None:
         write_preview(recognition, preview)
     except Exception:  # the result is good without
         log.exception("the preview could not be drawn")
+        preview.unlink(missing_ok=True)  # a full disk leaves a part of it
 
 
 def _recognise(task: Task, pipe: Connection, on_stage: OnStage) -> Recognition:

@@ -2,6 +2,7 @@
 
 from typing import Any
 
+from anyio import to_thread
 from fastapi import APIRouter, Response
 
 from service.cell_schemas import CellResource, PlanRequest, cell_resource
@@ -26,9 +27,9 @@ def connect_cell(service: Service) -> CellResource:
 
 
 @router.post("/cell/stop", responses=problem_responses())
-def stop_cell(service: Service) -> CellResource:
+async def stop_cell(service: Service) -> CellResource:
     """Stops the arm at once, whatever goes on; a live scan under way is aborted. Not an emergency stop."""
-    service.jobs.stop_arm()
+    await to_thread.run_sync(service.jobs.stop_arm, limiter=service.stopping)
     return _resource(service)
 
 

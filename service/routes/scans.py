@@ -5,10 +5,11 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from anyio import to_thread
 from fastapi import APIRouter, Response
 from fastapi.responses import FileResponse
 
-from service.context import Before, Context, Limit, Scan, Service
+from service.context import Before, Context, Id, Limit, Scan, Service, find_scan
 from service.data_folder import CLOUD, MODEL, PREVIEW
 from service.model_schema import GraspsDocument, ModelDocument
 from service.problems import ProblemError, problem_responses
@@ -69,10 +70,14 @@ def get_scan(scan: Scan, service: Service) -> ScanResource:
 
 
 @router.post("/{id}/cancel", responses=problem_responses(404, 409, 422))
-def cancel_scan(scan: Scan, service: Service) -> ScanResource:
+async def cancel_scan(id: Id, service: Service) -> ScanResource:  # noqa: A002 (the path's own name)
     """Stops a scan. It may have ended just before: the answer says in which state it is."""
-    service.jobs.cancel(scan)
-    return _resource(service.store.scan(scan.id) or scan, service.store.views([scan.id]))
+
+    def cancel() -> ScanResource:
+        service.jobs.cancel(find_scan(id, service))
+        return _resource(find_scan(id, service), service.store.views([id]))
+
+    return await to_thread.run_sync(cancel, limiter=service.stopping)
 
 
 def _file(media_type: str) -> dict[int | str, dict[str, Any]]:

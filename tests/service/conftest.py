@@ -12,7 +12,6 @@ from typing import Any
 
 import httpx
 import pytest
-import uvicorn
 from fastapi import FastAPI
 
 from cell.simulation.camera import camera_model
@@ -21,7 +20,7 @@ from cell.simulation.simulate import simulate, write_simulation
 from service.app import create_app
 from service.config import ServiceConfig
 from service.schemas import ACTIVE_STATES
-from service.serve import KEEP_ALIVE_S
+from service.serve import Server
 
 # Generous, because it only bounds a hang: a loaded machine may take long to start a process.
 PATIENCE_S = 120.0
@@ -54,16 +53,7 @@ def serve() -> Serve:
     def serving(data_dir: Path, **settings: Any) -> Iterator[ServedClient]:
         app = create_app(ServiceConfig(data_dir=data_dir, **settings))
         # No log_config: the log goes where pytest looks.
-        server = uvicorn.Server(
-            uvicorn.Config(
-                app,
-                port=0,
-                log_level="warning",
-                log_config=None,
-                timeout_graceful_shutdown=5,
-                timeout_keep_alive=KEEP_ALIVE_S,
-            )
-        )
+        server = Server(app, port=0, log_level="warning", log_config=None)
         thread = threading.Thread(target=server.run)
         thread.start()
         try:
