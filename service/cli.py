@@ -191,9 +191,9 @@ def _scan(options: argparse.Namespace) -> int:
     except ConfigError as error:
         print(f"pointchain scan: {error}", file=sys.stderr)
         return 1
-    from service.scan_once import scan_once
+    from service.scan_once import Wanted, scan_once
 
-    return scan_once(config, options.out, options.radius, options.method, options.views)
+    return scan_once(config, Wanted(options.out, options.radius, options.method, options.views))
 
 
 def _check(options: argparse.Namespace) -> int:

@@ -3,20 +3,22 @@
 import json
 import shutil
 import sys
+import threading
+from contextlib import closing
 from pathlib import Path
 
 from cell.cell import Cell
 from cell.recording import read_recording
-from cell.settings import CellSettings, SimulatedArm
+from cell.settings import SimulatedArm
 from cell.simulation.scoring import score
 from cell.simulation.simulate import truth_path
 from cell.simulation.world import simulated_world, world_truth
-from recognition.gripper import Gripper
 from recognition.model import PointChainModel
-from service.config import LimitsConfig
+from service.config import ServiceConfig
 from service.data_folder import PREVIEW
-from service.scan_once import take_scan
+from service.scan_once import Wanted, take_scan
 from service.trace import write_trace
+from service.worker import RecognitionWorker
 from service.workflow import recognise_recording, write_preview, write_results
 
 TIME_FACTOR = 4.0
@@ -38,13 +40,11 @@ def demo(folder: Path) -> int:
     folder.mkdir(parents=True, exist_ok=True)
     recording, _, results, trace = made
 
-    settings = CellSettings(arm=SimulatedArm(time_factor=TIME_FACTOR))
-    cell = Cell(settings)
-    try:
-        take_scan(cell, recording, None, "graph", Gripper(), LimitsConfig().recognition_s, _say)
+    config = ServiceConfig(arm=SimulatedArm(time_factor=TIME_FACTOR))
+    settings = config.cell
+    with closing(Cell(settings)) as cell, closing(RecognitionWorker()) as worker:
+        take_scan(cell, worker, config, Wanted(recording), _say, threading.Event())
         status = cell.status
-    finally:
-        cell.close()
     # The recording gives what the scan gave, and on the way there what is drawn.
     recognition = recognise_recording(recording)
     told = [view.T_base_flange for view in read_recording(recording).views]

@@ -3,19 +3,20 @@
 import json
 import signal
 import sys
-from collections.abc import Callable
+import threading
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import closing
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
 from cell.cell import Cell
-from cell.errors import CellError
+from cell.errors import CellError, StoppedError
 from cell.recording import RecordingExistsError, RecordingWriter
 from cell.scan import missing_view
 from cell.viewpoints import ViewpointPlan
-from recognition.gripper import Gripper
 from recognition.model import SCHEMA, Method
 from service.config import ServiceConfig
 from service.data_folder import MODEL, PREVIEW
@@ -27,18 +28,22 @@ from service.workflow import check_radius
 Say = Callable[[str], None]
 STOPPED_CODE = 130
 """As a shell has it for what Ctrl-C ended."""
+SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 
 class ToldProgress:
-    """Tells a person how a scan goes."""
+    """Tells a person how a scan goes, and lets no move begin once a stop was asked for."""
 
-    def __init__(self, plan: ViewpointPlan, say: Say) -> None:
+    def __init__(self, plan: ViewpointPlan, say: Say, stop_asked: threading.Event) -> None:
         self.reasons: list[str] = []
         """Which views are missing, and why; they become warnings of the model."""
-        self._say, self._views, self._taken = say, len(plan.viewpoints), 0
+        self._say, self._stop_asked = say, stop_asked
+        self._views, self._taken = len(plan.viewpoints), 0
 
     def moving(self, index: int) -> None:
-        """The arm is about to move."""
+        """The arm is about to move. Raises StoppedError."""
+        if self._stop_asked.is_set():  # before the cell was at work, so that it knows of none
+            raise StoppedError("stopped by request")
         self._say(f"moving to viewpoint {index}")
 
     def recorded(self, index: int) -> None:
@@ -52,23 +57,27 @@ class ToldProgress:
         self._say(self.reasons[-1])
 
 
+@dataclass(frozen=True)
+class Wanted:
+    """One scan, as somebody asks for it."""
+
+    recording: Path | None = None
+    """A new file; None: not kept."""
+    radius_m: float | None = None
+    """Of the string; None: as configured, or estimated."""
+    method: Method = "graph"
+    views: int | None = None
+    """None: as many as configured."""
+
+
 def take_scan(
-    cell: Cell,
-    recording: Path,
-    radius_m: float | None,
-    method: Method,
-    gripper: Gripper,
-    limit_s: float,
-    say: Say,
-    views: int | None = None,
+    cell: Cell, worker: RecognitionWorker, config: ServiceConfig, wanted: Wanted, say: Say, stop_asked: threading.Event
 ) -> dict[str, Any]:
-    """A scan by `cell` into the new file `recording`; connects first if need be. The arm is home on return.
+    """A scan by `cell`; connects first if need be. The arm is home on return.
 
-    Recognition may take `limit_s`.
-
-    Gives the model as JSON. Recognition has a process of its own: in this one it would keep the arm waiting for its
-    watchdog. Interrupted by an exception (a KeyboardInterrupt too), the arm is stopped first; the views taken stay in
-    the file.
+    Gives the model as JSON. Recognition has a process of its own, of `worker`: in this one it would keep the arm
+    waiting for its watchdog. Whoever wants it ended sets `stop_asked`, stops the cell and kills the worker, from
+    another thread; the views taken stay in the file.
 
     Raises:
         CellError: the scan cannot be done, or ended early.
@@ -76,75 +85,107 @@ def take_scan(
         RecordingError, OSError: the file cannot be written.
         RecognitionError: the radius cannot be used.
     """
-    radius = check_radius(radius_m, cell.settings.scan.string_radius_m)
-    if recording.exists():
-        raise RecordingExistsError(f"{recording} exists already; recordings are never overwritten")
+    radius, kept = check_radius(wanted.radius_m, cell.settings.scan.string_radius_m), wanted.recording
+    if kept is not None and kept.exists():
+        raise RecordingExistsError(f"{kept} exists already; recordings are never overwritten")
     say("connecting, planning")
-    with closing(RecognitionWorker()) as worker, TemporaryDirectory(prefix="pointchain-") as folder:
-        with ThreadPoolExecutor(1) as pool:  # left when the process has started, or ended
-            started = pool.submit(worker.start)
-            try:
-                plan = cell.prepare(views)
-                started.result()
-            except BaseException:
-                worker.kill()
-                raise
-        told, header = ToldProgress(plan, say), cell.header(radius)
+    with ThreadPoolExecutor(1) as pool:  # left when the process has started, or ended
+        started = pool.submit(worker.start)
+        try:
+            plan = cell.prepare(wanted.views)
+            started.result()
+        except BaseException:
+            worker.kill()
+            raise
+    with TemporaryDirectory(prefix="pointchain-") as folder:
+        told, header = ToldProgress(plan, say, stop_asked), cell.header(radius)
         results = Path(folder) / "results"
-        task = Task(header, radius, method, gripper, results, Path(folder) / PREVIEW)
-        with RecordingWriter(recording, header) as writer, cell.scanning(plan, writer, told) as taken:
-            worker.run(task, lambda _: None, limit_s, taken, told.reasons)
+        task = Task(header, radius, wanted.method, config.gripper.value, results, Path(folder) / PREVIEW)
+        with (
+            RecordingWriter(kept or Path(folder) / "scan.mcap", header) as writer,
+            cell.scanning(plan, writer, told) as taken,
+        ):
+            worker.run(task, lambda _: None, config.limits.recognition_s, taken, told.reasons)
             model = json.loads((results / MODEL).read_bytes())
             writer.write_result(model)
     return model
 
 
-def scan_once(
-    config: ServiceConfig, recording: Path | None, radius_m: float | None, method: Method, views: int | None
-) -> int:
+def scan_once(config: ServiceConfig, wanted: Wanted) -> int:
     """One scan; its model as one line of JSON on stdout, or `{"schema", "error"}`.
 
     0 when there is a model, 130 after Ctrl-C or SIGTERM, which stop the arm, else 1.
     """
+    cell, worker, stop_asked = Cell(config.cell), RecognitionWorker(), threading.Event()
 
-    def say(words: str) -> None:
-        print(f"pointchain scan: {words}", file=sys.stderr)
+    def stop() -> None:
+        stop_asked.set()
+        try:
+            cell.stop()
+        finally:
+            worker.kill()
+        _say("stopping")
 
-    cell, problem, code = Cell(config.cell), {}, 0
-    document: dict[str, Any] = {}
-    _interrupted_by_signals()
-    try:
-        with TemporaryDirectory(prefix="pointchain-") as folder:
-            path = recording or Path(folder) / "scan.mcap"
-            document = take_scan(
-                cell, path, radius_m, method, config.gripper.value, config.limits.recognition_s, say, views
-            )
-    except KeyboardInterrupt:
-        kept = f"; the views taken until then are in {recording}" if recording and recording.exists() else ""
-        problem, code = problem_document(409, "stopped", f"stopped by request{kept}"), STOPPED_CODE
-    except TaskFailedError as error:
-        problem, code = error.problem, 1
-    except CellError as error:
-        problem, code = cell_problem(error), 1
-    except INPUT_ERRORS as error:
-        problem, code = problem_document(422, error.slug, str(error)), 1
-    except OSError as error:
-        reason = f"{recording or 'the recording'} cannot be written: {error.strerror or error}"
-        problem, code = problem_document(507, "file", reason), 1
-    finally:
-        cell.close()
-    if problem:
-        document = {"schema": SCHEMA, "error": problem}
-        say(problem["detail"])
-    else:
-        say(f"chains: {len(document['chains'])}, crossings: {len(document['crossings'])}")
-        for told in (*document["quality"]["ambiguities"], *document["quality"]["warnings"]):
-            say(told)
+    # In a thread of its own: a signal comes between any two lines of the main one, and that one only waits.
+    with ThreadPoolExecutor(1) as pool, _at_a_signal(stop):
+        document = pool.submit(_document, cell, worker, config, wanted, stop_asked).result()
     print(json.dumps(document, allow_nan=False), flush=True)
-    return code
+    if "error" not in document:
+        return 0
+    return STOPPED_CODE if stop_asked.is_set() else 1
 
 
-def _interrupted_by_signals() -> None:
-    """SIGTERM, and SIGINT also where a shell script ignores it for what runs in the background, stop the arm first."""
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, signal.default_int_handler)
+def _document(
+    cell: Cell, worker: RecognitionWorker, config: ServiceConfig, wanted: Wanted, stop_asked: threading.Event
+) -> dict[str, Any]:
+    """What goes to stdout; then cell and worker are closed."""
+    with ExitStack() as at_last:
+        at_last.callback(cell.close)
+        at_last.callback(worker.close)
+        try:
+            document = take_scan(cell, worker, config, wanted, _say, stop_asked)
+        except (TaskFailedError, CellError, *INPUT_ERRORS, OSError) as error:
+            problem = _stopped_problem(wanted.recording) if stop_asked.is_set() else _problem(error, wanted.recording)
+            _say(problem["detail"])
+            return {"schema": SCHEMA, "error": problem}
+    _say(f"chains: {len(document['chains'])}, crossings: {len(document['crossings'])}")
+    for told in (*document["quality"]["ambiguities"], *document["quality"]["warnings"]):
+        _say(told)
+    return document
+
+
+def _problem(error: Exception, recording: Path | None) -> dict[str, Any]:
+    if isinstance(error, TaskFailedError):
+        return error.problem
+    if isinstance(error, CellError):
+        return cell_problem(error)
+    if isinstance(error, INPUT_ERRORS):
+        return problem_document(422, error.slug, str(error))
+    reason = error.strerror if isinstance(error, OSError) else None
+    return problem_document(507, "file", f"{recording or 'the recording'} cannot be written: {reason or error}")
+
+
+def _stopped_problem(recording: Path | None) -> dict[str, Any]:
+    kept = f"; the views taken until then are in {recording}" if recording and recording.exists() else ""
+    return problem_document(409, "stopped", f"stopped by request{kept}")
+
+
+def _say(words: str) -> None:
+    print(f"pointchain scan: {words}", file=sys.stderr)
+
+
+@contextmanager
+def _at_a_signal(do: Callable[[], None]) -> Iterator[None]:
+    """SIGTERM, and SIGINT also where a shell script ignores it for what runs in the background, do this, once."""
+
+    def once(*_: object) -> None:
+        for number in SIGNALS:
+            signal.signal(number, signal.SIG_IGN)
+        do()
+
+    before = {number: signal.signal(number, once) for number in SIGNALS}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
