@@ -267,6 +267,7 @@ class ArmLink:
         error = self._fault(reading)
         if error is not None:
             self.fail(StoppedError(STOPPED) if isinstance(error, RobotLostError) else error)
+        self.move_sent = False
         raise self.why_ended()
 
     def _end_program(self, wait_s: float, whatever_plays: bool) -> None:

@@ -38,7 +38,8 @@ STOPPED = "stopped by request: connect, or start a live scan"
 
 
 class Cell:
-    """Connects, watches, scans and stops. Safe to use from any thread; `stop` waits for no other method."""
+    """Connects, watches, scans and stops. Safe to use from any thread; `stop` and `give_up_connecting` wait for no
+    other method."""
 
     def __init__(self, settings: CellSettings) -> None:
         """Touches no device: that is for `connect`."""
@@ -198,10 +199,14 @@ class Cell:
             reason = "acknowledged: connect, or start a live scan"
             self._status.change(state="not_ready", slug="not-connected", reason=reason)
 
+    def give_up_connecting(self) -> None:
+        """Before `close`, for good: nobody waits any more for a camera that is not connected yet."""
+        self._equipment.give_up_connecting()
+
     def close(self) -> None:
         """Stops the arm and lets everything go."""
         self._closing.set()
-        self._equipment.give_up_connecting()
+        self.give_up_connecting()
         if self._status.now.state == "busy":
             self._equipment.stop()
         self._watch.join()

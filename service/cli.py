@@ -193,7 +193,10 @@ def _scan(options: argparse.Namespace) -> int:
         return 1
     from service.scan_once import Wanted, scan_once
 
-    return scan_once(config, Wanted(options.out, options.radius, options.method, options.views))
+    wanted = Wanted(
+        options.out, options.radius, options.method, options.views, config.gripper.value, config.limits.recognition_s
+    )
+    return scan_once(config.cell, wanted)
 
 
 def _check(options: argparse.Namespace) -> int:

@@ -9,12 +9,11 @@ from pathlib import Path
 
 from cell.cell import Cell
 from cell.recording import read_recording
-from cell.settings import SimulatedArm
+from cell.settings import CellSettings, SimulatedArm
 from cell.simulation.scoring import score
 from cell.simulation.simulate import truth_path
 from cell.simulation.world import simulated_world, world_truth
 from recognition.model import PointChainModel
-from service.config import ServiceConfig
 from service.data_folder import PREVIEW
 from service.scan_once import Wanted, take_scan
 from service.trace import write_trace
@@ -40,10 +39,9 @@ def demo(folder: Path) -> int:
     folder.mkdir(parents=True, exist_ok=True)
     recording, _, results, trace = made
 
-    config = ServiceConfig(arm=SimulatedArm(time_factor=TIME_FACTOR))
-    settings = config.cell
+    settings = CellSettings(arm=SimulatedArm(time_factor=TIME_FACTOR))
     with closing(Cell(settings)) as cell, closing(RecognitionWorker()) as worker:
-        take_scan(cell, worker, config, Wanted(recording), _say, threading.Event())
+        take_scan(cell, worker, Wanted(recording), _say, threading.Event())
         status = cell.status
     # The recording gives what the scan gave, and on the way there what is drawn.
     recognition = recognise_recording(recording)

@@ -70,14 +70,17 @@ class Jobs:
             running = self._running
         if running is not None or self._cell.status.state == "busy":  # an arm at rest is let go, and no program ended
             self._stop(running, "interrupted", "the service was stopped; start it again from its recording")
+        self._cell.give_up_connecting()
 
     def close(self) -> None:
         """Winds up, and ends the recognition process."""
-        self.wind_up()
-        self._worker.kill()  # it may be starting
-        self._accepted.put(None)
-        self._thread.join()
-        self._worker.close()
+        try:
+            self.wind_up()
+        finally:
+            self._worker.kill()  # it may be starting
+            self._accepted.put(None)
+            self._thread.join()
+            self._worker.close()
 
     @property
     def not_ready(self) -> str | None:

@@ -7,18 +7,21 @@ import threading
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
 from cell.cell import Cell
+from cell.cell_status import FAULTS
 from cell.errors import CellError, StoppedError
 from cell.recording import RecordingExistsError, RecordingWriter
 from cell.scan import missing_view
+from cell.settings import CellSettings
 from cell.viewpoints import ViewpointPlan
+from recognition.gripper import Gripper
 from recognition.model import SCHEMA, Method
-from service.config import ServiceConfig
+from service.config import LimitsConfig
 from service.data_folder import MODEL, PREVIEW
 from service.problems import INPUT_ERRORS, cell_problem, problem_document
 from service.worker import RecognitionWorker, TaskFailedError
@@ -68,10 +71,13 @@ class Wanted:
     method: Method = "graph"
     views: int | None = None
     """None: as many as configured."""
+    gripper: Gripper = field(default_factory=Gripper)
+    limit_s: float = LimitsConfig().recognition_s
+    """Recognition may take so long after the last view."""
 
 
 def take_scan(
-    cell: Cell, worker: RecognitionWorker, config: ServiceConfig, wanted: Wanted, say: Say, stop_asked: threading.Event
+    cell: Cell, worker: RecognitionWorker, wanted: Wanted, say: Say, stop_asked: threading.Event
 ) -> dict[str, Any]:
     """A scan by `cell`; connects first if need be. The arm is home on return.
 
@@ -100,23 +106,23 @@ def take_scan(
     with TemporaryDirectory(prefix="pointchain-") as folder:
         told, header = ToldProgress(plan, say, stop_asked), cell.header(radius)
         results = Path(folder) / "results"
-        task = Task(header, radius, wanted.method, config.gripper.value, results, Path(folder) / PREVIEW)
+        task = Task(header, radius, wanted.method, wanted.gripper, results, Path(folder) / PREVIEW)
         with (
             RecordingWriter(kept or Path(folder) / "scan.mcap", header) as writer,
             cell.scanning(plan, writer, told) as taken,
         ):
-            worker.run(task, lambda _: None, config.limits.recognition_s, taken, told.reasons)
+            worker.run(task, lambda _: None, wanted.limit_s, taken, told.reasons)
             model = json.loads((results / MODEL).read_bytes())
             writer.write_result(model)
     return model
 
 
-def scan_once(config: ServiceConfig, wanted: Wanted) -> int:
+def scan_once(settings: CellSettings, wanted: Wanted) -> int:
     """One scan; its model as one line of JSON on stdout, or `{"schema", "error"}`.
 
     0 when there is a model, 130 after Ctrl-C or SIGTERM, which stop the arm, else 1.
     """
-    cell, worker, stop_asked = Cell(config.cell), RecognitionWorker(), threading.Event()
+    cell, worker, stop_asked = Cell(settings), RecognitionWorker(), threading.Event()
 
     def stop() -> None:
         stop_asked.set()
@@ -124,28 +130,29 @@ def scan_once(config: ServiceConfig, wanted: Wanted) -> int:
             cell.stop()
         finally:
             worker.kill()
+            cell.give_up_connecting()
         _say("stopping")
 
     # In a thread of its own: a signal comes between any two lines of the main one, and that one only waits.
     with ThreadPoolExecutor(1) as pool, _at_a_signal(stop):
-        document = pool.submit(_document, cell, worker, config, wanted, stop_asked).result()
+        document = pool.submit(_document, cell, worker, wanted, stop_asked).result()
     print(json.dumps(document, allow_nan=False), flush=True)
     if "error" not in document:
         return 0
     return STOPPED_CODE if stop_asked.is_set() else 1
 
 
-def _document(
-    cell: Cell, worker: RecognitionWorker, config: ServiceConfig, wanted: Wanted, stop_asked: threading.Event
-) -> dict[str, Any]:
+def _document(cell: Cell, worker: RecognitionWorker, wanted: Wanted, stop_asked: threading.Event) -> dict[str, Any]:
     """What goes to stdout; then cell and worker are closed."""
     with ExitStack() as at_last:
         at_last.callback(cell.close)
         at_last.callback(worker.close)
         try:
-            document = take_scan(cell, worker, config, wanted, _say, stop_asked)
+            document = take_scan(cell, worker, wanted, _say, stop_asked)
         except (TaskFailedError, CellError, *INPUT_ERRORS, OSError) as error:
-            problem = _stopped_problem(wanted.recording) if stop_asked.is_set() else _problem(error, wanted.recording)
+            # What else went wrong at the same time is told instead.
+            stopped = stop_asked.is_set() and not isinstance(error, (*FAULTS, *INPUT_ERRORS, OSError))
+            problem = _stopped_problem(wanted.recording) if stopped else _problem(error, wanted.recording)
             _say(problem["detail"])
             return {"schema": SCHEMA, "error": problem}
     _say(f"chains: {len(document['chains'])}, crossings: {len(document['crossings'])}")

@@ -34,10 +34,10 @@ class Server(uvicorn.Server):
 
     def handle_exit(self, sig: int, frame: FrameType | None) -> None:
         """Called in the event loop's thread, between any two lines: whatever waits is for another one."""
+        super().handle_exit(sig, frame)
         context: Context | None = getattr(self._app.state, "context", None)
         if context is not None:
             threading.Thread(target=context.jobs.wind_up, name="winding-up", daemon=True).start()
-        super().handle_exit(sig, frame)
 
 
 def serve(config: ServiceConfig) -> int:
