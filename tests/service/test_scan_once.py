@@ -54,22 +54,14 @@ def test_the_model_goes_to_stdout_and_the_recording_gives_it_again(tmp_path: Pat
     assert again == model
 
 
-@pytest.mark.parametrize(
-    ("number", "taken"),
-    [(signal.SIGINT, 1), (signal.SIGTERM, 1), (signal.SIGINT, 8)],  # with all taken, the arm is on its way home
-)
-def test_a_signal_stops_the_arm_first_and_the_views_are_kept(
-    tmp_path: Path, number: signal.Signals, taken: int
-) -> None:
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_stops_the_arm_first_and_the_views_are_kept(tmp_path: Path, number: signal.Signals) -> None:
     host = free_host()
-    with scanning(tmp_path, host, 2.0 if taken < 8 else 1.0) as running:  # the way home is short
+    with scanning(tmp_path, host, 2.0) as running:
         assert running.stderr is not None
         while "recorded, 1 of 8" not in (line := running.stderr.readline()):
             assert line, "it ended"
         controller = AdminClient(host)
-        while f"recorded, {taken} of 8" not in line:
-            line = running.stderr.readline()
-            assert line, "it ended"
         begin = controller.state().events
         running.send_signal(number)
         seen = []
@@ -84,7 +76,7 @@ def test_a_signal_stops_the_arm_first_and_the_views_are_kept(
     assert json.loads(out)["error"]["type"] == "urn:pointchain:stopped", out
     assert f"the views taken until then are in {tmp_path / 'scan.mcap'}" in said
     views = read_recording(tmp_path / "scan.mcap").views
-    assert taken <= len(views) <= max(taken, 7)
+    assert 1 <= len(views) < 8
     arrived = stops(seen)
     assert arrived, f"the arm was not stopped: {seen}"
     assert not [event for event in motion_commands(seen) if event["stamp_s"] > arrived[0]]
