@@ -1,12 +1,40 @@
 """Calibration boards: what is printed on them, in the board's own frame."""
 
+import sys
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 BoardKind = Literal["charuco", "checkerboard", "circles"]
+
+KINDS: tuple[BoardKind, ...] = ("charuco", "checkerboard", "circles")
+
+# A table instead of a question to OpenCV: boards are made where OpenCV is not imported yet, which takes long.
+MARKERS = {
+    **{f"DICT_{bits}X{bits}_{count}": count for bits in (4, 5, 6, 7) for count in (50, 100, 250, 1000)},
+    "DICT_ARUCO_ORIGINAL": 1024,
+    "DICT_APRILTAG_16h5": 30,
+    "DICT_APRILTAG_25h9": 35,
+    "DICT_APRILTAG_36h10": 2320,
+    "DICT_APRILTAG_36h11": 587,
+    "DICT_ARUCO_MIP_36h12": 250,
+}
+"""OpenCV's dictionaries of markers: how many there are in each."""
+
+SMALLEST_PITCH_M, LARGEST_PITCH_M = 0.001, 0.5
+"""From a board under a microscope to one as large as a door; all else is a slip of units."""
+MOST = 100
+"""Squares or dots on a side."""
+FEWEST = {"charuco": 3, "checkerboard": 4, "circles": 3}
+"""On a side, so that what is detected (inner corners, dots) spans a plane; OpenCV needs 3 x 3 corners of a
+checkerboard."""
+SMALLEST_MARKER = 0.3
+"""Share of the square from which on a marker can be read where the corners can be seen."""
+FEWEST_CORNERS = 6
+"""Of a board, and of a view: a pose has six unknowns, which three points give but do not check."""
 
 
 class BoardError(ValueError):
@@ -18,28 +46,145 @@ class BoardError(ValueError):
 @dataclass(frozen=True)
 class Board:
     """A flat board. Its frame: origin in the first corner (or dot), x along a row of corners, y to the next row,
-    z = x cross y, which on a printed board points away from the viewer, into the paper."""
+    z = x cross y, which on a printed board points away from the viewer, into the paper.
+
+    The first corner is at the top left of the print; OpenCV's own boards have the same axes, a ChArUco board there
+    with its origin one square up and to the left, in the outermost corner. Chessboards begin with a black square at
+    the top left. A circle grid's first dot is the larger one, if there is a larger one.
+
+    The board as it is without being told otherwise fits on A4 and letter paper with its white margin. A camera of 640 x
+    400 pixels and 402 px focal length sees all of it from 0.36 m on, and finds all its corners to 0.8 m under 30
+    degrees, or slightly out of focus to 0.6 m. Fewer, larger squares are found farther away still, with fewer corners;
+    smaller ones (25 mm with markers of 18 mm) are not read well from 0.6 m on.
+
+    Raises:
+        BoardError: sizes or counts that no board has, or that this one's markers do not allow.
+    """
 
     kind: BoardKind = "charuco"
     columns: int = 9
     """Squares in a row of a chessboard (a ChArUco board's too); dots in a row of a circle grid."""
     rows: int = 7
-    """Rows of squares, or of dots."""
-    pitch_m: float = 0.025
+    """Rows of squares, or of dots. Odd for ChArUco: OpenCV has two layouts, which differ where it is even."""
+    pitch_m: float = 0.026
     """Side of a square, or distance of neighbouring dots' centres, as measured on the print."""
-    marker_m: float = 0.018
+    marker_m: float = 0.02
     """Side of a ChArUco board's markers."""
     dictionary: str = "DICT_4X4_50"
     """OpenCV's name of the markers' dictionary."""
 
+    def __post_init__(self) -> None:
+        if self.kind not in KINDS:
+            raise BoardError(f"the board is of kind {str(self.kind)[:40]!r}: one of {', '.join(KINDS)} is needed")
+        for name, count in (("columns", self.columns), ("rows", self.rows)):
+            if isinstance(count, bool) or not isinstance(count, int) or not FEWEST[self.kind] <= count <= MOST:
+                raise BoardError(
+                    f"the board has {str(count)[:40]} {name}: a whole number from {FEWEST[self.kind]} to {MOST} is "
+                    f"needed for the kind {self.kind}"
+                )
+        _check_length("pitch_m", self.pitch_m)
+        if self.kind == "charuco":
+            self._check_markers()
+        if len(self.points) < FEWEST_CORNERS:
+            raise BoardError(
+                f"a {self.kind} board of {self.columns} x {self.rows} has {len(self.points)} corners: "
+                f"{FEWEST_CORNERS} are needed, take more columns or rows"
+            )
+
+    def _check_markers(self) -> None:
+        if self.rows % 2 == 0:
+            raise BoardError(
+                f"the ChArUco board has {self.rows} rows: an odd number is needed, because boards with an even number "
+                "are printed in two layouts, and the wrong one is not seen"
+            )
+        _check_length("marker_m", self.marker_m)
+        if not SMALLEST_MARKER * self.pitch_m <= self.marker_m < self.pitch_m:
+            raise BoardError(
+                f"marker_m is {self.marker_m:g} m and pitch_m {self.pitch_m:g} m: the markers stand inside the "
+                f"squares, so they must be smaller, and at least {SMALLEST_MARKER:.0%} of them to be read"
+            )
+        if not isinstance(self.dictionary, str) or self.dictionary not in MARKERS:
+            raise BoardError(
+                f"OpenCV has no dictionary {str(self.dictionary)[:40]!r}: one of {', '.join(MARKERS)} is needed"
+            )
+        needed = self.columns * self.rows // 2
+        if needed > MARKERS[self.dictionary]:
+            raise BoardError(
+                f"a ChArUco board of {self.columns} x {self.rows} has {needed} markers, and {self.dictionary} has "
+                f"{MARKERS[self.dictionary]}: take a larger dictionary or fewer squares"
+            )
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Columns and rows of what is detected: inner corners of a chessboard, or dots."""
+        inner = 0 if self.kind == "circles" else 1
+        return self.columns - inner, self.rows - inner
+
     @property
     def points(self) -> NDArray[np.float64]:
         """(N, 3) what is detected, by number, board frame: inner corners of a chessboard row by row, or dots."""
-        inner = 0 if self.kind == "circles" else 1
-        x, y = np.meshgrid(np.arange(self.columns - inner), np.arange(self.rows - inner))
-        return np.column_stack([x.ravel(), y.ravel(), np.zeros(x.size)]) * self.pitch_m
+        columns, rows = self.shape
+        x, y = np.meshgrid(np.arange(columns, dtype=np.float64), np.arange(rows, dtype=np.float64))
+        points = np.zeros((x.size, 3))
+        points[:, 0] = x.ravel() * self.pitch_m
+        points[:, 1] = y.ravel() * self.pitch_m
+        return points
 
     @property
     def size_m(self) -> tuple[float, float]:
-        """Width and height of what is printed, without a margin."""
+        """Width and height of what is printed, without a margin; for a circle grid half a pitch around the dots."""
         return self.columns * self.pitch_m, self.rows * self.pitch_m
+
+    @property
+    def corner_of_print(self) -> tuple[float, float]:
+        """(x, y) of the top left corner of what is printed, board frame, m."""
+        before = self.pitch_m / 2 if self.kind == "circles" else self.pitch_m
+        return -before, -before
+
+    def __str__(self) -> str:
+        size = f"{self.kind} {self.columns} x {self.rows}, pitch {self.pitch_m * 1e3:g} mm"
+        if self.kind == "charuco":
+            return f"{size}, markers {self.marker_m * 1e3:g} mm, {self.dictionary}"
+        return size
+
+    def to_json(self) -> dict[str, Any]:
+        """The board as JSON's values; `marker_m` and `dictionary` only of a ChArUco board."""
+        document: dict[str, Any] = {
+            "kind": self.kind,
+            "columns": self.columns,
+            "rows": self.rows,
+            "pitch_m": self.pitch_m,
+        }
+        if self.kind == "charuco":
+            document |= {"marker_m": self.marker_m, "dictionary": self.dictionary}
+        return document
+
+    @classmethod
+    def from_json(cls, document: object) -> "Board":
+        """The board that `to_json` described. Nothing is assumed for what is missing: a wrong size is not noticed.
+
+        Raises:
+            BoardError: not an object, something missing or unknown, or not a board.
+        """
+        if not isinstance(document, Mapping):
+            raise BoardError(f"the board is {str(document)[:40]!r}: an object with kind, columns, rows ... is needed")
+        needed = {"kind", "columns", "rows", "pitch_m"}
+        if document.get("kind") == "charuco":
+            needed |= {"marker_m", "dictionary"}
+        if missing := sorted(needed - set(document)):
+            raise BoardError(f"the board does not tell {', '.join(missing)}: add it")
+        if unknown := sorted(str(key)[:40] for key in set(document) - needed):
+            raise BoardError(
+                f"the board tells {', '.join(unknown)}, which is not known: {', '.join(sorted(needed))} are"
+            )
+        return cls(**{str(key): value for key, value in document.items()})
+
+
+def _check_length(name: str, length_m: object) -> None:
+    if isinstance(length_m, bool) or not isinstance(length_m, int | float) or not abs(length_m) <= sys.float_info.max:
+        raise BoardError(f"{name} is {str(length_m)[:40]!r}: a number of metres is needed")
+    if not SMALLEST_PITCH_M <= length_m <= LARGEST_PITCH_M:
+        hint = f"metres are needed, and {length_m:g} looks like millimetres" if length_m >= 1 else "check the units"
+        raise BoardError(
+            f"{name} is {length_m:g} m, and boards have {SMALLEST_PITCH_M:g} to {LARGEST_PITCH_M:g} m: {hint}"
+        )

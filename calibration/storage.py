@@ -1,39 +1,50 @@
 """The hand-eye calibration on disk: where the camera is on the flange, who measured it with what, and when.
 
 A JSON file: `schema_version` 1, `created` (ISO 8601 with a time zone), `camera_id` and `robot_serial` (null where not
-known), and `T_flange_camera` as `{"xyz_m": [x, y, z], "quat_xyzw": [x, y, z, w]}`, metres; whatever else is in it is
-left to its writer. The form that recordings carry, `{"T_flange_camera": 4x4 matrix}` alone, is taken too; its age and
-its camera are then not known.
+known), and `T_flange_camera` as `{"xyz_m": [x, y, z], "quat_xyzw": [x, y, z, w]}`, metres. One that was solved here
+also tells how sure it is and what was found, as `calibration.result_document` writes it; whatever else is in it is left
+to its writer. The form that recordings carry, `{"T_flange_camera": 4x4 matrix}` alone, is taken too; its age and its
+camera are then not known.
 """
 
+import contextlib
 import hashlib
-import json
-import os
-from contextlib import suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
+from calibration.board import Board
+from calibration.disk import TooLargeError, read_limited, replace_synced
 from calibration.errors import (
     HandEyeError,
     HandEyeInvalidError,
     HandEyeMismatchError,
     HandEyeMissingError,
     HandEyeOfTheFutureError,
+    HandEyeRefusedError,
     HandEyeStaleError,
     HandEyeUnreadableError,
 )
-from calibration.transforms import NotRigidError, from_quaternion, rigid, to_quaternion
+from calibration.file_forms import read_form
+from calibration.hand_eye_form import HandEyeForm, JudgedForm, Metrics
+from calibration.hand_eye_result import Finding, Verdict
+from calibration.observations_file import load_observations
+from calibration.storage_write import check_place, write_hand_eye, write_result
 
-__all__ = ["HandEye", "HandEyeError", "load_hand_eye", "require_match", "write_hand_eye"]
+__all__ = [
+    "HandEye",
+    "HandEyeError",
+    "activate",
+    "load_hand_eye",
+    "load_observations",
+    "require_match",
+    "write_hand_eye",
+    "write_result",
+]
 
-SCHEMA_VERSION = 1
-FARTHEST_M = 1.0
-"""No camera is farther from the flange that carries it; larger numbers are millimetres."""
 CLOCKS_APART = timedelta(hours=1)
 """So much may the clock of the machine that wrote a file be ahead of ours."""
 BACKWARDS = -0.2
@@ -58,6 +69,24 @@ class HandEye:
     """Of the file's content, hexadecimal: another one means that it has changed."""
     warnings: tuple[str, ...] = ()
     """What could not be checked, and what looks wrong."""
+    covariance: NDArray[np.float64] | None = None
+    """(6, 6) as in `calibration.hand_eye_result`; this and what follows is None where the file does not tell it."""
+    T_base_board: NDArray[np.float64] | None = None
+    """(4, 4) where the board lay."""
+    board: Board | None = None
+    """What it was calibrated with, as told."""
+    board_scale: float | None = None
+    """Its true size by the views, as a share of the told one."""
+    K: NDArray[np.float64] | None = None
+    """(3, 3) as fitted, pixels."""
+    robot_sigma_m: float | None = None
+    """Noise of the robot's poses along one axis, as estimated."""
+    robot_sigma_rad: float | None = None
+    eight_views_m: float | None = None
+    """Predicted: 95 % of the time, no two of eight views of a scan disagree by more."""
+    verdict: Verdict | None = None
+    findings: tuple[Finding, ...] = ()
+    """What speaks against it, though not enough to refuse it; their words are among the warnings."""
 
 
 def load_hand_eye(path: Path, max_age_days: float, now: datetime | None = None) -> HandEye:
@@ -65,41 +94,32 @@ def load_hand_eye(path: Path, max_age_days: float, now: datetime | None = None) 
 
     Raises:
         HandEyeMissingError, HandEyeUnreadableError: the file.
-        HandEyeInvalidError: its content.
+        HandEyeInvalidError: its content; also when it is of a camera that stands in the cell.
+        HandEyeRefusedError: it was solved and found not good enough.
         HandEyeStaleError, HandEyeOfTheFutureError: its date.
     """
-    content = _read(path)
-    try:
-        document = json.loads(content)
-    except (ValueError, RecursionError) as error:
-        raise HandEyeInvalidError(f"{path} is not JSON: {error}") from error
-    if not isinstance(document, dict):
-        raise HandEyeInvalidError(f"{path} holds no hand-eye calibration: it is not a JSON object")
-    version = document.get("schema_version", SCHEMA_VERSION)
-    if version != SCHEMA_VERSION:
-        raise HandEyeInvalidError(f"{path} has schema_version {version!r}; {SCHEMA_VERSION} is read")
-    T_flange_camera = _transform(path, document)
-    created = _created(path, document.get("created"))
-    _check_age(path, created, max_age_days, now or datetime.now(UTC))
-    names = {key: _name(path, key, document.get(key)) for key in ("camera_id", "robot_serial")}
-    unknown = {"created": created} | names
-    return HandEye(
-        T_flange_camera=T_flange_camera,
-        created=created,
-        camera_id=names["camera_id"],
-        robot_serial=names["robot_serial"],
-        sha256=hashlib.sha256(content).hexdigest(),
-        warnings=_looking_back(T_flange_camera)
-        + tuple(
-            f"the hand-eye file does not say {about}"
-            for key, about in {
-                "created": "when it was made, which is not checked: calibrate anew to have it known",
-                "camera_id": "of which camera it is, which is not checked: calibrate anew to have it known",
-                "robot_serial": "of which robot it is, which is not checked: calibrate anew to have it known",
-            }.items()
-            if unknown[key] is None
-        ),
-    )
+    return _parsed(path, _read(path), max_age_days, now or datetime.now(UTC))
+
+
+def activate(run_file: Path, active_file: Path) -> HandEye:
+    """Makes a calibration that was solved the one in use, in one step; the former is kept as `*.previous.json`.
+
+    Raises: as `load_hand_eye`, whatever the age, and OSError when it cannot be written; the former then stays.
+    """
+    content = _read(run_file)
+    hand_eye = _parsed(run_file, content, float("inf"), datetime.now(UTC))
+    active_file.parent.mkdir(parents=True, exist_ok=True)
+    with contextlib.suppress(FileNotFoundError, IsADirectoryError, TooLargeError):
+        former = read_limited(active_file, LARGEST_BYTES)
+        if former != content:  # activated twice, it is not its own former one
+            replace_synced(previous_of(active_file), former)
+    replace_synced(active_file, content)
+    return hand_eye
+
+
+def previous_of(active_file: Path) -> Path:
+    """Where the calibration is kept that was in use before."""
+    return active_file.with_name(f"{active_file.stem}.previous.json")
 
 
 def require_match(hand_eye: HandEye, camera_id: str | None, robot_serial: str | None) -> None:
@@ -119,75 +139,64 @@ def require_match(hand_eye: HandEye, camera_id: str | None, robot_serial: str | 
             )
 
 
-def write_hand_eye(
-    path: Path,
-    T_flange_camera: ArrayLike,
-    *,
-    created: datetime,
-    camera_id: str | None = None,
-    robot_serial: str | None = None,
-) -> None:
-    """Writes a calibration; a file of that name is replaced in one step, so nobody reads half of it.
-
-    Raises:
-        NotRigidError: T_flange_camera (4, 4) is not a rigid transform.
-        HandEyeInvalidError: it is farther from the flange than a camera can be, or `created` has no time zone.
-        OSError: the file cannot be written.
-    """
-    T = rigid(T_flange_camera, "T_flange_camera")
-    _check_place(path, T)
-    if created.tzinfo is None:
-        raise HandEyeInvalidError(f"{path}: created is {created.isoformat()}; a time zone is needed")
-    document = {
-        "schema_version": SCHEMA_VERSION,
-        "created": created.isoformat(timespec="seconds"),
-        "camera_id": camera_id,
-        "robot_serial": robot_serial,
-        "T_flange_camera": {"xyz_m": T[:3, 3].tolist(), "quat_xyzw": to_quaternion(T).tolist()},
-    }
-    part = path.with_name(f".{path.name}.{os.getpid()}.part")
-    try:
-        with part.open("w") as file:
-            json.dump(document, file, indent=2)
-            file.write("\n")
-            file.flush()
-            os.fsync(file.fileno())
-        part.replace(path)
-    except OSError:
-        with suppress(OSError):
-            part.unlink()
-        raise
-
-
 def _read(path: Path) -> bytes:
     try:
-        if not path.is_file():  # a pipe would be waited for
-            if path.exists():
-                raise HandEyeUnreadableError(f"{path} is not a file: hand_eye.file names the JSON file itself")
-            raise HandEyeMissingError(
-                f"there is no hand-eye calibration {path}: calibrate, or name another file in hand_eye.file"
-            )
-        if path.stat().st_size > LARGEST_BYTES:
-            raise HandEyeUnreadableError(f"{path} has more than {LARGEST_BYTES >> 20} MiB; it is no calibration")
-        return path.read_bytes()
+        return read_limited(path, LARGEST_BYTES)
+    except FileNotFoundError as error:
+        raise HandEyeMissingError(
+            f"there is no hand-eye calibration {path}: calibrate, or name another file in hand_eye.file"
+        ) from error
+    except IsADirectoryError as error:
+        raise HandEyeUnreadableError(f"{error}: hand_eye.file names the JSON file itself") from error
+    except TooLargeError as error:
+        raise HandEyeUnreadableError(f"{error}; it is no calibration") from error
     except OSError as error:
         raise HandEyeUnreadableError(f"{path} cannot be read: {error.strerror}") from error
 
 
-def _transform(path: Path, document: dict[str, Any]) -> NDArray[np.float64]:
-    name = f"{path}: T_flange_camera"
-    try:
-        value = document["T_flange_camera"]
-        if isinstance(value, dict):
-            T = from_quaternion(_numbers(name, value, "xyz_m", 3), _numbers(name, value, "quat_xyzw", 4), name)
-        else:
-            T = rigid(value, name)
-    except KeyError as error:
-        raise HandEyeInvalidError(f"{path} holds no hand-eye calibration: {error.args[0]} is missing") from error
-    except NotRigidError as error:
-        raise HandEyeInvalidError(str(error)) from error
-    _check_place(path, T)
-    return T
+def _parsed(path: Path, content: bytes, max_age_days: float, now: datetime) -> HandEye:
+    judged = read_form(JudgedForm, content, path, HandEyeInvalidError)
+    findings = tuple(Finding(**vars(told)) for told in judged.findings or [])
+    if judged.verdict == "refuse":
+        why = "; ".join(finding.words for finding in findings if finding.refuses) or "the file does not say why"
+        raise HandEyeRefusedError(f"the calibration {path} was refused when it was solved: {why}")
+    if judged.mounting != "eye-in-hand" or judged.T_base_camera is not None:
+        raise HandEyeInvalidError(
+            f"{path} is of a camera that stands in the cell (eye-to-hand): a camera on the flange is needed here"
+        )
+    form = read_form(HandEyeForm, content, path, HandEyeInvalidError)
+    check_place(path, form.T_flange_camera)
+    _check_age(path, form.created, max_age_days, now)
+    return HandEye(
+        T_flange_camera=form.T_flange_camera,
+        created=form.created,
+        camera_id=form.camera_id,
+        robot_serial=form.robot_serial,
+        sha256=hashlib.sha256(content).hexdigest(),
+        warnings=_looking_back(form.T_flange_camera) + _unknown(form) + tuple(finding.words for finding in findings),
+        covariance=np.array(form.covariance.matrix) if form.covariance else None,
+        T_base_board=form.T_base_board,
+        board=form.board,
+        board_scale=form.board_scale,
+        K=np.array(form.intrinsics.K) if form.intrinsics else None,
+        verdict=form.verdict,
+        findings=findings,
+        **vars(form.metrics or Metrics()),
+    )
+
+
+def _unknown(form: HandEyeForm) -> tuple[str, ...]:
+    """Warnings of what cannot be checked."""
+    told = {
+        "when it was made": form.created,
+        "of which camera it is": form.camera_id,
+        "of which robot it is": form.robot_serial,
+    }
+    return tuple(
+        f"the hand-eye file does not say {about}, which is not checked: calibrate anew to have it known"
+        for about, value in told.items()
+        if value is None
+    )
 
 
 def _looking_back(T_flange_camera: NDArray[np.float64]) -> tuple[str, ...]:
@@ -203,39 +212,6 @@ def _looking_back(T_flange_camera: NDArray[np.float64]) -> tuple[str, ...]:
     )
 
 
-def _numbers(name: str, values: dict[str, Any], key: str, count: int) -> NDArray[np.float64]:
-    try:
-        numbers = np.array(values[key], dtype=np.float64)
-    except (TypeError, ValueError, OverflowError) as error:
-        raise HandEyeInvalidError(f"{name} holds something in {key} that is not a number: {error}") from error
-    if numbers.shape != (count,):
-        raise HandEyeInvalidError(f"{name} has {str(values[key])[:60]} in {key}; {count} numbers are needed")
-    return numbers
-
-
-def _check_place(path: Path, T_flange_camera: NDArray[np.float64]) -> None:
-    far = float(np.linalg.norm(T_flange_camera[:3, 3]))
-    if far > FARTHEST_M:
-        raise HandEyeInvalidError(
-            f"{path}: T_flange_camera puts the camera {far:.4g} m from the flange; up to {FARTHEST_M:g} m is taken: "
-            "metres are needed, and these look like millimetres"
-        )
-
-
-def _created(path: Path, value: Any) -> datetime | None:
-    if value is None:
-        return None
-    try:
-        created = datetime.fromisoformat(value)
-    except (TypeError, ValueError):
-        raise HandEyeInvalidError(
-            f'{path}: created is {str(value)[:40]!r}; a time as "2026-01-31T12:00:00+00:00" is needed'
-        ) from None
-    if created.tzinfo is None:
-        raise HandEyeInvalidError(f"{path}: created is {value!r}; the time zone is missing, as +00:00")
-    return created
-
-
 def _check_age(path: Path, created: datetime | None, max_age_days: float, now: datetime) -> None:
     if created is None:
         return
@@ -249,9 +225,3 @@ def _check_age(path: Path, created: datetime | None, max_age_days: float, now: d
         raise HandEyeStaleError(
             f"{path} is {days:.1f} days old, and hand_eye.max_age_days is {max_age_days:g}: calibrate anew"
         )
-
-
-def _name(path: Path, key: str, value: object) -> str | None:
-    if value is not None and not (isinstance(value, str) and value):
-        raise HandEyeInvalidError(f"{path}: {key} is {str(value)[:40]!r}; text or null is needed")
-    return value

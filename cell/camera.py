@@ -85,8 +85,9 @@ class LiveCamera:
         self._device_id = info.device_id
         return info
 
-    def capture(self, after_s: float) -> Frame:
-        """The scene at rest: only exposures that began after `after_s`, seconds of `time.monotonic()`.
+    def capture(self, after_s: float, image: bool = False) -> Frame:
+        """The scene at rest: only exposures that began after `after_s`, seconds of `time.monotonic()`; with a picture
+        if `image`.
 
         A camera that was lost or is silent is connected anew once, and then has another try: the arm is at rest.
 
@@ -97,13 +98,13 @@ class LiveCamera:
         if self._driver is None:
             raise CameraLostError("the camera is not connected")
         try:
-            return self._capture(after_s)
+            return self._capture(after_s, image)
         except (CameraLostError, NoFramesError) as error:
             log.warning("%s; connecting the camera once more", error)
             lost = error
         try:
             self._reopen()
-            return self._capture(after_s)
+            return self._capture(after_s, image)
         except CameraUnreachableError as error:
             self._end()
             raise CameraLostError(f"{lost}. It could not be connected again: {error}") from error
@@ -131,13 +132,13 @@ class LiveCamera:
         self._end()
         self._driver = self._device_id = None
 
-    def _capture(self, after_s: float) -> Frame:
+    def _capture(self, after_s: float, image: bool) -> Frame:
         count, fps = self.settings.exposures, self.settings.fps
         silence_s = SILENCE_S + 2 / fps
         # Three times as long as the frame rate promises: frames get lost where the link is poor.
         patience_s = SILENCE_S + 3 * (count + 1) / fps
-        until_s = max(after_s - time.monotonic(), 0.0) + patience_s + ASK_S
-        return self._call("capture", after_s, silence_s, patience_s, timeout_s=until_s)
+        until_s = max(after_s - time.monotonic(), 0.0) + (2 if image else 1) * patience_s + ASK_S
+        return self._call("capture", after_s, silence_s, patience_s, image, timeout_s=until_s)
 
     def _reopen(self) -> None:
         self._end()

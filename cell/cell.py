@@ -1,14 +1,18 @@
 """One cell: its arm, camera and calibration, and in which state they are."""
 
 import contextlib
-import logging
 import threading
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.board import Board
 from calibration.storage import HandEye
+from cell.calibration_poses import HELD_OUT, POSES, plan_calibration, plan_verification
 from cell.camera import LiveCamera
-from cell.cell_calibration import hand_eye_in_use, require_unchanged
+from cell.cell_calibration import hand_eye_in_use, require_unchanged, rough_hand_eye, verifiable_hand_eye
 from cell.cell_header import scan_header
 from cell.cell_status import FAULTS, CellStatus, KeptStatus
 from cell.connecting import connect_equipment
@@ -20,20 +24,16 @@ from cell.errors import (
     NothingToAcknowledgeError,
     StoppedError,
 )
-from cell.recording import RecordingWriter
+from cell.idle_watch import IdleWatch
 from cell.recording_header import RecordingHeader
-from cell.scan import BackgroundScan, ScanListener, ScanMeans
+from cell.scan import BackgroundScan, ScanListener, ScanMeans, ViewWriter, attended
 from cell.settings import CellSettings
 from cell.viewpoints import ViewpointPlan, plan_viewpoints, require_enough
-
-log = logging.getLogger(__name__)
 
 TURN_S = 1.0
 """How long a method waits for the arm and the camera; the watch has them for a moment only."""
 HOME_S = 20.0
 """Whoever asks for a scan waits so long for the arm of the last one to come home."""
-WATCH_S = 0.5
-"""How often an idle arm is looked at."""
 STOPPED = "stopped by request: connect, or start a live scan"
 
 
@@ -53,8 +53,7 @@ class Cell:
         self._stop_before = self._last_stop
         """... and the last before the scan that was prepared: it no longer counts."""
         self._closing = threading.Event()
-        self._watch = threading.Thread(target=self._watch_idle, name="cell-watch", daemon=True)
-        self._watch.start()
+        self._watch = IdleWatch(self._equipment, self._status, self._turn)
 
     @property
     def status(self) -> CellStatus:
@@ -72,6 +71,10 @@ class Cell:
         """The camera; for one thread at a time, when no scan is under way."""
         return self._equipment.camera
 
+    def hand_eye(self) -> HandEye:
+        """The calibration in use, as its file is now; asks no device anything. Raises CalibrationError."""
+        return self._calibration()
+
     def connect(self) -> None:
         """Connects arm and camera, unless they are; nothing moves.
 
@@ -82,7 +85,7 @@ class Cell:
             StoppedError: a stop came meanwhile.
         """
         with self._using():
-            self._connect()
+            self._connect(self._calibration)
 
     def plan(self, views: int | None = None) -> ViewpointPlan:
         """The viewpoints from where the arm stands, or stood last; asks no device anything, nothing moves.
@@ -91,9 +94,7 @@ class Cell:
             CalibrationError: without it nobody knows where the camera is.
             ViewpointsError: the arm stands where no path leads from.
         """
-        state = self.status.arm_state
-        settings = self._for_views(views)
-        plan = plan_viewpoints(settings, self._calibration().T_flange_camera, None if state is None else state.q_rad)
+        plan = plan_viewpoints(self._for_views(views), self._calibration().T_flange_camera, self._q_rad)
         self._status.change(plan=plan)
         return plan
 
@@ -102,65 +103,75 @@ class Cell:
 
         Raises: as `connect` and `plan`, and ViewpointsError when too few viewpoints can be reached.
         """
-        before = self._last_stop
-        with self._using(HOME_S):
-            self._connect()
+
+        def planned() -> ViewpointPlan:
             plan = self.plan(views)
             require_enough(plan, self._for_views(views).scan.min_views)
-            self._stop_before = before
-            self._refuse_stopped_since(before)
             return plan
+
+        return self._prepare(None, self._calibration, planned)
+
+    def prepare_calibration(self, board: Board, poses: int = POSES, held_out: int = HELD_OUT) -> ViewpointPlan:
+        """The same for a calibration with the board; no calibration is needed, but about where the camera is.
+
+        `poses` are solved from, `held_out` more judge it. On a simulated cell the board is laid on the table.
+
+        Raises: as `connect`; CalibrationError when nothing is known of the mounting, ViewpointsError when too few poses
+        can be reached.
+        """
+        rough = self._rough().T_flange_camera
+
+        def planned() -> ViewpointPlan:
+            return plan_calibration(self.settings, board, rough, self._q_rad, poses, held_out)
+
+        return self._prepare(board, None, planned)
+
+    def prepare_verification(self) -> ViewpointPlan:
+        """The same for two looks at the board of the calibration in use, however old that is.
+
+        Raises: as `prepare_calibration`; CalibrationError too when the calibration does not tell of its board.
+        """
+        hand_eye = verifiable_hand_eye(self.settings.hand_eye)
+        board = hand_eye.board
+        assert board is not None
+
+        def planned() -> ViewpointPlan:
+            return plan_verification(self.settings, board, hand_eye.T_flange_camera, self._q_rad)
+
+        return self._prepare(board, lambda: hand_eye, planned)
 
     def header(self, radius_m: float | None) -> RecordingHeader:
         """Of the recording of a scan that was prepared; `radius_m` None: not known."""
         return scan_header(self._status.now, self.settings, self._equipment.camera.depth_unit_m, radius_m)
 
-    @contextlib.contextmanager
     def scanning(
-        self, plan: ViewpointPlan, writer: RecordingWriter, listener: ScanListener
-    ) -> Iterator[BackgroundScan]:
+        self, plan: ViewpointPlan, writer: ViewWriter, listener: ScanListener
+    ) -> contextlib.AbstractContextManager[BackgroundScan]:
         """A scan by `plan`, as `prepare` gave it; it has begun when the body is entered.
 
         Left by an exception, an arm that may still move is stopped; left in order, it is waited for until it is home.
         Raises what the scan does, CellBusyError, and StoppedError when a stop came since `prepare`.
         """
-        with self._using():
-            before = self._stop_before
-            self._refuse_stopped_since(before)
+
+        def means() -> ScanMeans:
             hand_eye = self._status.now.hand_eye
             assert hand_eye is not None
-            # Whatever else has happened to the arm since it was prepared, the scan's beginning tells.
-            self._status.change(state="busy", slug="cell-busy", reason="a scan is under way")
-            means = ScanMeans(
-                self._equipment.arm,
-                self._equipment.camera,
-                hand_eye.T_flange_camera,
-                self.settings.camera.settle_s,
-                self._unchanged(hand_eye),
-            )
-            least = min(self.settings.scan.min_views, len(plan.viewpoints))
-            scan = BackgroundScan(
-                means,
-                plan,
-                writer,
-                listener,
-                least,
-                lambda: self._status.change(reason="all views of the last scan are taken, the arm goes home"),
-            )
-            try:
-                scan.start()
-                yield scan
-                scan.wait()
-            except BaseException as error:
-                # The scan's own errors leave the arm still, or on its way home.
-                if error is not scan.error and scan.at_work:
-                    self._equipment.stop()
-                self._join(scan)
-                raise
-            finally:
-                self._status.after(scan.error, FAULTS)
-                if self._last_stop is not before:  # one that came when the arm was home already
-                    self._status.no_longer_ready("stopped", STOPPED)
+            return self._means(hand_eye, self._unchanged(hand_eye))
+
+        least = min(self.settings.scan.min_views, len(plan.viewpoints))
+        return self._moving(plan, writer, listener, least, means, "scan")
+
+    def calibrating(
+        self, plan: ViewpointPlan, writer: ViewWriter, listener: ScanListener, least: int
+    ) -> contextlib.AbstractContextManager[BackgroundScan]:
+        """The same by a plan of `prepare_calibration` or `prepare_verification`: the views have pictures, and their
+        `T_flange_camera` is a rough one. With fewer than `least` views it raises MissingViewsError.
+        """
+
+        def means() -> ScanMeans:
+            return self._means(self._rough(), lambda: None, picture=True)
+
+        return self._moving(plan, writer, listener, least, means, "calibration")
 
     def stop(self) -> None:
         """Stops the arm, whatever goes on. The scan under way or being prepared, if any, ends with StoppedError."""
@@ -209,39 +220,85 @@ class Cell:
         self.give_up_connecting()
         if self._status.now.state == "busy":
             self._equipment.stop()
-        self._watch.join()
+        self._watch.end()
         with self._turn:
             self._equipment.close()
             self._status.change(state="not_ready", slug="not-ready", reason="the service is ending")
 
-    def _join(self, scan: BackgroundScan) -> None:
-        try:
-            scan.join()
-        except BaseException:  # whoever waits is interrupted: the arm must not go on alone
-            self._equipment.stop()
-            scan.join()
-            raise
+    @contextlib.contextmanager
+    def _moving(
+        self,
+        plan: ViewpointPlan,
+        writer: ViewWriter,
+        listener: ScanListener,
+        least: int,
+        means: Callable[[], ScanMeans],
+        what: str,
+    ) -> Iterator[BackgroundScan]:
+        with self._using():
+            before = self._stop_before
+            self._refuse_stopped_since(before)
+            used = means()
+            # Whatever else has happened to the arm since it was prepared, the scan's beginning tells.
+            self._status.change(state="busy", slug="cell-busy", reason=f"a {what} is under way")
+            going_home = f"all views of the last {what} are taken, the arm goes home"
+            scan = BackgroundScan(used, plan, writer, listener, least, lambda: self._status.change(reason=going_home))
+            try:
+                with attended(scan, self._equipment.stop):
+                    yield scan
+            finally:
+                self._status.after(scan.error, FAULTS)
+                if self._last_stop is not before:  # one that came when the arm was home already
+                    self._status.no_longer_ready("stopped", STOPPED)
+
+    def _prepare(
+        self, board: Board | None, calibration: Callable[[], HandEye] | None, planned: Callable[[], ViewpointPlan]
+    ) -> ViewpointPlan:
+        """`board` None: to scan. `calibration` tells the one that is needed; None: none is."""
+        before = self._last_stop
+        with self._using(HOME_S):
+            self._equipment.lay_board(board)
+            self._connect(calibration)
+            plan = planned()
+            self._stop_before = before
+            self._refuse_stopped_since(before)
+            return plan
 
     def _refuse_stopped_since(self, before: object) -> None:
         if self._last_stop is not before:
             self._status.no_longer_ready("stopped", STOPPED)
-            raise StoppedError("the arm was stopped by request before the scan began")
+            raise StoppedError("the arm was stopped by request before it began to move")
 
-    def _connect(self) -> None:
+    def _connect(self, calibration: Callable[[], HandEye] | None) -> None:
         status, before = self._status.now, self._last_stop
         if status.state == "fault":
             raise AcknowledgeRequiredError(status.reason)
         try:
-            hand_eye = self._calibration()
+            hand_eye = None if calibration is None else calibration()
             seen = connect_equipment(self._equipment, hand_eye, status.arm if status.state == "ready" else None)
         except CellError as error:
             self._status.after(error)
             raise
-        self._status.change(state="ready", reason=None, slug=None, hand_eye=hand_eye, **vars(seen))
+        known = hand_eye or status.hand_eye
+        self._status.change(state="ready", reason=None, slug=None, hand_eye=known, **vars(seen))
         self._refuse_stopped_since(before)
 
     def _calibration(self) -> HandEye:
         return hand_eye_in_use(self.settings.hand_eye, self._equipment.world)
+
+    def _rough(self) -> HandEye:
+        return rough_hand_eye(self.settings.hand_eye, self._equipment.world)
+
+    @property
+    def _q_rad(self) -> NDArray[np.float64] | None:
+        """Where the arm stands, or stood last."""
+        state = self.status.arm_state
+        return None if state is None else state.q_rad
+
+    def _means(self, hand_eye: HandEye, check: Callable[[], None], picture: bool = False) -> ScanMeans:
+        settle_s = self.settings.camera.settle_s
+        arm, camera = self._equipment.arm, self._equipment.camera
+        return ScanMeans(arm, camera, hand_eye.T_flange_camera, settle_s, check, picture)
 
     def _unchanged(self, used: HandEye) -> Callable[[], None]:
         return lambda: require_unchanged(used, self._calibration())
@@ -263,19 +320,3 @@ class Cell:
             yield
         finally:
             self._turn.release()
-
-    def _watch_idle(self) -> None:
-        """What happens to an idle arm is noticed too, and its watchdog kept quiet."""
-        while not self._closing.wait(WATCH_S):
-            if self._status.now.state != "ready" or not self._turn.acquire(blocking=False):
-                continue
-            try:
-                if self._status.now.state == "ready":
-                    self._equipment.arm.check_ready()
-            except CellError as error:
-                self._status.after(error)
-            except Exception as error:  # the watch goes on: nobody else would notice
-                log.exception("the idle arm could not be looked at")
-                self._status.after(error)
-            finally:
-                self._turn.release()

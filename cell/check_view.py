@@ -5,10 +5,12 @@ from datetime import UTC, datetime
 import numpy as np
 
 from calibration.errors import HandEyeError
-from calibration.storage import load_hand_eye, require_match
+from calibration.storage import require_match
+from cell.cell_calibration import file_in_use, hand_eye_in_use
 from cell.check_camera import AS_IT_STANDS, LEAST_IN_VIEW, TURN_IT
 from cell.check_step import Grounds, Step, failed, ok
 from cell.devices import View
+from cell.errors import CalibrationError
 from cell.table_seen import share_in_view, table_seen
 from cell.viewpoints import plan_viewpoints
 from recognition.table import MAX_HEIGHT_M, MAX_TILT_RAD
@@ -23,24 +25,23 @@ MISPLACED = 3.0
 def calibration(grounds: Grounds) -> Step:
     """There is a hand-eye calibration, young enough, of this camera and this robot."""
     name = "calibration"
-    settings = grounds.settings.hand_eye
-    if settings.file is None:
-        world = grounds.equipment.world
-        assert world is not None  # the settings take a real camera only with a file
-        grounds.hand_eye = world.told_hand_eye
-        return ok(name, "that of the simulated cell")
+    settings, world = grounds.settings.hand_eye, grounds.equipment.world
     try:
-        hand_eye = load_hand_eye(settings.file, settings.max_age_days, now := datetime.now(UTC))
+        hand_eye = hand_eye_in_use(settings, world)
         require_match(
             hand_eye,
             None if grounds.camera is None else grounds.camera.device_id,
             None if grounds.arm is None else grounds.arm.serial,
         )
-    except HandEyeError as error:
+    except (CalibrationError, HandEyeError) as error:
         return failed(name, [error])
+    file, now = file_in_use(settings), datetime.now(UTC)
+    if file is None:
+        grounds.hand_eye = hand_eye
+        return ok(name, "that of the simulated cell")
     grounds.hand_eye = hand_eye
     T = hand_eye.T_flange_camera
-    words = f"{settings.file}: the camera is {1000 * np.linalg.norm(T[:3, 3]):.0f} mm from the flange"
+    words = f"{file}: the camera is {1000 * np.linalg.norm(T[:3, 3]):.0f} mm from the flange"
     if hand_eye.created is not None:
         words += f", measured {(now - hand_eye.created).total_seconds() / 86400:.1f} days ago"
     return ok(name, words, hand_eye.warnings)

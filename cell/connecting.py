@@ -21,8 +21,10 @@ class Connected:
     camera: CameraInfo
 
 
-def connect_equipment(equipment: Equipment, hand_eye: HandEye, arm: ArmInfo | None) -> Connected:
+def connect_equipment(equipment: Equipment, hand_eye: HandEye | None, arm: ArmInfo | None) -> Connected:
     """Connects what is not connected. `arm`: the one that was ready when last seen, None: none was. Nothing moves.
+
+    `hand_eye` None: there need be none, because one is to be made.
 
     Raises:
         CellError: arm or camera cannot be used, or the calibration is not theirs.
@@ -31,7 +33,8 @@ def connect_equipment(equipment: Equipment, hand_eye: HandEye, arm: ArmInfo | No
         arm = equipment.arm.connect()
     camera = _camera_info(equipment)
     state = equipment.arm.state()
-    require_its_own(hand_eye, camera.device_id, arm.serial)
+    if hand_eye is not None:
+        require_its_own(hand_eye, camera.device_id, arm.serial)
     return Connected(arm, state, camera)
 
 

@@ -21,7 +21,7 @@ class View:
     """One depth image and where it was taken. Checked when made.
 
     Raises:
-        InvalidViewError: depth or K of the wrong type or shape, or values that no camera has.
+        InvalidViewError: depth, picture or K of the wrong type or shape, or values that no camera has.
         NotRigidError: a pose that is not a rigid transform.
     """
 
@@ -41,6 +41,8 @@ class View:
     """When the frame was exposed, seconds since the epoch."""
     colour_jpeg: bytes | None = field(default=None, repr=False)
     """Colour image of the same moment, JPEG."""
+    image: NDArray[np.uint8] | None = field(default=None, repr=False)
+    """(H, W) or (H, W, 3) BGR: what the depth image's camera saw, pixel for pixel of the same size and K."""
 
     def __post_init__(self) -> None:
         where = f"view {self.index}"
@@ -69,6 +71,12 @@ class View:
                 f"{where}: K has its centre at ({cx:g}, {cy:g}), outside the {width}x{height} depth image: "
                 "the calibration is of another resolution"
             )
+        if self.image is not None and not (
+            self.image.dtype == np.uint8 and self.image.shape in ((height, width), (height, width, 3))
+        ):
+            raise InvalidViewError(
+                f"{where}: the picture is {self.image.dtype} {self.image.shape}; uint8 of {width}x{height} is needed"
+            )
         object.__setattr__(self, "K", K)
         object.__setattr__(self, "T_base_flange", rigid(self.T_base_flange, f"{where}: T_base_flange"))
         object.__setattr__(self, "T_flange_camera", rigid(self.T_flange_camera, f"{where}: T_flange_camera"))
@@ -94,6 +102,9 @@ class Frame:
     exposures: int
     """How many were combined."""
     colour_jpeg: bytes | None = field(default=None, repr=False)
+    image: NDArray[np.uint8] | None = field(default=None, repr=False)
+    """(H, W) or (H, W, 3) BGR, only where it was asked for: the mean of as many pictures, taken at rest by the camera
+    that the depth image is of; rectified, so that `K` holds for it too and there is no distortion."""
 
 
 @dataclass(frozen=True)
@@ -203,8 +214,10 @@ class Camera(Protocol):
         """Opens the camera and waits for its first frame. Raises CameraUnreachableError."""
         ...
 
-    def capture(self, after_s: float) -> Frame:
+    def capture(self, after_s: float, image: bool = False) -> Frame:
         """The scene at rest: only exposures that began after `after_s` (seconds of `time.monotonic()`).
+
+        With `image` the frame has a picture too; without, none is made or sent.
 
         Raises: CameraLostError, BadFrameError.
         """

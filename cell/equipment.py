@@ -5,6 +5,7 @@ import threading
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration.board import Board
 from cell.arm import UrArm
 from cell.camera import LiveCamera
 from cell.devices import ArmState
@@ -60,6 +61,20 @@ class Equipment:
         if self._given_up.is_set():
             self._camera.give_up_connecting()
         return self._camera
+
+    def lay_board(self, board: Board | None) -> None:
+        """Lays a calibration board on a simulated cell's table, or the strings again; a real one is a person's work.
+
+        A camera that saw something else is closed: it must be connected anew.
+        """
+        if self.world is None or self.world.board == board:
+            return
+        if self._camera is not None:
+            self._camera.close()
+            self._camera = None
+        with self._making:
+            strings = simulated_world(self.settings)
+            self._world = strings if board is None else strings.with_board(board)
 
     @property
     def latest_arm_state(self) -> ArmState | None:

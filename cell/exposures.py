@@ -1,8 +1,9 @@
-"""From single depth images to one frame of a scene at rest."""
+"""From single depth images and pictures to one frame of a scene at rest."""
 
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +13,12 @@ from cell.errors import BadFrameError
 
 LEAST_MEASURED = 0.01
 """An image with a smaller share of measured pixels shows nothing."""
+LEAST_CONTRAST = 10
+"""A picture whose dark and bright pixels differ by fewer grey levels shows nothing: noise alone makes about half."""
+DARK_AND_BRIGHT = 0.01, 0.99
+"""Which pixels these are, as shares of all of them in order of brightness."""
+SAME_K_PX = 0.05
+"""Two matrices of one camera differ by no more: they are told in single precision."""
 
 
 class NoFramesError(BadFrameError):
@@ -30,20 +37,40 @@ class Exposure:
     """When its exposure began, seconds of `time.monotonic()`."""
 
 
+@dataclass(frozen=True, eq=False)
+class Picture:
+    """One picture of the camera that the depth images are of."""
+
+    pixels: NDArray[np.uint8]
+    """(H, W) grey, or (H, W, 3) blue, green, red."""
+    K: NDArray[np.float64]
+    """(3, 3) pinhole matrix, pixels."""
+    began_s: float
+    """When its exposure began, seconds of `time.monotonic()`."""
+
+
+Taken = TypeVar("Taken", Exposure, Picture)
+
+
 def at_rest(
-    receive: Callable[[float], Exposure | None], after_s: float, count: int, silence_s: float, patience_s: float
-) -> list[Exposure]:
+    receive: Callable[[float], Taken | None],
+    after_s: float,
+    count: int,
+    silence_s: float,
+    patience_s: float,
+    what: str = "frame",
+) -> list[Taken]:
     """The first `count` exposures that began after `after_s`, seconds of `time.monotonic()`.
 
     `receive` waits for the next exposure for at most so many seconds and gives None if none came. What comes within
     `silence_s` of the one before, or of the call or of `after_s`, is in time; all must be there `patience_s` after the
-    later of the call and `after_s`.
+    later of the call and `after_s`. `what` is the word for one of them in the errors.
 
     Raises:
         NoFramesError: nothing came in time.
         BadFrameError: exposures came, but too few of them began after `after_s`.
     """
-    taken: list[Exposure] = []
+    taken: list[Taken] = []
     last = max(time.monotonic(), after_s)
     end = last + patience_s
     dropped = 0
@@ -51,14 +78,14 @@ def at_rest(
         now = time.monotonic()
         if now > end:
             raise BadFrameError(
-                f"only {len(taken)} of {count} frames began after the arm came to rest, in {patience_s:.1f} s "
+                f"only {len(taken)} of {count} {what}s began after the arm came to rest, in {patience_s:.1f} s "
                 f"({dropped} older ones came): the camera is too slow, or its clock is wrong"
             )
         exposure = receive(min(max(last + silence_s - now, 0.0), end - now))
         if exposure is None:
             if time.monotonic() >= last + silence_s:
                 raise NoFramesError(
-                    f"the camera has sent no frame for {silence_s:.1f} s: check its cable and power supply"
+                    f"the camera has sent no {what} for {silence_s:.1f} s: check its cable and power supply"
                 )
             continue
         last = max(last, time.monotonic())
@@ -69,8 +96,9 @@ def at_rest(
     return taken
 
 
-def combined(exposures: Sequence[Exposure], depth_unit_m: float) -> Frame:
-    """The frame that several exposures of a scene at rest give: their median, checked.
+def combined(exposures: Sequence[Exposure], depth_unit_m: float, pictures: Sequence[Picture] = ()) -> Frame:
+    """The frame that several exposures of a scene at rest give: the median of their depth and the mean of the pictures,
+    checked.
 
     Raises:
         BadFrameError: they show nothing, or do not belong together.
@@ -79,11 +107,12 @@ def combined(exposures: Sequence[Exposure], depth_unit_m: float) -> Frame:
     for exposure in exposures:
         if exposure.depth.shape != first.depth.shape or not np.array_equal(exposure.K, first.K):
             raise BadFrameError("the camera's resolution or intrinsics changed within one look: connect it again")
+    image = _image(pictures, first) if pictures else None
     depth = median([exposure.depth for exposure in exposures])
     _check(depth)
     # The epoch's clock is asked only here: whoever sets it cannot upset the waiting.
     began_s = exposures[-1].began_s + time.time() - time.monotonic()
-    return Frame(depth, depth_unit_m, first.K, began_s, len(exposures))
+    return Frame(depth, depth_unit_m, first.K, began_s, len(exposures), image=image)
 
 
 def median(depths: Sequence[NDArray[np.uint16]]) -> NDArray[np.uint16]:
@@ -98,6 +127,39 @@ def median(depths: Sequence[NDArray[np.uint16]]) -> NDArray[np.uint16]:
     middle = len(depths) - measured + (measured - 1) // 2
     picked = np.take_along_axis(ordered, np.minimum(middle, len(depths) - 1)[None], axis=0)[0]
     return np.where(2 * measured > len(depths), picked, 0).astype(np.uint16)
+
+
+def _image(pictures: Sequence[Picture], exposure: Exposure) -> NDArray[np.uint8]:
+    """The mean of the pictures: it has the least noise, and one place only is seen, so that it blurs nothing."""
+    first = pictures[0]
+    for picture in pictures:
+        if picture.pixels.shape != first.pixels.shape or not np.array_equal(picture.K, first.K):
+            raise BadFrameError(
+                "the picture's resolution or intrinsics changed within one look: connect the camera again"
+            )
+    if first.pixels.shape[:2] != exposure.depth.shape or np.abs(first.K - exposure.K).max() > SAME_K_PX:
+        raise BadFrameError(
+            f"the camera's picture ({_pinhole(first.K, first.pixels.shape)}) does not fit its depth image "
+            f"({_pinhole(exposure.K, exposure.depth.shape)}), so that a calibration by the one would be wrong for the "
+            "other: connect the camera again, and if it stays so, check its firmware and factory calibration"
+        )
+    mean = np.mean([picture.pixels for picture in pictures], axis=0, dtype=np.float32)
+    image = np.rint(mean).astype(np.uint8)
+    grey = image if image.ndim == 2 else image[..., 1]
+    share = np.cumsum(np.bincount(grey.ravel(), minlength=256)) / grey.size
+    dark, bright = (int(level) for level in np.searchsorted(share, DARK_AND_BRIGHT))
+    if bright - dark < LEAST_CONTRAST:
+        raise BadFrameError(
+            f"the camera's picture shows nothing (grey levels {dark} to {bright} of 255): a lens is covered, it is "
+            "dark, or the light is far too bright"
+        )
+    return image
+
+
+def _pinhole(K: NDArray[np.float64], shape: tuple[int, ...]) -> str:
+    """Size and matrix, as a person compares them."""
+    focal, centre = f"{K[0, 0]:.2f}, {K[1, 1]:.2f}", f"{K[0, 2]:.2f}, {K[1, 2]:.2f}"
+    return f"{shape[1]}x{shape[0]}, focal lengths {focal}, centre {centre} pixels"
 
 
 def _check(depth: NDArray[np.uint16]) -> None:

@@ -6,17 +6,21 @@ code.
 
 import time
 from collections.abc import Callable
+from contextlib import nullcontext
 from dataclasses import replace
 from datetime import timedelta
+from math import inf
 from typing import TYPE_CHECKING
 
 from cell.devices import CameraInfo, Frame
 from cell.errors import BadFrameError, CameraLostError, CameraUnreachableError, CellError
-from cell.exposures import Exposure, at_rest, combined
-from cell.oak_stream import DEPTH_UNIT_M, Fault, Stream, decode, next_message, send
+from cell.exposures import Exposure, Picture, at_rest, combined
+from cell.oak_stream import DEPTH_UNIT_M, Fault, Stream, decode, decode_picture, next_message, send
 from cell.settings import AnyCamera, OakCamera
 
 if TYPE_CHECKING:
+    import depthai as dai
+
     from cell.simulation.flange import PoseSource
     from cell.simulation.world import SimulatedWorld
 
@@ -62,17 +66,27 @@ class OakDriver:
         finally:
             stream.watch(False)
 
-    def capture(self, after_s: float, silence_s: float, patience_s: float) -> Frame:
-        """As `cell.devices.Camera.capture`; the times are those of `cell.exposures.at_rest`."""
+    def capture(self, after_s: float, silence_s: float, patience_s: float, image: bool = False) -> Frame:
+        """As `cell.devices.Camera.capture`; the times are those of `cell.exposures.at_rest`, for the depth images and
+        then once more for the pictures, most of which have come by then."""
         stream = self._running()
+        count = self._settings.exposures
+        pictures: list[Picture] = []
         stream.watch(True)
         try:
             while self._receive(0.0) is not None:
                 pass  # of before the call
-            exposures = at_rest(self._receive, after_s, self._settings.exposures, silence_s, patience_s)
+            with stream.sending_pictures() if image else nullcontext():
+                exposures = at_rest(self._receive, after_s, count, silence_s, patience_s)
+                if image:
+                    with stream.without_dots():
+                        lit_s = -inf if stream.dots is None else time.monotonic()
+                        pictures = at_rest(
+                            self._receive_picture, max(after_s, lit_s), count, silence_s, patience_s, "picture"
+                        )
         finally:
             stream.watch(False)
-        return combined(exposures, DEPTH_UNIT_M)
+        return combined(exposures, DEPTH_UNIT_M, pictures)
 
     def info(self) -> CameraInfo:
         """The camera now. Raises CameraLostError."""
@@ -120,11 +134,19 @@ class OakDriver:
         return self._stream
 
     def _receive(self, wait_s: float) -> Exposure | None:
-        stream = self._running()
-        message = next_message(stream.depth, min(wait_s, SLICE_S))
-        if message is None and stream.trouble:
-            raise CameraLostError(stream.trouble)
+        message = self._next(self._running().depth, wait_s)
         return None if message is None else decode(message)
+
+    def _receive_picture(self, wait_s: float) -> Picture | None:
+        message = self._next(self._running().pictures, wait_s)
+        return None if message is None else decode_picture(message)
+
+    def _next(self, queue: "dai.MessageQueue", wait_s: float) -> "dai.ImgFrame | None":
+        message = next_message(queue, min(wait_s, SLICE_S))
+        trouble = self._running().trouble
+        if message is None and trouble:
+            raise CameraLostError(trouble)
+        return message
 
 
 def settle_exposure(stream: Stream, settings: AnyCamera) -> tuple[str, ...]:

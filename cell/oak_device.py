@@ -178,13 +178,22 @@ def _started(device: "dai.Device", settings: OakCamera) -> Stream:
         for camera in cameras:
             camera.initialControl.setManualExposure(settings.exposure_us, settings.iso)
     left, right = (camera.requestOutput((settings.width, settings.height), fps=settings.fps) for camera in cameras)
-    depth = _depth_output(pipeline, device, left, right, settings)
+    depth, rectified = _depth_output(pipeline, device, left, right, settings)
+    gate = _shut_gate(pipeline, rectified)
     queue = depth.createOutputQueue(maxSize=1, blocking=False)
+    # Those that come while depth is waited for are kept; were there more, the oldest would go.
+    pictures = gate.output.createOutputQueue(maxSize=settings.exposures, blocking=False)
+    shutter = gate.inputControl.createInputQueue()
     timing = left.createOutputQueue(maxSize=1, blocking=False)
     controls = [camera.inputControl.createInputQueue() for camera in cameras]
     pipeline.start()
-    if settings.ir_dots > 0 and not device.setIrLaserDotProjectorIntensity(settings.ir_dots):
+    lit = settings.ir_dots > 0 and device.setIrLaserDotProjectorIntensity(settings.ir_dots)
+    if settings.ir_dots > 0 and not lit:
         warnings.append("camera.ir_dots is set, but this camera has no dot projector, or it did not start")
+
+    def dots(on: bool) -> None:
+        if not device.setIrLaserDotProjectorIntensity(settings.ir_dots if on else 0.0):
+            raise RuntimeError("the dot projector could not be switched")
 
     def describe() -> CameraInfo:
         return CameraInfo(
@@ -202,7 +211,7 @@ def _started(device: "dai.Device", settings: OakCamera) -> Stream:
         pipeline.wait()
         device.close()
 
-    return Stream(pipeline, queue, timing, controls, describe, close)
+    return Stream(pipeline, queue, timing, controls, describe, close, pictures, shutter, dots if lit else None)
 
 
 def _depth_output(
@@ -211,18 +220,32 @@ def _depth_output(
     left: "dai.Node.Output",
     right: "dai.Node.Output",
     settings: OakCamera,
-) -> "dai.Node.Output":
+) -> tuple["dai.Node.Output", "dai.Node.Output"]:
+    """The depth images, and the rectified left pictures that they are of, pixel for pixel."""
     import depthai as dai
 
     if device.getPlatform() == dai.Platform.RVC4 and device.isNeuralDepthSupported():
         neural = pipeline.create(dai.node.NeuralDepth).build(left, right)
         neural.initialConfig.setDepthUnit(dai.LengthUnit.CUSTOM)
         neural.initialConfig.setCustomDepthUnitMultiplier(1 / DEPTH_UNIT_M)
-        return neural.depth
+        return neural.depth, neural.rectifiedLeft
     stereo = pipeline.create(dai.node.StereoDepth).build(left, right, dai.node.StereoDepth.PresetMode.FAST_ACCURACY)
     stereo.setRectification(True)
     configure_depth(stereo.initialConfig, settings)
-    return stereo.depth
+    return stereo.depth, stereo.rectifiedLeft
+
+
+def _shut_gate(pipeline: "dai.Pipeline", output: "dai.Node.Output") -> "dai.node.Gate":
+    """A gate on the camera behind which images stay until it is told to open: unasked for, they take no bandwidth."""
+    import depthai as dai
+
+    gate = pipeline.create(dai.node.Gate)
+    gate.initialConfig.open = False
+    # What waits at a shut gate must not keep the stereo node from going on.
+    gate.input.setBlocking(False)
+    gate.input.setMaxSize(1)
+    output.link(gate.input)
+    return gate
 
 
 def _warnings(device: "dai.Device", settings: OakCamera) -> list[str]:

@@ -1,6 +1,7 @@
-"""Depth images out of a running depthai pipeline, be it on a camera or on this machine."""
+"""Depth images and pictures out of a running depthai pipeline, be it on a camera or on this machine."""
 
 import os
+import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -8,10 +9,11 @@ from datetime import timedelta
 from typing import TYPE_CHECKING, Any, Literal, Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cell.devices import CameraInfo
 from cell.errors import BadFrameError, CameraLostError
-from cell.exposures import Exposure
+from cell.exposures import Exposure, Picture
 
 if TYPE_CHECKING:
     import depthai as dai
@@ -25,9 +27,12 @@ LONGEST_EXPOSURE_S = 0.033
 LEAST_WAIT_S = 0.001
 """The shortest time that a queue can be told to wait."""
 
+DOTS_S = 0.1
+"""So long after the dot projector is switched, exposures are surely begun with the new light."""
+
 Fault = Literal["none", "silent", "zero", "constant", "stale", "lost"]
-"""What a simulated camera can be told to do wrong: send nothing, send images without or of one depth, send images of
-long ago, close its stream."""
+"""What a simulated camera can be told to do wrong: send nothing, send images without or of one depth and pictures that
+are black or of one grey, send images of long ago, close its stream."""
 
 
 class Rehearsal(Protocol):
@@ -60,6 +65,12 @@ class Stream:
     describe: Callable[[], CameraInfo]
     """The camera now. Raises RuntimeError."""
     close: Callable[[], None]
+    pictures: "dai.MessageQueue"
+    """What the depth images' camera sees, rectified; only while the gate is open."""
+    gate: "dai.InputQueue"
+    """Takes `dai.GateControl`: whether pictures are sent. They are half as much again as the depth images."""
+    dots: Callable[[bool], None] | None = None
+    """Switches the dot projector, where one is used. Raises RuntimeError."""
     rehearsal: Rehearsal | None = None
     """None for a real camera."""
 
@@ -67,6 +78,38 @@ class Stream:
         """Somebody waits for images, or no longer does."""
         if self.rehearsal is not None:
             self.rehearsal.want(watched)
+
+    @contextmanager
+    def sending_pictures(self) -> Iterator[None]:
+        """Within, pictures come. Raises CameraLostError."""
+        import depthai as dai
+
+        send(self.gate, dai.GateControl.openGate())
+        try:
+            yield
+        finally:
+            send(self.gate, dai.GateControl.closeGate())
+
+    @contextmanager
+    def without_dots(self) -> Iterator[None]:
+        """Within, exposures that begin now are not lit by dots, and those after it are again. Raises CameraLostError.
+
+        Dots on a board look like corners and shift those that are there; depth is better with them.
+        """
+        if self.dots is None:
+            yield
+            return
+        self._switch_dots(False)
+        try:
+            yield
+        finally:
+            self._switch_dots(True)
+
+    def _switch_dots(self, on: bool) -> None:
+        if self.dots is not None:
+            with _link():
+                self.dots(on)
+            time.sleep(DOTS_S)
 
     @property
     def trouble(self) -> str | None:
@@ -101,8 +144,8 @@ def next_message(queue: "dai.MessageQueue", wait_s: float) -> Any:
         return queue.get(timedelta(seconds=max(wait_s, LEAST_WAIT_S)))
 
 
-def send(queue: "dai.InputQueue", setting: "dai.CameraControl") -> None:
-    """Tells an image sensor a setting. Raises CameraLostError."""
+def send(queue: "dai.InputQueue", setting: "dai.CameraControl | dai.GateControl") -> None:
+    """Tells an image sensor, or a gate, a setting. Raises CameraLostError."""
     with _link():
         queue.send(setting)
 
@@ -130,17 +173,48 @@ def decode(message: "dai.ImgFrame") -> Exposure:
     """
     import depthai as dai
 
+    rows = _rows(message, 2, "depth image", message.getType() == dai.ImgFrame.Type.RAW16)
+    return Exposure(rows.view("<u2").astype(np.uint16), _K(message), _began_s(message))
+
+
+def decode_picture(message: "dai.ImgFrame") -> Picture:
+    """The picture in a message: grey as it is; of a luma and colour image the luma; blue, green, red interleaved.
+
+    Raises:
+        BadFrameError: it is no picture, or of a kind that no camera here is set to send.
+    """
+    import depthai as dai
+
+    kind, known = message.getType(), dai.ImgFrame.Type
+    # Of these the first H rows are the grey image.
+    luma = (known.GRAY8, known.RAW8, known.YUV400p, known.NV12, known.NV21, known.YUV420p)
+    depth = 3 if kind == known.BGR888i else 1
+    rows = _rows(message, depth, "picture", kind == known.BGR888i or kind in luma)
+    pixels = rows.reshape(len(rows), -1, 3) if depth == 3 else rows
+    return Picture(pixels, _K(message), _began_s(message))
+
+
+def _rows(message: "dai.ImgFrame", pixel_bytes: int, what: str, of_its_kind: bool) -> NDArray[np.uint8]:
+    """The image's rows (H, W * pixel_bytes), without their padding."""
     width, height, stride = message.getWidth(), message.getHeight(), message.getStride()
     data = np.asarray(message.getData(), dtype=np.uint8)
-    fits = 0 < 2 * width <= stride and 0 < height * stride <= data.size
-    if message.getType() != dai.ImgFrame.Type.RAW16 or not fits:
+    row_bytes = pixel_bytes * width
+    if not (of_its_kind and 0 < row_bytes <= stride and 0 < height * stride <= data.size):
         raise BadFrameError(
             f"the camera sent {data.size} bytes of type {message.getType().name}, {width}x{height}, stride {stride}: "
-            "that is no depth image"
+            f"that is no {what}"
         )
-    rows = np.ascontiguousarray(data[: height * stride].reshape(height, stride)[:, : 2 * width])
-    K = np.array(message.getTransformation().getIntrinsicMatrix(), dtype=np.float64)
+    # A copy: depthai takes its memory back.
+    return data[: height * stride].reshape(height, stride)[:, :row_bytes].copy()
+
+
+def _K(message: "dai.ImgFrame") -> NDArray[np.float64]:
+    return np.array(message.getTransformation().getIntrinsicMatrix(), dtype=np.float64)
+
+
+def _began_s(message: "dai.ImgFrame") -> float:
+    """When the exposure began, seconds of `time.monotonic()`."""
+    import depthai as dai
+
     began_s = message.getTimestamp(dai.CameraExposureOffset.START).total_seconds()
-    if message.getExposureTime() <= timedelta(0):
-        began_s -= LONGEST_EXPOSURE_S
-    return Exposure(rows.view("<u2").astype(np.uint16), K, began_s)
+    return began_s if message.getExposureTime() > timedelta(0) else began_s - LONGEST_EXPOSURE_S

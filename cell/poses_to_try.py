@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from calibration.transforms import inverse
 from cell.look_at import Bearing, least_distance, look_at, two_rings
 from cell.optics import CameraOptics
-from cell.settings import CellSettings
+from cell.settings import CellSettings, Range
 
 _ROLLS_RAD = np.deg2rad((0, 15, -15, 30, -30, 60, -60, 90, -90, 120, -120, 150, -150, 180))
 _NEARER_M = (0.0, -0.06, 0.06)
@@ -26,17 +26,22 @@ class Sight:
     target: NDArray[np.float64]
     """(3,): the middle of the workspace's floor, base frame."""
     corners: NDArray[np.float64]
-    """(4, 3): of the floor, from there."""
+    """(N, 3), from there: of what must be in the picture, lying on the floor."""
     optics: CameraOptics
     T_flange_camera: NDArray[np.float64]
 
     @staticmethod
     def of(settings: CellSettings, optics: CameraOptics, T_flange_camera: NDArray[np.float64]) -> "Sight":
-        """Of a cell's workspace."""
+        """Of the floor of a cell's workspace."""
         (x0, x1), (y0, y1), (floor, _) = settings.workspace_m
         target = np.array([(x0 + x1) / 2, (y0 + y1) / 2, floor])
         corners = np.array([(x, y, floor) for x in (x0, x1) for y in (y0, y1)]) - target
         return Sight(target, corners, optics, T_flange_camera)
+
+    def least_distance(self, bearing: Bearing) -> float:
+        """From which all corners are in the picture, metres."""
+        size = (self.optics.width, self.optics.height)
+        return least_distance(self.corners, self.optics.K, size, self.optics.near_m, bearing)
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,29 +59,33 @@ class PoseToTry:
 
 
 def poses_to_try(sight: Sight, views: int) -> list[Iterator[list[PoseToTry]]]:
-    """For each view lists of poses, the first in the first list the wanted one.
+    """For each view, of a scan, what `tries` gives."""
+    return [_tries_of_view(sight, bearing) for bearing in two_rings(views)]
 
-    The later a list, the worse a pose does: first the roll is given up, then the distance, the elevation, the azimuth.
+
+def tries(sight: Sight, bearing: Bearing, wanted_m: float, within_m: Range) -> Iterator[list[PoseToTry]]:
+    """Lists of poses for one view, the first in the first list the wanted one, at the distance `wanted_m`.
+
+    The later a list, the worse a pose does: first the roll is given up, then the distance, but never beyond `within_m`,
+    the elevation, the azimuth.
     """
-    return [_levels(sight, bearing) for bearing in two_rings(views)]
-
-
-def _levels(sight: Sight, bearing: Bearing) -> Iterator[list[PoseToTry]]:
-    nearest, farthest = sight.optics.working_m
-    size = (sight.optics.width, sight.optics.height)
-    seen_from = least_distance(sight.corners, sight.optics.K, size, sight.optics.near_m, bearing)
-    wanted = float(np.clip(seen_from, nearest, farthest))
-    distances = [wanted + nearer for nearer in _NEARER_M if nearest - 1e-9 <= wanted + nearer <= farthest + 1e-9]
-    yield [_pose(sight, bearing, wanted, (0.0, 0.0, wanted, 0.0))]
+    nearest, farthest = within_m
+    distances = [wanted_m + nearer for nearer in _NEARER_M if nearest - 1e-9 <= wanted_m + nearer <= farthest + 1e-9]
+    yield [_pose(sight, bearing, wanted_m, (0.0, 0.0, wanted_m, 0.0))]
     for aside, higher in itertools.product(_ASIDE_RAD, _HIGHER_RAD):
         if bearing.elevation_rad + higher > _STEEPEST_RAD:
             continue
         changes = [(aside, higher, distance, roll) for distance in distances for roll in _ROLLS_RAD]
         if not (aside or higher):  # the distance is given up after the roll
-            yield [_pose(sight, bearing, wanted, change) for change in changes[1 : len(_ROLLS_RAD)]]
+            yield [_pose(sight, bearing, wanted_m, change) for change in changes[1 : len(_ROLLS_RAD)]]
             changes = changes[len(_ROLLS_RAD) :]
         if changes:
-            yield [_pose(sight, bearing, wanted, change) for change in changes]
+            yield [_pose(sight, bearing, wanted_m, change) for change in changes]
+
+
+def _tries_of_view(sight: Sight, bearing: Bearing) -> Iterator[list[PoseToTry]]:
+    wanted = float(np.clip(sight.least_distance(bearing), *sight.optics.working_m))
+    return tries(sight, bearing, wanted, sight.optics.working_m)
 
 
 def _pose(sight: Sight, bearing: Bearing, wanted_m: float, changes: tuple[float, float, float, float]) -> PoseToTry:

@@ -1,5 +1,6 @@
 """The scan loop: move, settle, read the flange pose, capture, record, next."""
 
+import contextlib
 import queue
 import threading
 import time
@@ -13,7 +14,6 @@ from numpy.typing import NDArray
 from calibration.transforms import inverse, rotation_angle
 from cell.devices import Arm, ArmState, Camera, View
 from cell.errors import BadFrameError, CameraLostError, MissingViewsError, RobotNotReadyError
-from cell.recording import RecordingWriter
 from cell.viewpoints import ViewpointPlan
 
 STILL_M, STILL_RAD = 0.0002, 0.0005
@@ -38,6 +38,14 @@ class ScanListener(Protocol):
         ...
 
 
+class ViewWriter(Protocol):
+    """What keeps the views, as a recording."""
+
+    def write_view(self, view: View) -> View:
+        """Gives back the view as it is kept, once it is on the disk."""
+        ...
+
+
 def missing_view(index: int, reason: str) -> str:
     """A missing view in words, as a warning of the model."""
     return f"view {index} is missing: {reason}"
@@ -54,10 +62,12 @@ class ScanMeans:
     """From the arm's rest to the first exposure that counts."""
     check: Callable[[], None]
     """Called before each move; raises what must end the scan, as a calibration that has changed."""
+    picture: bool = False
+    """Whether the views have a picture besides the depth."""
 
 
 def take_views(
-    means: ScanMeans, plan: ViewpointPlan, writer: RecordingWriter, listener: ScanListener, min_views: int
+    means: ScanMeans, plan: ViewpointPlan, writer: ViewWriter, listener: ScanListener, min_views: int
 ) -> Iterator[View]:
     """The views of the planned viewpoints in the order of the plan, each on the disk when it is given out.
 
@@ -108,7 +118,7 @@ def _follow(arm: Arm, waypoints_rad: NDArray[np.float64]) -> ArmState:
 
 
 def _look(means: ScanMeans, index: int, at_rest: ArmState) -> View:
-    frame = means.camera.capture(after_s=time.monotonic() + means.settle_s)
+    frame = means.camera.capture(time.monotonic() + means.settle_s, means.picture)
     # Read again: somebody may have leant against the arm, or it may still have swung.
     T_base_flange = means.arm.state().T_base_flange
     moved = inverse(at_rest.T_base_flange) @ T_base_flange
@@ -126,6 +136,7 @@ def _look(means: ScanMeans, index: int, at_rest: ArmState) -> View:
         T_flange_camera=means.T_flange_camera,
         stamp_s=frame.stamp_s,
         colour_jpeg=frame.colour_jpeg,
+        image=frame.image,
     )
 
 
@@ -139,7 +150,7 @@ class BackgroundScan:
         self,
         means: ScanMeans,
         plan: ViewpointPlan,
-        writer: RecordingWriter,
+        writer: ViewWriter,
         listener: ScanListener,
         min_views: int,
         going_home: Callable[[], None],
@@ -215,3 +226,24 @@ class BackgroundScan:
             go_home(self._means.arm, self._plan)
         except Exception as error:  # noqa: BLE001 (told by `wait`)
             self._home_error = error
+
+
+@contextlib.contextmanager
+def attended(scan: BackgroundScan, stop: Callable[[], None]) -> Iterator[None]:
+    """Starts the scan before the body. Left by an exception, an arm that may still move is stopped by `stop`; left in
+    order, it is waited for until it is home. Raises what the scan does."""
+    try:
+        scan.start()
+        yield
+        scan.wait()
+    except BaseException as error:
+        # The scan's own errors leave the arm still, or on its way home.
+        if error is not scan.error and scan.at_work:
+            stop()
+        try:
+            scan.join()
+        except BaseException:  # whoever waits is interrupted: the arm must not go on alone
+            stop()
+            scan.join()
+            raise
+        raise

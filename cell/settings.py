@@ -234,14 +234,40 @@ class HandEyeSettings(_Settings):
     """The hand-eye calibration."""
 
     file: Path | None = None
-    """JSON file with T_flange_camera; only the simulated camera knows it without."""
+    """JSON file of the calibration in use, with T_flange_camera; `hand_eye.json` in `folder` unless given."""
     max_age_days: float = Field(default=90.0, gt=0)
     """An older one is refused."""
+    folder: Path | None = None
+    """Where the calibrations made by this cell are kept."""
+    rough_xyz_m: Vector3 | None = None
+    """Where the camera is on the flange, measured with a ruler: its first calibration needs to know it, to 3 cm."""
+    rough_rotation_rad: Vector3 = (0.0, 0.0, 0.0)
+    """How it is turned: the rotation vector from the flange's axes to the camera's (x right, y down, z forward), to 10
+    degrees."""
 
-    @field_validator("file")
+    @property
+    def active_file(self) -> Path | None:
+        """Where the calibration in use is, if there is one; None where no place for it is known."""
+        return self.file or (None if self.folder is None else self.folder / "hand_eye.json")
+
+    @field_validator("file", "folder")
     @classmethod
     def _absolute(cls, value: Path | None) -> Path | None:
         return None if value is None else value.expanduser().absolute()
+
+    @field_validator("rough_xyz_m")
+    @classmethod
+    def _near(cls, value: Vector3 | None) -> Vector3 | None:
+        if value is not None and math.hypot(*value) > 1.0:
+            raise ValueError("no camera is more than 1 m from the flange that carries it; metres are needed")
+        return value
+
+    @field_validator("rough_rotation_rad")
+    @classmethod
+    def _turned(cls, value: Vector3) -> Vector3:
+        if math.hypot(*value) > 2 * math.pi:
+            raise ValueError("a rotation vector is no longer than 2 pi; its length is an angle in radians, not degrees")
+        return value
 
 
 def _kind(value: object) -> object:
@@ -273,8 +299,6 @@ class CellSettings(_Settings):
     def _possible(self) -> Self:
         if isinstance(self.camera, SimulatedCamera) and not isinstance(self.arm, SimulatedArm):
             raise ValueError("camera.kind is simulated, arm.kind is not: a simulated camera needs the simulated arm")
-        if isinstance(self.camera, OakCamera) and self.hand_eye.file is None:
-            raise ValueError("hand_eye.file is missing: a real camera's views are worth nothing without calibration")
         self._refuse_base_within()
         return self
 

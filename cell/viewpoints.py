@@ -1,6 +1,7 @@
 """From where the camera looks at the workspace, and how the arm gets there: planned whole before anything moves."""
 
 import time
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -11,9 +12,9 @@ from cell.collision import CollisionModel, collision_model
 from cell.errors import ViewpointsError
 from cell.home import find_home
 from cell.joint_paths import JointPaths, travel_rad
-from cell.optics import CameraOptics, camera_optics
+from cell.optics import camera_optics
 from cell.pose_choice import PoseChoice, choose_poses
-from cell.poses_to_try import Sight, poses_to_try
+from cell.poses_to_try import PoseToTry, Sight, poses_to_try
 from cell.route import Route, best_route
 from cell.settings import CellSettings
 from recognition.coverage import Coverage, Look, table_coverage, told_coverage
@@ -74,8 +75,12 @@ class ViewpointPlan:
     travel_rad: float
     """Of all legs."""
     coverage: Coverage
-    """Of the table by the pictures from the viewpoints that are taken."""
+    """Of what is looked at, lying on the table, by the pictures from the viewpoints that are taken."""
     planning_s: float = field(compare=False)
+    held_out: tuple[int, ...] = ()
+    """Indices of the viewpoints whose pictures judge a calibration that is solved without them."""
+    warnings: tuple[str, ...] = ()
+    """What an operator should know of a plan that can be carried out all the same."""
 
     @property
     def reached(self) -> int:
@@ -84,8 +89,9 @@ class ViewpointPlan:
 
     @property
     def unseen(self) -> str | None:
-        """In words, which part of the workspace too few pictures show; None where they show all, or there are none."""
-        return told_coverage(self.coverage) if self.reached else None
+        """In words, which part of the workspace too few pictures show; None where they show all, or there are none, and
+        for a calibration."""
+        return told_coverage(self.coverage) if self.reached and not self.held_out else None
 
     def to_json(self) -> dict[str, Any]:
         """Plain numbers and words."""
@@ -119,6 +125,8 @@ class ViewpointPlan:
             "travel_rad": round(self.travel_rad, 6),
             "coverage": {"share": round(self.coverage.share, 4), "warning": self.unseen},
             "planning_s": round(self.planning_s, 3),
+            "held_out": list(self.held_out),
+            "warnings": list(self.warnings),
         }
 
 
@@ -133,16 +141,22 @@ def plan_viewpoints(
     Raises:
         ViewpointsError: no home posture is free, or no way leads from where the arm stands.
     """
+    sight = Sight.of(settings, camera_optics(settings.camera), T_flange_camera)
+    return plan_through(settings, sight, poses_to_try(sight, settings.scan.views), q_now_rad)
+
+
+def plan_through(
+    settings: CellSettings, sight: Sight, tries: Sequence[Iterator[list[PoseToTry]]], q_now_rad: ArrayLike | None
+) -> ViewpointPlan:
+    """The same for any viewpoints that look at `sight`: for each, its poses as of `cell.poses_to_try.tries`."""
     began = time.perf_counter()
-    collisions = collision_model(settings, T_flange_camera)
-    optics = camera_optics(settings.camera)
-    sight = Sight.of(settings, optics, T_flange_camera)
+    collisions = collision_model(settings, sight.T_flange_camera)
     home = _home(settings, collisions, sight)
     start = home if q_now_rad is None else np.array(q_now_rad, dtype=np.float64)
     start_clearances = _clearances_from(collisions, start)
 
     paths = JointPaths(collisions, home)
-    chosen = choose_poses(poses_to_try(sight, settings.scan.views), collisions, paths, home)
+    chosen = choose_poses(tries, collisions, paths, home)
     groups = {index: choice.postures for index, choice in enumerate(chosen) if choice.reason is None}
     route = best_route(start, home, list(groups.values()), paths, start_clearances)
     if route is None:
@@ -152,7 +166,7 @@ def plan_viewpoints(
         )
     viewpoints, legs = _taken(chosen, list(groups), list(groups.values()), route, start)
     travel = sum(leg.travel_rad for leg in legs)
-    coverage = _coverage(viewpoints, settings, optics)
+    coverage = _coverage(viewpoints, sight)
     return ViewpointPlan(viewpoints, legs, start, home, travel, coverage, time.perf_counter() - began)
 
 
@@ -173,12 +187,16 @@ def require_enough(plan: ViewpointPlan, min_views: int) -> None:
         ViewpointsError: fewer than `min_views` can be reached; names each that cannot, with its reason.
     """
     if plan.reached < min_views:
-        missing = "; ".join(f"{v.index}: {v.reason}" for v in plan.viewpoints if v.reason is not None)
         raise ViewpointsError(
             f"only {plan.reached} of {len(plan.viewpoints)} viewpoints can be reached, {min_views} are needed: "
             "change x_m, y_m or top_m in [workspace] so that the arm reaches round it, or lower min_views in [scan]. "
-            f"Not reached are {missing}"
+            f"Not reached are {told_missing(plan)}"
         )
+
+
+def told_missing(plan: ViewpointPlan) -> str:
+    """The viewpoints that are not reached, each with its reason, in words."""
+    return "; ".join(f"{v.index}: {v.reason}" for v in plan.viewpoints if v.reason is not None)
 
 
 def _home(settings: CellSettings, collisions: CollisionModel, sight: Sight) -> NDArray[np.float64]:
@@ -207,9 +225,11 @@ def _clearances_from(collisions: CollisionModel, start: NDArray[np.float64]) -> 
     return np.minimum(collisions.clearances, gaps - APPROACH_M)
 
 
-def _coverage(viewpoints: tuple[Viewpoint, ...], settings: CellSettings, optics: CameraOptics) -> Coverage:
+def _coverage(viewpoints: tuple[Viewpoint, ...], sight: Sight) -> Coverage:
+    optics, (low, high) = sight.optics, (sight.target + [sight.corners.min(axis=0), sight.corners.max(axis=0)])
     looks = [Look(optics.K, optics.width, optics.height, v.T_base_camera) for v in viewpoints if v.q_rad is not None]
-    return table_coverage(looks, settings.workspace.x_m, settings.workspace.y_m, settings.mounting.table_z_m)
+    x_m, y_m = ((float(low[axis]), float(high[axis])) for axis in range(2))
+    return table_coverage(looks, x_m, y_m, float(sight.target[2]))
 
 
 def _taken(

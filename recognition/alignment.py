@@ -41,6 +41,8 @@ class Alignment:
     """(6 V, 6 V) of the twists."""
     calibration: NDArray[np.float64]
     """(6,) the hand-eye calibration's error that the views have in common, in the camera's frame."""
+    calibration_information: NDArray[np.float64] | None
+    """(6, 6) inverse covariance of it, what was known beforehand included; None where the poses are as told."""
     robot: NDArray[np.float64]
     """(V,) the robot's error in each view, in sigmas (of its six directions together)."""
 
@@ -81,6 +83,7 @@ def align(
     told = np.zeros(len(prior.gradient))
     state = np.asarray(-np.linalg.solve(prior.information, prior.gradient), dtype=np.float64)
     information = prior.information
+    measured = False
     pairs = list(first_pairs)
     if pairs:
         first_rows = _rows(clouds, pairs, told, centre)
@@ -95,12 +98,14 @@ def align(
         state, information = _fit(rows, state, prior)
         looked = sum(pair.looked for pair in first_pairs)
         by_pose = _misfit(first_rows, told, first_pairs, looked, parameters)
-        if _misfit(rows, state, pairs, looked, parameters) > by_pose:
+        measured = _misfit(rows, state, pairs, looked, parameters) <= by_pose
+        if not measured:
             state, information = told, prior.information
     return Alignment(
         twists=state[:-COMMON].reshape(-1, 6),
         covariance=np.asarray(np.linalg.inv(information)[:-COMMON, :-COMMON], dtype=np.float64),
         calibration=state[-COMMON:-1],
+        calibration_information=_of_the_calibration(information) if measured else None,
         robot=np.array([float(np.linalg.norm(D @ state + d)) for D, d in prior.robot]),
     )
 
@@ -112,6 +117,14 @@ def transforms(state: NDArray[np.float64], centre: NDArray[np.float64]) -> list[
     T[:, :3, :3] = Rotation.from_rotvec(twists[:, :3]).as_matrix()
     T[:, :3, 3] = centre + twists[:, 3:] - T[:, :3, :3] @ centre
     return list(T)
+
+
+def _of_the_calibration(information: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(6, 6) information of the calibration's error, whatever the rest of the state is."""
+    own = np.arange(len(information) - COMMON, len(information) - 1)
+    rest = np.delete(np.arange(len(information)), own)
+    between = information[np.ix_(rest, own)]
+    return information[np.ix_(own, own)] - between.T @ np.linalg.solve(information[np.ix_(rest, rest)], between)
 
 
 def _pairs(

@@ -43,6 +43,12 @@ class PoseSigmas:
     level_rad: float = 0.0015
     """Tilt of the same; stereo errors that repeat with the disparity bend a plane."""
 
+    @property
+    def common_information(self) -> NDArray[np.float64]:
+        """(7, 7) inverse covariance of what all views share, beforehand: the calibration's twist, the offset."""
+        common = np.repeat([self.hand_eye_rad, self.hand_eye_m], 3)
+        return np.diag(np.append(common, self.disparity_per_m) ** -2.0)
+
 
 @dataclass(frozen=True, eq=False)
 class PosePrior:
@@ -62,9 +68,8 @@ def pose_prior(clouds: Sequence[NormalCloud], centre: NDArray[np.float64], sigma
     A cloud without `T_base_camera` errs about the centre.
     """
     size = 6 * len(clouds) + COMMON
-    common = np.repeat([sigmas.hand_eye_rad, sigmas.hand_eye_m], 3)
     information = np.zeros((size, size))
-    information[-COMMON:, -COMMON:] = np.diag(np.append(common, sigmas.disparity_per_m) ** -2.0)
+    information[-COMMON:, -COMMON:] = sigmas.common_information
     gradient = np.zeros(size)
     in_sigmas = np.repeat([1 / sigmas.robot_rad, 1 / sigmas.robot_m], 3)
     robot = []

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from calibration.transforms import transform_points
 from recognition.agreement import strangers
 from recognition.alignment import Alignment, align, transforms
+from recognition.common_error import CommonError, common_error
 from recognition.fitness import fitness
 from recognition.merging import merge
 from recognition.model import ViewQuality
@@ -50,6 +51,8 @@ class Registration:
     `centre`, radians and metres."""
     warnings: tuple[str, ...] = ()
     """What the poses tell of the cell."""
+    common_error: CommonError | None = None
+    """What the views tell of the calibration's error; None where their surfaces tell nothing."""
 
 
 def register(
@@ -85,6 +88,7 @@ def register(
         # The views tell that the robot is worse than assumed: what is known beforehand counts less.
         looser = replace(sigmas, **{name: spread * value for name, value in asdict(sigmas).items()})
         alignment, placed = _aligned(used, pairs, centre, parameters, looser)
+        sigmas = looser
     points, normals = merge(placed, parameters)
     views = fitness(used, placed, parameters)
     views += [
@@ -100,6 +104,7 @@ def register(
         centre,
         alignment.covariance,
         tuple(warnings),
+        common_error(alignment, sigmas),
     )
 
 

@@ -16,7 +16,7 @@ from service.context import Context
 from service.data_folder import DataFolder
 from service.jobs import Jobs
 from service.problems import install_problem_handlers
-from service.routes import cell, health, recordings, scans
+from service.routes import calibration, cell, health, recordings, scans
 from service.store import Store
 
 API_VERSION = "1"
@@ -61,7 +61,7 @@ def create_app(config: ServiceConfig) -> FastAPI:
         upload_path=recordings.PATH,
     )
     install_problem_handlers(app)
-    for router in (cell.router, recordings.router, scans.router, health.router):
+    for router in (cell.router, calibration.router, recordings.router, scans.router, health.router):
         app.include_router(router)
     return app
 

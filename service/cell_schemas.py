@@ -9,6 +9,7 @@ from pydantic import BaseModel, Field
 from cell.cell_status import CellStatus, State
 from cell.devices import RobotMode, SafetyMode
 from cell.settings import CellSettings
+from service.calibration_schemas import CellWarning
 
 Matrix = list[list[float]]
 
@@ -89,6 +90,8 @@ class CellResource(BaseModel):
     """Null until one was loaded."""
     viewpoints: ViewpointsResource | None
     """Null until there was a plan."""
+    warnings: list[CellWarning]
+    """What should be seen to, as a calibration from which the camera has drifted."""
 
 
 class PlanRequest(BaseModel):
@@ -97,10 +100,12 @@ class PlanRequest(BaseModel):
     views: int | None = Field(default=None, ge=2, le=32)
 
 
-def cell_resource(status: CellStatus, settings: CellSettings, live_scan: str | None) -> CellResource:
-    """The status as JSON. `live_scan`: id of the one that is accepted and has not ended."""
-    if status.state == "ready" and live_scan is not None:
-        status = replace(status, state="busy", slug="cell-busy", reason=f"scan {live_scan} is about to begin")
+def cell_resource(
+    status: CellStatus, settings: CellSettings, using_arm: str | None, warnings: list[CellWarning]
+) -> CellResource:
+    """The status as JSON. `using_arm`: the scan or calibration that is accepted and has not ended, in words."""
+    if status.state == "ready" and using_arm is not None:
+        status = replace(status, state="busy", slug="cell-busy", reason=f"{using_arm} is under way")
     arm, state, camera, hand_eye, plan = status.arm, status.arm_state, status.camera, status.hand_eye, status.plan
     known = None if status.state == "not_ready" else state
     return CellResource(
@@ -151,4 +156,5 @@ def cell_resource(status: CellStatus, settings: CellSettings, live_scan: str | N
             ],
             warning=plan.unseen,
         ),
+        warnings=warnings,
     )

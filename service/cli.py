@@ -9,6 +9,8 @@ from collections.abc import Sequence
 from importlib.metadata import version
 from pathlib import Path
 
+from service.calibrate_cli import add_calibrate_commands
+
 METHODS = ("matching", "enhanced", "graph")
 
 
@@ -55,6 +57,7 @@ def _parser() -> argparse.ArgumentParser:
     recognise.set_defaults(run=_recognise)
 
     _add_cell_commands(commands)
+    add_calibrate_commands(commands)
 
     simulate = commands.add_parser(
         "simulate",

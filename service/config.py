@@ -103,7 +103,8 @@ class ServiceConfig(BaseSettings):
     arm: AnyArm = SimulatedArm()
     camera: AnyCamera = SimulatedCamera()
     hand_eye: HandEyeSettings = HandEyeSettings()
-    """Its file is relative to the configuration file; to the working directory when a variable names it."""
+    """Its paths are relative to the configuration file; to the working directory when a variable names them. Its folder
+    is in `data_dir` unless set."""
     workspace: WorkspaceSettings = WorkspaceSettings()
     mounting: MountingSettings = MountingSettings()
     scan: ScanSettings = ScanSettings()
@@ -111,7 +112,10 @@ class ServiceConfig(BaseSettings):
     @property
     def cell(self) -> CellSettings:
         """What a cell is made of. Raises pydantic's ValidationError where its sections contradict one another."""
-        return CellSettings(**{name: getattr(self, name) for name in CellSettings.model_fields})
+        sections = {name: getattr(self, name) for name in CellSettings.model_fields}
+        if self.hand_eye.folder is None:
+            sections["hand_eye"] = self.hand_eye.model_copy(update={"folder": self.data_dir / "calibration"})
+        return CellSettings(**sections)
 
     @field_validator("data_dir")
     @classmethod
@@ -175,7 +179,7 @@ def load_config(path: Path | None = None, **overrides: Any) -> ServiceConfig:
 
 
 def _read(path: Path) -> dict[str, Any]:
-    """The file's content; a relative hand-eye file is of the folder that the file lies in."""
+    """The file's content; relative paths of the hand-eye calibration are of the folder that the file lies in."""
     try:
         if not path.is_file():
             raise ConfigError(f"{path}: there is no such configuration file")
@@ -187,8 +191,10 @@ def _read(path: Path) -> dict[str, Any]:
     except OSError as error:
         raise ConfigError(f"{path}: cannot be read: {error.strerror}") from error
     hand_eye = content.get("hand_eye")
-    if isinstance(hand_eye, dict) and isinstance(file := hand_eye.get("file"), str):
-        hand_eye["file"] = str(path.absolute().parent / Path(file).expanduser())
+    if isinstance(hand_eye, dict):
+        for key in ("file", "folder"):
+            if isinstance(value := hand_eye.get(key), str):
+                hand_eye[key] = str(path.absolute().parent / Path(value).expanduser())
     return content
 
 

@@ -5,7 +5,6 @@ where everything is written before it is renamed to its place.
 """
 
 import errno
-import os
 import shutil
 from pathlib import Path
 from typing import IO
@@ -60,25 +59,6 @@ class DataFolder:
     def incoming(self, name: str) -> Path:
         """Where something is written before it goes to its place; on the same file system."""
         return self._incoming / name
-
-
-def sync_folder(folder: Path) -> None:
-    """Makes sure that names made or changed in `folder` survive a loss of power."""
-    if os.name == "nt":  # Windows syncs names by itself, and cannot open a folder.
-        return
-    descriptor = os.open(folder, os.O_RDONLY)
-    try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)
-
-
-def write_synced(path: Path, content: bytes) -> None:
-    """Writes a new file and makes sure that its content is on the disk."""
-    with path.open("xb") as file:
-        file.write(content)
-        file.flush()
-        os.fsync(file.fileno())
 
 
 def _lock(path: Path) -> IO[bytes]:

@@ -1,7 +1,7 @@
-"""One scan at a time: from its acceptance to its final state.
+"""One scan or calibration at a time: from its acceptance to its final state.
 
-A thread of its own hands scans to the recognition process and writes down what becomes of them. There is no
-queue: a cell has one arm, and whoever asks while it is busy is told so.
+A thread of its own hands scans to the recognition process, does calibrations, and writes down what becomes of them.
+There is no queue: a cell has one arm, and whoever asks while it is busy is told so.
 """
 
 import logging
@@ -10,19 +10,23 @@ import sqlite3
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Literal
+from typing import Any
 
+from calibration.board import Board
 from cell.cell import Cell
-from cell.viewpoints import ViewpointPlan
 from recognition.gripper import Gripper
 from recognition.model import Method
+from service.calibration_runner import CalibrationRunner
+from service.drift_watch import DriftWatch
 from service.live import keep_recording
+from service.new_rows import new_calibration, new_scan
+from service.place import Place
 from service.problems import ProblemError
 from service.running import Running
 from service.scan_runner import ScanRunner
 from service.schemas import ScanState
-from service.store import Store, new_id, now
-from service.tables import RecordingRow, ScanRow
+from service.store import Store
+from service.tables import CalibrationRow, RecordingRow, ScanRow
 from service.worker import RecognitionWorker
 
 log = logging.getLogger(__name__)
@@ -36,7 +40,7 @@ IDLE_CHECK_S = 1.0
 
 
 class Jobs:
-    """Runs scans. Every method may be called from any thread and may block for a moment."""
+    """Runs scans and calibrations. Every method may be called from any thread and may block for a moment."""
 
     def __init__(self, store: Store, cell: Cell, recognition_limit_s: float, gripper: Gripper) -> None:
         """Marks what an earlier service left unfinished as interrupted, keeps what earlier ones had recorded, and
@@ -44,16 +48,16 @@ class Jobs:
         self._store = store
         self._cell = cell
         self._worker = RecognitionWorker()
-        self._runner = ScanRunner(store, cell, self._worker, recognition_limit_s, gripper, self._leaving)
-        self._turn = threading.Lock()
-        """Of taking and leaving the one place, each together with its row: whoever reads that a scan has
-        ended finds the place free."""
-        self._running: Running | None = None
-        self._preparing = False
-        """The place is taken for a live scan that is not accepted yet."""
-        self._closing = False
-        self._accepted: queue.SimpleQueue[Running | None] = queue.SimpleQueue()
+        self._place = Place()
+        self.drift = DriftWatch(store.calibrations)
+        """What recent scans tell of the calibration in use."""
+        self._scans = ScanRunner(
+            store, cell, self._worker, recognition_limit_s, gripper, self._place.leaving, self.drift
+        )
+        self._calibrations = CalibrationRunner(store, cell, self._place.leaving)
+        self._accepted: queue.SimpleQueue[Running[Any] | None] = queue.SimpleQueue()
         store.interrupt_unfinished()
+        store.calibrations.interrupt_unfinished()
         # Not only of those: an earlier start may have been killed at this point, or the database was locked before.
         for scan in store.scans_without_recording():
             try:
@@ -64,12 +68,15 @@ class Jobs:
         self._thread.start()
 
     def wind_up(self) -> None:
-        """Takes no more scans, and stops the one under way, if any: it becomes `interrupted`."""
-        with self._turn:
-            self._closing = True
-            running = self._running
+        """Takes no more scans or calibrations, and stops the one under way, if any: it becomes `interrupted`."""
+        running = self._place.close()
         if running is not None or self._cell.status.state == "busy":  # an arm at rest is let go, and no program ended
-            self._stop(running, "interrupted", "the service was stopped; start it again from its recording")
+            again = (
+                "start it again from its recording"
+                if running and isinstance(running.row, ScanRow)
+                else "start it again"
+            )
+            self._stop(running, "interrupted", f"the service was stopped; {again}")
         self._cell.give_up_connecting()
 
     def close(self) -> None:
@@ -91,10 +98,12 @@ class Jobs:
         """Accepts a scan from a recording; on return it is on the disk.
 
         Raises:
-            ProblemError: `cell-busy`, with the Location of the scan under way.
+            ProblemError: `cell-busy`, with the Location of what is under way.
         """
-        with self._place():
-            return self._accept("replay", method, radius_m, recording.id, None)
+        with self._place.taken():
+            scan = new_scan("replay", method, radius_m, recording.id)
+            self._accept(Running(scan, None))
+            return scan
 
     def submit_live(self, views: int | None, method: Method, radius_m: float | None) -> ScanRow:
         """Accepts a scan by the cell once the cell is ready and the scan is planned; on return it is on the disk.
@@ -102,34 +111,65 @@ class Jobs:
         Takes seconds where the cell has to be connected first. Nothing moves before the scan is accepted.
 
         Raises:
-            ProblemError: `cell-busy`, with the Location of the scan under way.
+            ProblemError: `cell-busy`, with the Location of what is under way.
             CellError: why the cell cannot do it.
         """
-        with self._place():
+        with self._place.taken():
             plan = self._cell.prepare(views)
-            return self._accept("live", method, radius_m, None, plan)
+            scan = new_scan("live", method, radius_m, None)
+            self._accept(Running(scan, plan))
+            return scan
+
+    def submit_calibration(self, board: Board, poses: int) -> CalibrationRow:
+        """Accepts a calibration with the board on the table, as `submit_live` does a scan. Raises as that."""
+        with self._place.taken():
+            plan = self._cell.prepare_calibration(board, poses)
+            row = new_calibration("calibration", board, poses)
+            self._accept(Running(row, plan))
+            return row
+
+    def submit_verification(self) -> CalibrationRow:
+        """Accepts a look at the board, where it was left, from two poses. Raises as `submit_live`."""
+        with self._place.taken():
+            plan = self._cell.prepare_verification()
+            hand_eye = self._cell.status.hand_eye  # loaded just now
+            sha256 = None if hand_eye is None else hand_eye.sha256
+            row = new_calibration("verification", None, len(plan.viewpoints), sha256)
+            self._accept(Running(row, plan))
+            return row
+
+    @contextmanager
+    def nothing_else(self) -> Iterator[None]:
+        """A moment in which nothing is under way or begins.
+
+        Raises:
+            ProblemError: `cell-busy`, with the Location of what is under way.
+        """
+        with self._place.taken():
+            yield
 
     def wait_for_preview(self, scan_id: str) -> None:
         """Returns when the picture of a scan that has a result is there, or will not be."""
-        self._runner.wait_for_preview(scan_id)
+        self._scans.wait_for_preview(scan_id)
 
-    def cancel(self, scan: ScanRow) -> None:
-        """Stops a scan, the arm first, and waits until it has ended; it may have succeeded just before.
+    def cancel(self, row: ScanRow | CalibrationRow) -> None:
+        """Stops it, the arm first, and waits until it has ended; it may have succeeded just before.
 
         Raises:
             ProblemError: `not-cancellable` when it had ended already, unless it was aborted.
         """
-        running = self._running
-        if running is not None and running.scan.id == scan.id:
+        running = self._place.running
+        kind = "scan" if isinstance(row, ScanRow) else row.kind
+        if running is not None and running.row.id == row.id:
             # The arm of a scan that has just ended may be at work for the next one.
             arm = running.plan is not None and not running.ended.is_set()
-            self._stop(running, "aborted", "the scan was cancelled", arm)
-        elif scan.state != "aborted":
-            raise ProblemError(409, "not-cancellable", f"the scan is {scan.state} already")
+            self._stop(running, "aborted", f"the {kind} was cancelled", arm)
+        elif row.state != "aborted":
+            raise ProblemError(409, "not-cancellable", f"the {kind} is {row.state} already")
 
     def stop_arm(self) -> None:
-        """Stops the arm, whatever goes on, and aborts the live scan under way, if any."""
-        running = self._running
+        """Stops the arm, whatever goes on, and aborts the live scan or calibration under way, if any."""
+        running = self._place.running
         live = running is not None and running.plan is not None
         self._stop(running if live else None, "aborted", "the arm was stopped by request")
 
@@ -137,86 +177,46 @@ class Jobs:
         """Lets the arm go, once it is home.
 
         Raises:
-            ProblemError: `cell-busy`, with the Location of the scan under way.
+            ProblemError: `cell-busy`, with the Location of what is under way.
             CellError: as `Cell.release`.
         """
-        with self._place():
+        with self._place.taken():
             self._cell.release()
 
     @property
-    def live_scan(self) -> str | None:
-        """Id of the live scan that is accepted and has not ended, if any."""
-        running = self._running
-        return None if running is None or running.plan is None else running.scan.id
+    def using_arm(self) -> str | None:
+        """The live scan or calibration that is accepted and has not ended, if any, in words."""
+        running = self._place.running
+        return None if running is None or running.plan is None else running.words
 
-    @contextmanager
-    def _place(self) -> Iterator[None]:
-        """The one place, for as long as it takes to accept a scan."""
-        with self._turn:
-            if self._closing:
-                raise ProblemError(503, "not-ready", "the service is stopping")
-            if self._running is not None:
-                busy = self._running.scan.id
-                raise ProblemError(
-                    409,
-                    "cell-busy",
-                    f"scan {busy} is under way; wait for its end or cancel it",
-                    {"Location": f"/api/scans/{busy}"},
-                )
-            if self._preparing:
-                raise ProblemError(409, "cell-busy", "another scan is being prepared; try again in some seconds")
-            self._preparing = True
-        try:
-            yield
-        finally:
-            self._preparing = False
+    @property
+    def calibration(self) -> str | None:
+        """Id of the calibration or verification that is accepted and has not ended, if any."""
+        running = self._place.running
+        return running.row.id if running is not None and isinstance(running.row, CalibrationRow) else None
 
-    def _accept(
-        self,
-        mode: Literal["replay", "live"],
-        method: Method,
-        radius_m: float | None,
-        recording: str | None,
-        plan: ViewpointPlan | None,
-    ) -> ScanRow:
-        scan = ScanRow(
-            id=new_id(),
-            mode=mode,
-            recording=recording,
-            method=method,
-            string_radius_m=radius_m,
-            state="queued",
-            stage=None,
-            fraction=0.0,
-            created_at=now(),
-            started_at=None,
-            ended_at=None,
-            summary=None,
-            problem=None,
-        )
-        with self._turn:
-            if self._closing:
-                raise ProblemError(503, "not-ready", "the service is stopping")
-            self._store.add_scan(scan)
-            self._running = Running(scan, plan)
-            self._accepted.put(self._running)
-        return scan
+    def _accept(self, running: Running[Any]) -> None:
+        """Writes the row of a scan or calibration for which the place is taken, and begins it."""
+        add = self._store.add_scan if isinstance(running.row, ScanRow) else self._store.calibrations.add
+        self._place.accept(running, lambda: add(running.row), lambda: self._accepted.put(running))
 
-    def _stop(self, running: Running | None, state: ScanState, detail: str, arm: bool = True) -> None:
-        """Stops the arm and the scan under way, if any, and waits for the scan's end."""
+    def _stop(self, running: Running[Any] | None, state: ScanState, detail: str, arm: bool = True) -> None:
+        """Stops the arm and what is under way, if anything is, and waits for its end."""
         # First the deed, then its record; the wish is only noted, so that a scan that the stop ends knows why.
         asked = running is not None and running.ask_to_stop(state, detail)
         if arm:
             self._cell.stop()
         if running is None:
             return
-        if asked and not running.ended.is_set():  # it could by now be at work on the next one
+        of_scan = isinstance(running.row, ScanRow)
+        if asked and of_scan and not running.ended.is_set():  # it could by now be at work on the next one
             self._worker.kill()
         try:
             if running.stop is not None:
-                self._store.update_scan(running.scan.id, state="stopping")
+                update = self._store.update_scan if of_scan else self._store.calibrations.update
+                update(running.row.id, state="stopping")
         except sqlite3.OperationalError:
-            log.exception("that scan %s is being stopped could not be written", running.scan.id)
+            log.exception("that %s is being stopped could not be written", running.words)
         running.ended.wait(SETTLE_S)
 
     def _work(self) -> None:
@@ -229,19 +229,11 @@ class Jobs:
                 continue
             if running is None:
                 return
-            self._runner.run(running)
+            runner = self._scans if isinstance(running.row, ScanRow) else self._calibrations
+            runner.run(running)
             if self._accepted.empty():  # the next one, which may have been cancelled by now, does it if it must
                 self._prepare()
 
     def _prepare(self) -> None:
-        if not self._closing:
+        if not self._place.closed:
             self._worker.prepare()
-
-    @contextmanager
-    def _leaving(self, running: Running) -> Iterator[None]:
-        with self._turn:
-            try:
-                yield
-            finally:
-                if self._running is running:
-                    self._running = None

@@ -4,7 +4,7 @@ import hashlib
 from pathlib import Path
 
 from cell.recording import read_recording
-from service.store import now
+from service.database import now
 from service.tables import RecordingRow
 
 

@@ -1,24 +1,38 @@
-"""The scan under way."""
+"""The scan or calibration under way."""
 
 import threading
+from typing import Generic, TypeVar
 
 from cell.viewpoints import ViewpointPlan
 from service.schemas import ScanState
-from service.tables import ScanRow
+from service.tables import CalibrationRow, ScanRow
+
+R = TypeVar("R", bound=ScanRow | CalibrationRow)
 
 
-class Running:
-    """One scan between its acceptance and its final state, and the wish to stop it."""
+class Running(Generic[R]):
+    """One scan or calibration between its acceptance and its final state, and the wish to stop it."""
 
-    def __init__(self, scan: ScanRow, plan: ViewpointPlan | None) -> None:
-        self.scan = scan
+    def __init__(self, row: R, plan: ViewpointPlan | None) -> None:
+        self.row = row
+        """As it was accepted."""
         self.plan = plan
-        """Of a live scan."""
+        """Of what the arm does; None for a replay, for which it does nothing."""
         self.ended = threading.Event()
         self._lock = threading.Lock()
         """Never held while something is written."""
         self._stop: tuple[ScanState, str] | None = None
         self._storing = False
+
+    @property
+    def words(self) -> str:
+        """What it is, for people."""
+        return f"{'scan' if isinstance(self.row, ScanRow) else self.row.kind} {self.row.id}"
+
+    @property
+    def location(self) -> str:
+        """Its address."""
+        return f"/api/{'scans' if isinstance(self.row, ScanRow) else 'calibration/runs'}/{self.row.id}"
 
     @property
     def stop(self) -> tuple[ScanState, str] | None:

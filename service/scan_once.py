@@ -1,12 +1,11 @@
 """One live scan by the configured cell, without a server: `pointchain scan`."""
 
 import json
-import signal
 import sys
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -21,6 +20,7 @@ from cell.settings import CellSettings
 from cell.viewpoints import ViewpointPlan
 from recognition.gripper import Gripper
 from recognition.model import SCHEMA, Method
+from service.at_a_signal import STOPPED_CODE, at_a_signal
 from service.config import LimitsConfig
 from service.data_folder import MODEL, PREVIEW
 from service.problems import INPUT_ERRORS, cell_problem, problem_document
@@ -29,9 +29,6 @@ from service.worker_process import Task
 from service.workflow import check_radius
 
 Say = Callable[[str], None]
-STOPPED_CODE = 130
-"""As a shell has it for what Ctrl-C ended."""
-SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 
 class ToldProgress:
@@ -134,7 +131,7 @@ def scan_once(settings: CellSettings, wanted: Wanted) -> int:
         _say("stopping")
 
     # In a thread of its own: a signal comes between any two lines of the main one, and that one only waits.
-    with ThreadPoolExecutor(1) as pool, _at_a_signal(stop):
+    with ThreadPoolExecutor(1) as pool, at_a_signal(stop):
         document = pool.submit(_document, cell, worker, wanted, stop_asked).result()
     print(json.dumps(document, allow_nan=False), flush=True)
     if "error" not in document:
@@ -179,20 +176,3 @@ def _stopped_problem(recording: Path | None) -> dict[str, Any]:
 
 def _say(words: str) -> None:
     print(f"pointchain scan: {words}", file=sys.stderr)
-
-
-@contextmanager
-def _at_a_signal(do: Callable[[], None]) -> Iterator[None]:
-    """SIGTERM, and SIGINT also where a shell script ignores it for what runs in the background, do this, once."""
-
-    def once(*_: object) -> None:
-        for number in SIGNALS:
-            signal.signal(number, signal.SIG_IGN)
-        do()
-
-    before = {number: signal.signal(number, once) for number in SIGNALS}
-    try:
-        yield
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)

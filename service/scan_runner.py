@@ -16,10 +16,12 @@ from cell.errors import CellError, StoppedError
 from cell.recording_header import RecordingHeader
 from recognition.gripper import Gripper
 from service.data_folder import PREVIEW
+from service.database import now
+from service.drift_watch import DriftWatch
 from service.live import live_outcome
 from service.problems import cell_problem, problem_document
 from service.running import Running
-from service.store import Store, now
+from service.store import Store
 from service.tables import ScanRow
 from service.worker import PREVIEW_S, RecognitionWorker, TaskFailedError
 from service.worker_process import Task
@@ -27,7 +29,7 @@ from service.workflow import DONE_BEFORE, OnStage, Outcome
 
 log = logging.getLogger(__name__)
 
-Leaving = Callable[[Running], AbstractContextManager[None]]
+Leaving = Callable[[Running[Any]], AbstractContextManager[None]]
 """The context in which a scan's final row is written: at its end the one place is free."""
 
 
@@ -42,21 +44,23 @@ class ScanRunner:
         recognition_limit_s: float,
         gripper: Gripper,
         leaving: Leaving,
+        drift: DriftWatch,
     ) -> None:
         self._store, self._cell, self._worker = store, cell, worker
         self._limit_s, self._gripper, self._leaving = recognition_limit_s, gripper, leaving
+        self._drift = drift
         self._drawing: str | None = None
         """Scan whose result is there and whose picture is to follow."""
 
-    def run(self, running: Running) -> None:
+    def run(self, running: Running[ScanRow]) -> None:
         """Brings a scan to its final state; a live one's arm is home when this returns, or has stopped."""
         try:
             with ExitStack() as until_home:
                 self._run(running, until_home)
         except CellError as error:
-            log.warning("behind scan %s the arm did not get home: %s", running.scan.id, error)
+            log.warning("behind scan %s the arm did not get home: %s", running.row.id, error)
         except Exception:  # whatever it is, this scan is told as failed and the next one is taken
-            log.exception("scan %s could not be recorded", running.scan.id)
+            log.exception("scan %s could not be recorded", running.row.id)
             self._give_up(running)
         running.ended.set()
 
@@ -66,8 +70,8 @@ class ScanRunner:
         while self._drawing == scan_id and time.monotonic() < deadline:
             time.sleep(0.02)
 
-    def _run(self, running: Running, until_home: ExitStack) -> None:
-        results = self._store.folder.incoming(running.scan.id)
+    def _run(self, running: Running[ScanRow], until_home: ExitStack) -> None:
+        results = self._store.folder.incoming(running.row.id)
         outcome, problem = self._try(running, results, until_home)
         try:
             self._record(running, outcome, problem, results)
@@ -75,15 +79,15 @@ class ScanRunner:
             shutil.rmtree(results, ignore_errors=True)
             running.ended.set()
         if outcome is not None and running.stop is None:
-            self._add_preview(running.scan)
+            self._add_preview(running.row)
 
     def _try(
-        self, running: Running, results: Path, until_home: ExitStack
+        self, running: Running[ScanRow], results: Path, until_home: ExitStack
     ) -> tuple[Outcome | None, dict[str, Any] | None]:
         """What the scan gives, or the problem why it gives nothing; neither when it was stopped before it began."""
         try:
             if running.plan is not None:
-                self._store.update_scan(running.scan.id, ("queued",), state="preflight")
+                self._store.update_scan(running.row.id, ("queued",), state="preflight")
             if running.stop is None:
                 self._worker.start()
             # A stop that came before found no process to kill; one that comes from here on does.
@@ -103,9 +107,9 @@ class ScanRunner:
             return None, problem_document(507, "storage-full", detail)
         return None, None
 
-    def _outcome(self, running: Running, results: Path, until_home: ExitStack) -> Outcome:
+    def _outcome(self, running: Running[ScanRow], results: Path, until_home: ExitStack) -> Outcome:
         """What the scan gives; a live one's arm is home when `until_home` is left."""
-        scan, store, plan = running.scan, self._store, running.plan
+        scan, store, plan = running.row, self._store, running.plan
         if plan is None:
             recording = store.recording(scan.recording or "")
             assert recording is not None
@@ -132,8 +136,10 @@ class ScanRunner:
         preview = self._store.folder.incoming(f"{scan.id}.png")
         return Task(source, scan.string_radius_m, scan.method, self._gripper, results, preview)
 
-    def _record(self, running: Running, outcome: Outcome | None, problem: dict[str, Any] | None, results: Path) -> None:
-        scan, store, stop = running.scan, self._store, running.begin_storing()
+    def _record(
+        self, running: Running[ScanRow], outcome: Outcome | None, problem: dict[str, Any] | None, results: Path
+    ) -> None:
+        scan, store, stop = running.row, self._store, running.begin_storing()
         with self._leaving(running):
             if stop is not None:
                 state, detail = stop
@@ -142,21 +148,29 @@ class ScanRunner:
             elif outcome is not None:
                 state = "partial" if outcome.partial else "succeeded"
                 self._drawing = scan.id
-                store.finish_scan(scan.id, state, dataclasses.asdict(outcome), results)
+                self._keep_calibration_error(scan, outcome)
+                store.finish_scan(scan.id, state, outcome.summary(), results)
             else:
                 log.warning("scan %s failed: %s", scan.id, problem)
                 assert problem is not None
                 store.end_scan(scan.id, "failed", problem)
 
-    def _give_up(self, running: Running) -> None:
+    def _keep_calibration_error(self, scan: ScanRow, outcome: Outcome) -> None:
+        """Of a live scan only: a replay of it tells nothing new."""
+        recording = self._store.recording(scan.id) if scan.mode == "live" else None
+        sha256 = None if recording is None else recording.provenance.get("calibration_sha256")
+        if sha256 is not None and outcome.calibration_error is not None:
+            self._drift.add(scan.id, sha256, outcome.calibration_error)
+
+    def _give_up(self, running: Running[ScanRow]) -> None:
         """The disk or the database failed. If this cannot be written either, the next start mends the row."""
         self._drawing = None
         problem = problem_document(500, "internal", "the result could not be stored; the log has the reason")
         with self._leaving(running):
             try:
-                self._store.end_scan(running.scan.id, "failed", problem)
+                self._store.end_scan(running.row.id, "failed", problem)
             except sqlite3.Error:
-                log.exception("nor could this be written of scan %s", running.scan.id)
+                log.exception("nor could this be written of scan %s", running.row.id)
 
     def _progress(self, scan_id: str) -> OnStage:
         def on_stage(name: str) -> None:

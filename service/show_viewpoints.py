@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from cell.cell import Cell
-from cell.cell_calibration import hand_eye_in_use
+from cell.cell_calibration import file_in_use, hand_eye_in_use
 from cell.errors import CellError
 from cell.viewpoints import ViewpointPlan, require_enough
 from service.config import ConfigError, load_config
@@ -20,7 +20,7 @@ def show_viewpoints(config_file: Path | None, views: int | None, picture: Path |
     """
     try:
         config = load_config(config_file)
-        if config.cell.hand_eye.file is not None:
+        if file_in_use(config.cell.hand_eye) is not None:
             for warning in hand_eye_in_use(config.cell.hand_eye, None).warnings:
                 print(f"pointchain viewpoints: {warning}", file=sys.stderr)
         with_cell = Cell(config.cell)

@@ -27,6 +27,23 @@ CREATE TABLE views (
     changed_at TEXT NOT NULL, PRIMARY KEY (scan, view)
 );
 """,
+    """
+CREATE TABLE calibrations (
+    id TEXT PRIMARY KEY, kind TEXT NOT NULL, board TEXT, poses INTEGER NOT NULL, calibration_sha256 TEXT,
+    state TEXT NOT NULL, stage TEXT, fraction DOUBLE PRECISION NOT NULL, coverage DOUBLE PRECISION NOT NULL,
+    created_at TEXT NOT NULL, started_at TEXT, ended_at TEXT, activated_at TEXT, result TEXT, verification TEXT,
+    problem TEXT
+);
+CREATE TABLE calibration_views (
+    calibration TEXT NOT NULL REFERENCES calibrations (id), view INTEGER NOT NULL, state TEXT NOT NULL, reason TEXT,
+    corners INTEGER, possible INTEGER, changed_at TEXT NOT NULL, PRIMARY KEY (calibration, view)
+);
+CREATE TABLE scan_errors (
+    scan TEXT PRIMARY KEY REFERENCES scans (id), calibration_sha256 TEXT NOT NULL, likeliest TEXT NOT NULL,
+    information TEXT NOT NULL, vector TEXT NOT NULL
+);
+CREATE INDEX scan_errors_of ON scan_errors (calibration_sha256, scan);
+""",
 )
 """What makes the tables, and what later versions added: the database's user_version tells how many of these it has."""
 VERSION = len(MIGRATIONS)
@@ -77,12 +94,66 @@ class ViewRow:
     changed_at: str
 
 
+@dataclass(frozen=True)
+class CalibrationRow:
+    """A calibration by the cell, or the verification of one, as last written."""
+
+    id: str
+    kind: Literal["calibration", "verification"]
+    board: dict[str, Any] | None
+    """As `Board.to_json` has it; None: the one that the calibration in use was made with."""
+    poses: int
+    calibration_sha256: str | None
+    """Of the calibration that a verification is of."""
+    state: ScanState
+    stage: str | None
+    fraction: float
+    coverage: float
+    """Share of the image in which corners were seen."""
+    created_at: str
+    started_at: str | None
+    ended_at: str | None
+    activated_at: str | None
+    result: dict[str, Any] | None
+    verification: dict[str, Any] | None
+    problem: dict[str, Any] | None
+
+
+@dataclass(frozen=True)
+class CalibrationViewRow:
+    """A view of a calibration as last written."""
+
+    calibration: str
+    view: int
+    state: ViewState
+    reason: str | None
+    corners: int | None
+    """Found in its picture; None: not looked for yet."""
+    possible: int | None
+    changed_at: str
+
+
+@dataclass(frozen=True)
+class ScanErrorRow:
+    """What a live scan told of the error of the calibration that it was made with; the numbers are those of
+    `recognition.common_error.CommonError`."""
+
+    scan: str
+    calibration_sha256: str
+    likeliest: list[float]
+    information: list[list[float]]
+    vector: list[float]
+
+
+Row = RecordingRow | ScanRow | ViewRow | CalibrationRow | CalibrationViewRow | ScanErrorRow
+
+
 def stored(value: Any) -> Any:
     """A value as its column takes it."""
     return json.dumps(value, allow_nan=False) if isinstance(value, dict | list) else value
 
 
-def insert(db: sqlite3.Connection, table: str, row: RecordingRow | ScanRow | ViewRow) -> None:
+def insert(db: sqlite3.Connection, table: str, row: Row) -> None:
     """Writes a new row."""
     values = vars(row)
     sql = f"INSERT INTO {table} ({', '.join(values)}) VALUES ({', '.join('?' * len(values))})"
@@ -91,13 +162,25 @@ def insert(db: sqlite3.Connection, table: str, row: RecordingRow | ScanRow | Vie
 
 def to_recording(row: sqlite3.Row) -> RecordingRow:
     """A row of `recordings`."""
-    values: dict[str, Any] = dict(row)
-    return RecordingRow(**values | {name: json.loads(values[name]) for name in ("missing", "provenance")})
+    return RecordingRow(**_parsed(row, "missing", "provenance"))
 
 
 def to_scan(row: sqlite3.Row) -> ScanRow:
     """A row of `scans`."""
+    return ScanRow(**_parsed(row, "summary", "problem"))
+
+
+def to_calibration(row: sqlite3.Row) -> CalibrationRow:
+    """A row of `calibrations`."""
+    return CalibrationRow(**_parsed(row, "board", "result", "verification", "problem"))
+
+
+def to_scan_error(row: sqlite3.Row) -> ScanErrorRow:
+    """A row of `scan_errors`."""
+    return ScanErrorRow(**_parsed(row, "likeliest", "information", "vector"))
+
+
+def _parsed(row: sqlite3.Row, *documents: str) -> dict[str, Any]:
+    """The row's columns, those named from their JSON."""
     values: dict[str, Any] = dict(row)
-    for name in ("summary", "problem"):
-        values[name] = json.loads(values[name]) if values[name] else None
-    return ScanRow(**values)
+    return values | {name: json.loads(values[name]) if values[name] else None for name in documents}

@@ -4,18 +4,21 @@ import json
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration.disk import write_synced
 from cell.devices import View
 from cell.recording import RecordingHeader, read_recording
+from recognition.common_error import CommonError
 from recognition.gripper import Gripper
 from recognition.model import Method, PointChainModel
 from recognition.parameters import ChainParameters
 from recognition.pipeline import Recognition, recognise
 from recognition.preprocess import Scene
-from service.data_folder import CLOUD, MODEL, write_synced
+from service.data_folder import CLOUD, MODEL
 from service.preview import draw_preview
 
 OnStage = Callable[[str], None]
@@ -47,6 +50,17 @@ class Outcome:
     warnings: tuple[str, ...]
     partial: bool
     """Views were missing or were left out."""
+    calibration_error: CommonError | None = None
+    """What the views tell of their calibration's error."""
+
+    def summary(self) -> dict[str, Any]:
+        """What is kept in the scan's row, as JSON."""
+        return {
+            "chains": self.chains,
+            "crossings": self.crossings,
+            "warnings": list(self.warnings),
+            "partial": self.partial,
+        }
 
 
 def check_radius(asked_m: float | None, recorded_m: float | None) -> float | None:
@@ -112,7 +126,13 @@ def write_results(recognition: Recognition, folder: Path) -> Outcome:
     model, points = recognition.model, merged_cloud(recognition)
     write_synced(folder / MODEL, json.dumps(model.to_json(), allow_nan=False).encode())
     write_synced(folder / CLOUD, to_ply(points))
-    return Outcome(len(model.chains), len(model.crossings), model.quality.warnings, _views_left_out(model))
+    return Outcome(
+        len(model.chains),
+        len(model.crossings),
+        model.quality.warnings,
+        _views_left_out(model),
+        None if recognition.registration is None else recognition.registration.common_error,
+    )
 
 
 def write_preview(recognition: Recognition, path: Path) -> None:

@@ -25,14 +25,15 @@ def test_the_values_told_for_what_is_left_out_are_the_defaults(tmp_path: Path) -
 
     file.write_text(cell)
     arm, camera = URArm(kind="ur", host="192.168.1.10"), OakCamera(kind="oak")
-    hand_eye = HandEyeSettings(file=tmp_path / "hand_eye.json")
+    kept = ServiceConfig().data_dir / "calibration"
+    hand_eye = HandEyeSettings(file=tmp_path / "hand_eye.json", folder=kept)
     assert load_config(file).cell == CellSettings(arm=arm, camera=camera, hand_eye=hand_eye)
     # What is shown as a comment is taken too.
     file.write_text(re.sub(r"^# (?=\w+ = )", "", cell, flags=re.MULTILINE))
     assert load_config(file).scan.string_radius_m == 0.0042
 
     file.write_text(simulated)
-    assert load_config(file).cell == CellSettings()
+    assert load_config(file).cell == CellSettings(hand_eye=HandEyeSettings(folder=kept))
     file.write_text(re.sub(r"^# (?=\w+ = )", "", simulated, flags=re.MULTILINE))
     assert load_config(file).arm.host == "127.0.0.3"
 

@@ -1,6 +1,7 @@
 """A depth camera that ray-casts a string scene."""
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -83,6 +84,20 @@ def camera_model(name: str, resolution: tuple[int, int] | None = None) -> Camera
 
 
 @dataclass(frozen=True, eq=False)
+class Surfaces:
+    """What is met by the ray through the middle of each pixel."""
+
+    depth: NDArray[np.float32]
+    """(H, W) along the optical axis, metres, infinite where nothing is."""
+    part: NDArray[np.int64]
+    """(H, W) which of `meshes.scene_meshes`, -1 where nothing is."""
+    normals: NDArray[np.float32]
+    """(H, W, 3) of the mesh there, scene frame, unit length, to either side; zero where nothing is."""
+    points: NDArray[np.float32]
+    """(H, W, 3) in the scene frame; the camera's own place where nothing is."""
+
+
+@dataclass(frozen=True, eq=False)
 class Look:
     """What a camera sees from one pose."""
 
@@ -106,7 +121,8 @@ class DepthCamera:
         self._caster = o3d.t.geometry.RaycastingScene()
         for vertices, triangles in meshes.scene_meshes(scene):
             self._caster.add_triangles(o3d.core.Tensor.from_numpy(vertices), o3d.core.Tensor.from_numpy(triangles))
-        self._strings = len(scene.curves)
+        self.strings = len(scene.curves)
+        """How many of the scene's meshes are strings: the first ones."""
         u, v = np.meshgrid(np.arange(model.width), np.arange(model.height))
         # Not of unit length: the distance along such a ray is the depth along the optical axis.
         rays = np.stack([u, v, np.ones_like(u)], axis=-1) @ np.linalg.inv(model.K).T
@@ -116,16 +132,34 @@ class DepthCamera:
         """The exact image: depth (H, W) along the optical axis, metres, infinite where nothing is; and which string
         each pixel shows (H, W), -1 where none.
         """
-        import open3d as o3d
+        hits = self._cast(self._rays_from(T_base_camera))
+        # Unsigned "nothing hit" is far beyond the strings' numbers.
+        part = hits["geometry_ids"].astype(np.int64)
+        return hits["t_hit"], np.where(part < self.strings, part, -1)
 
+    def surfaces(self, T_base_camera: NDArray[np.float64]) -> Surfaces:
+        """What the camera has before it, as a picture of it needs it."""
+        rays = self._rays_from(T_base_camera)
+        hits = self._cast(rays)
+        depth = hits["t_hit"]
+        seen = np.isfinite(depth)
+        points = rays[..., :3] + np.where(seen, depth, np.float32(0))[..., None] * rays[..., 3:]
+        part = np.where(seen, hits["geometry_ids"].astype(np.int64), -1)
+        return Surfaces(depth, part, hits["primitive_normals"], points)
+
+    def _rays_from(self, T_base_camera: NDArray[np.float64]) -> NDArray[np.float32]:
+        """(H, W, 6) where the rays begin, and where they go."""
         T = rigid(T_base_camera, "T_base_camera")
         rays = np.empty((*self._rays.shape[:2], 6), dtype=np.float32)
         rays[..., :3] = T[:3, 3]
         rays[..., 3:] = self._rays @ T[:3, :3].T.astype(np.float32)
+        return rays
+
+    def _cast(self, rays: NDArray[np.float32]) -> dict[str, NDArray[Any]]:
+        import open3d as o3d
+
         hits = self._caster.cast_rays(o3d.core.Tensor.from_numpy(rays))
-        # Unsigned "nothing hit" is far beyond the strings' numbers.
-        part = hits["geometry_ids"].numpy().astype(np.int64)
-        return hits["t_hit"].numpy(), np.where(part < self._strings, part, -1)
+        return {name: hit.numpy() for name, hit in hits.items()}
 
     def capture(self, T_base_camera: NDArray[np.float64], rng: np.random.Generator) -> NDArray[np.uint16]:
         """The depth image (H, W) that the camera takes from this pose, in depth units, 0 where it measures nothing.

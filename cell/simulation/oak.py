@@ -4,7 +4,9 @@ import logging
 import threading
 import time
 from collections.abc import Callable
+from dataclasses import dataclass
 from datetime import timedelta
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +26,16 @@ EXPOSURE_US = 4000
 IDLE_TICKS = 5
 """While nobody waits for images only every so many are taken: the others would be thrown away unseen."""
 STALE_S = 3600.0
+
+
+@dataclass(frozen=True, eq=False)
+class Taken:
+    """One exposure."""
+
+    began_s: float
+    """`time.monotonic()`"""
+    depth: NDArray[np.uint16]
+    picture: NDArray[np.uint8] | None
 
 
 class Lens:
@@ -56,22 +68,25 @@ class Lens:
             self._ended = True
             self._change.notify()
 
-    def next_image(self) -> tuple[float, NDArray[np.uint16]] | None:
-        """Waits for the next image; gives when its exposure began, and the depth (H, W). None: there is no next."""
-        while self._wait():
-            began_s = time.monotonic()
-            depth = self._frames.expose(self._pose())
-            if self._fault == "zero":
-                depth = np.zeros_like(depth)
-            elif self._fault == "constant":
-                depth = np.full_like(depth, 5000)
-            elif self._fault == "stale":
-                began_s -= STALE_S
-            if self._fault != "silent":
-                return began_s, depth
-        return None
+    def take(self, pictured: bool) -> Taken | None:
+        """The next image, now, with a picture if `pictured`; None: it does not come out."""
+        began_s = time.monotonic()
+        T_base_flange = self._pose()
+        depth = self._frames.expose(T_base_flange)
+        picture = self._frames.picture(T_base_flange) if pictured else None
+        match self._fault:
+            case "zero":
+                return Taken(began_s, np.zeros_like(depth), None if picture is None else np.zeros_like(picture))
+            case "constant":
+                return Taken(began_s, np.full_like(depth, 5000), None if picture is None else np.full_like(picture, 99))
+            case "stale":
+                return Taken(began_s - STALE_S, depth, picture)
+            case "silent":
+                return None
+            case _:
+                return Taken(began_s, depth, picture)
 
-    def _wait(self) -> bool:
+    def wait(self) -> bool:
         """Until the next image is due; false: there is no next. Images are due at even times, or are left out."""
         with self._change:
             ticks = 0
@@ -114,12 +129,15 @@ def open_simulated(settings: SimulatedCamera, world: SimulatedWorld, make_pose: 
     closed: type[Exception] = dai.MessageQueue.QueueException
 
     class SimulatedOak(dai.node.ThreadedHostNode):
-        """Sends depth images as a camera does. Its exposure time runs up to a steady one until it is locked."""
+        """Sends depth images as a camera does, and pictures while its gate is open. Its exposure time runs up to a
+        steady one until it is locked."""
 
         def __init__(self) -> None:
             super().__init__()
             self.depth = self.createOutput()
+            self.pictures = self.createOutput()
             self.control = self.createInput()
+            self.gate = self.createInput()
 
         def run(self) -> None:
             try:
@@ -133,31 +151,41 @@ def open_simulated(settings: SimulatedCamera, world: SimulatedWorld, make_pose: 
                 lens.trouble = f"the simulated camera ended: {type(error).__name__}: {error}"
 
         def _run(self) -> None:
-            exposure_us, number, locked = EXPOSURE_US / 8, 0, False
-            while self.isRunning() and (image := lens.next_image()) is not None:
+            exposure_us, number, locked, gate_open = EXPOSURE_US / 8, 0, False, False
+            while self.isRunning() and lens.wait():
                 while not locked and (control := next_message(self.control, 0.0)) is not None:
                     locked = control.getCommand(dai.CameraControl.Command.AE_LOCK)
+                while (change := next_message(self.gate, 0.0)) is not None:
+                    gate_open = change.open
                 exposure_us = exposure_us if locked else min(exposure_us * 2, EXPOSURE_US)
-                began_s, depth = image
-                message = dai.ImgFrame()
-                message.setType(dai.ImgFrame.Type.RAW16)
-                message.setWidth(model.width)
-                message.setHeight(model.height)
-                message.setStride(2 * model.width)
-                message.setData(depth.astype("<u2").tobytes())
-                message.setTransformation(view)
-                message.setInstanceNum(int(dai.CameraBoardSocket.CAM_B.value))
-                message.setSequenceNum(number)
-                message.cam.exposureTimeUs = int(exposure_us)
-                # A camera stamps the end of the exposure.
-                message.setTimestamp(timedelta(seconds=began_s, microseconds=int(exposure_us)))
-                self.depth.send(message)
+                taken = lens.take(gate_open)
+                if taken is None:
+                    continue
+                if taken.picture is not None:
+                    self.pictures.send(self._message(taken.picture, taken.began_s, int(exposure_us), number))
+                self.depth.send(self._message(taken.depth, taken.began_s, int(exposure_us), number))
                 number += 1
+
+        def _message(self, pixels: NDArray[Any], began_s: float, exposure_us: int, number: int) -> dai.ImgFrame:
+            message = dai.ImgFrame()
+            message.setType(dai.ImgFrame.Type.RAW16 if pixels.itemsize == 2 else dai.ImgFrame.Type.RAW8)
+            message.setWidth(model.width)
+            message.setHeight(model.height)
+            message.setStride(pixels.itemsize * model.width)
+            message.setData(pixels.astype(pixels.dtype.newbyteorder("<")).tobytes())
+            message.setTransformation(view)
+            message.setInstanceNum(int(dai.CameraBoardSocket.CAM_B.value))
+            message.setSequenceNum(number)
+            message.cam.exposureTimeUs = exposure_us
+            # A camera stamps the end of the exposure.
+            message.setTimestamp(timedelta(seconds=began_s, microseconds=exposure_us))
+            return message
 
     pipeline = dai.Pipeline(False)
     node = pipeline.create(SimulatedOak)
     depth = node.depth.createOutputQueue(maxSize=1, blocking=False)
-    controls = [node.control.createInputQueue()]
+    pictures = node.pictures.createOutputQueue(maxSize=settings.exposures, blocking=False)
+    controls, gate = [node.control.createInputQueue()], node.gate.createInputQueue()
     info = CameraInfo(
         product=f"simulated {model.name}",
         device_id=world.camera_id,
@@ -174,4 +202,4 @@ def open_simulated(settings: SimulatedCamera, world: SimulatedWorld, make_pose: 
         pipeline.wait()  # else the thread of the node meets the end of what it sends to
 
     pipeline.start()
-    return Stream(pipeline, depth, depth, controls, lambda: info, close, lens)
+    return Stream(pipeline, depth, depth, controls, lambda: info, close, pictures, gate, rehearsal=lens)

@@ -1,28 +1,30 @@
-"""What a simulated cell is like in truth: where the strings lie, how the camera is mounted, and how far what is told
-of it is off.
+"""What a simulated cell is like in truth: where the strings or a calibration board lie, how the camera is mounted, and
+how far what is told of it is off.
 
 The arm's own links are not in the picture, and the table is a square about the workspace.
 """
 
 import hashlib
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration.board import Board
 from calibration.storage import HandEye
 from calibration.transforms import inverse, transform_points
 from cell.errors import CellSettingsError
 from cell.settings import CellSettings, SimulatedCamera
+from cell.simulation.board import lay_board, plate
 from cell.simulation.camera import CameraModel, camera_model
 from cell.simulation.poses import T_FLANGE_CAMERA, PoseErrors, perturbed
 from cell.simulation.scenes import StringScene, make_scene
 from cell.simulation.truth import scene_truth
 
 # Streams of one seed, the first two as in `cell.simulation.simulate`: the same seed has the same bias and calibration.
-_SESSION, _POSES, _ROBOT = 0, 1, 3
+_SESSION, _POSES, _ROBOT, _BOARD = 0, 1, 3, 6
 
 _ALIKE = 1e-5
 """Flange poses that differ by less, metres and radians, have the same error."""
@@ -46,6 +48,10 @@ class SimulatedWorld:
     """Of what arm and calibration tell."""
     seed: int
     """Of everything random but the scene."""
+    board: Board | None = None
+    """A calibration board that lies on the table instead of strings."""
+    T_base_board: NDArray[np.float64] | None = None
+    """Where it lies in truth: the board's frame, whose z points into the paper and so into the table."""
 
     @property
     def camera_id(self) -> str:
@@ -62,6 +68,14 @@ class SimulatedWorld:
             robot_serial=None,
             sha256=hashlib.sha256(self.told_T_flange_camera.tobytes()).hexdigest(),
         )
+
+    def with_board(self, board: Board) -> "SimulatedWorld":
+        """The same cell with nothing on its table but the board, near the workspace's middle; the same seed lays it to
+        the same place.
+        """
+        T_scene_board = lay_board(board, np.random.default_rng([self.seed, _BOARD]))
+        scene = StringScene("board", self.scene.radius_m, (), (plate(board, T_scene_board),))
+        return replace(self, scene=scene, board=board, T_base_board=self.T_base_scene @ T_scene_board)
 
     def T_base_camera(self, T_base_flange: NDArray[np.float64]) -> NDArray[np.float64]:
         """Where the camera really is when the robot tells this flange pose: the same for the same pose."""

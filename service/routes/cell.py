@@ -5,6 +5,7 @@ from typing import Any
 from anyio import to_thread
 from fastapi import APIRouter, Response
 
+from service.calibration_resources import calibration_warnings
 from service.cell_schemas import CellResource, PlanRequest, cell_resource
 from service.context import Context, Service, ViewCount
 from service.problems import problem_responses
@@ -28,7 +29,8 @@ def connect_cell(service: Service) -> CellResource:
 
 @router.post("/cell/stop", responses=problem_responses())
 async def stop_cell(service: Service) -> CellResource:
-    """Stops the arm at once, whatever goes on; a live scan under way is aborted. Not an emergency stop."""
+    """Stops the arm at once, whatever goes on; a live scan or calibration under way is aborted. Not an emergency
+    stop."""
     await to_thread.run_sync(service.jobs.stop_arm, limiter=service.stopping)
     return _resource(service)
 
@@ -66,4 +68,5 @@ def draw_viewpoints(service: Service, views: ViewCount = None) -> Response:
 
 
 def _resource(service: Context) -> CellResource:
-    return cell_resource(service.cell.status, service.cell.settings, service.jobs.live_scan)
+    warnings = calibration_warnings(service.cell, service.jobs.drift)
+    return cell_resource(service.cell.status, service.cell.settings, service.jobs.using_arm, warnings)

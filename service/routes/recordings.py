@@ -11,11 +11,11 @@ from fastapi.responses import FileResponse
 from starlette.requests import ClientDisconnect
 
 from service.context import Before, Context, Limit, Recording, Service
+from service.database import new_id
 from service.problems import ProblemError, problem_responses
 from service.recording_rows import describe_recording
 from service.routes.files import WholeFile
 from service.schemas import RecordingLinks, RecordingList, RecordingResource
-from service.store import new_id
 from service.tables import RecordingRow
 
 PATH = "/api/recordings"

@@ -311,3 +311,23 @@ if __name__ == "__main__":
 """
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, timeout=60, check=True)
     assert done.stdout.strip() == "[]"
+
+
+def test_a_picture_comes_across_and_what_shows_nothing_is_refused(camera: LiveCamera, world: SimulatedWorld) -> None:
+    frame = camera.capture(time.monotonic(), image=True)
+    source = FrameSource(world)
+    assert np.array_equal(frame.depth, source.expose(looking_down(world)))
+    assert frame.image is not None
+    truth = np.mean([source.picture(looking_down(world)) for _ in range(20)], axis=0)
+    # The noise of a mean of five, 1.1 grey levels at most.
+    assert np.abs(frame.image - truth).mean() < 1.1
+    camera.fault("zero")
+    with pytest.raises(BadFrameError, match="picture shows nothing"):
+        camera.capture(time.monotonic(), image=True)
+    camera.fault("none")
+    assert camera.capture(time.monotonic()).image is None
+
+
+def test_a_camera_that_is_connected_once_more_still_gives_the_picture(camera: LiveCamera) -> None:
+    camera.fault("lost")
+    assert camera.capture(time.monotonic(), image=True).image is not None

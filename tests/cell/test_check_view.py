@@ -8,6 +8,7 @@ import pytest
 from cell import check_view
 from cell.devices import ArmInfo, CameraInfo
 from cell.settings import (
+    CellSettings,
     HandEyeSettings,
     ScanSettings,
     WorkspaceSettings,
@@ -46,6 +47,19 @@ def test_a_calibration_that_is_missing_or_old_is_told(hand_eye_file: Path) -> No
     step = check_view.calibration(grounds_for(settings.model_copy(update={"hand_eye": young})))
     assert (step.outcome, "3.0 days old" in step.words) == ("failed", True)
     assert step.what_to_do == "calibrate anew"
+
+
+def test_where_none_was_made_yet_only_a_simulated_cell_has_one(tmp_path: Path, hand_eye_file: Path) -> None:
+    none_yet = HandEyeSettings(folder=tmp_path / "none")
+    real = real_cell("10.0.0.1", hand_eye_file).model_copy(update={"hand_eye": none_yet})
+    step = check_view.calibration(grounds_for(real))
+    assert (step.outcome, "there is no hand-eye calibration" in step.words) == ("failed", True)
+    assert "`pointchain calibrate run`" in (step.what_to_do or "")
+    step = check_view.calibration(grounds_for(CellSettings(hand_eye=none_yet)))
+    assert (step.outcome, step.words) == ("ok", "that of the simulated cell")
+    made = HandEyeSettings(folder=hand_eye_file.parent)
+    step = check_view.calibration(grounds_for(CellSettings(hand_eye=made)))
+    assert (step.outcome, str(hand_eye_file) in step.words) == ("ok", True)
 
 
 def test_a_plain_matrix_is_taken_with_a_warning(hand_eye_file: Path) -> None:

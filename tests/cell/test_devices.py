@@ -39,6 +39,9 @@ def test_camera_points_come_to_the_base_through_the_flange() -> None:
         ({"depth": np.ones((40, 64, 1), dtype=np.uint16)}, r"depth is uint16 \(40, 64, 1\)"),
         ({"depth": [[1, 2], [3, 4]]}, "depth is list"),
         ({"depth": np.ones((0, 64), dtype=np.uint16)}, "the depth image is empty"),
+        ({"image": np.ones((40, 60), dtype=np.uint8)}, r"picture is uint8 \(40, 60\); uint8 of 64x40"),
+        ({"image": np.ones((40, 64), dtype=np.float32)}, r"picture is float32 \(40, 64\)"),
+        ({"image": np.ones((40, 64, 4), dtype=np.uint8)}, r"picture is uint8 \(40, 64, 4\)"),
         ({"depth_unit_m": 0.0}, "depth unit 0.0 m"),
         ({"depth_unit_m": 0.1}, "depth unit 0.1 m"),
         ({"depth_unit_m": float("nan")}, "depth unit nan m"),
@@ -63,3 +66,10 @@ def test_parts_that_do_not_fit_are_refused(change: dict[str, Any], message: str)
 def test_poses_that_are_not_rigid_are_refused(name: str, matrix: np.ndarray) -> None:
     with pytest.raises(NotRigidError, match=f"view 3: {name}"):
         replace(VIEW, **{name: matrix})
+
+
+@pytest.mark.parametrize("shape", [(40, 64), (40, 64, 3)])
+def test_a_view_may_have_a_picture(shape: tuple[int, ...]) -> None:
+    picture = np.arange(np.prod(shape), dtype=np.uint8).reshape(shape)
+    assert replace(VIEW, image=picture).image is picture
+    assert VIEW.image is None

@@ -10,7 +10,7 @@ from hypothesis.extra.numpy import arrays
 from numpy.typing import NDArray
 
 from cell.errors import BadFrameError
-from cell.exposures import Exposure, NoFramesError, at_rest, combined, median
+from cell.exposures import Exposure, NoFramesError, Picture, at_rest, combined, median
 
 K = np.array([[400.0, 0, 31.5], [0, 400.0, 19.5], [0, 0, 1]])
 
@@ -122,3 +122,72 @@ def test_the_errors_cross_processes() -> None:
     error = pickle.loads(pickle.dumps(NoFramesError("silent")))
     assert isinstance(error, NoFramesError)
     assert str(error) == "silent"
+
+
+def scene() -> NDArray[np.uint8]:
+    return (np.indices((40, 64)).sum(axis=0) + 20).astype(np.uint8)
+
+
+def frame_with(*pictures: Picture) -> NDArray[np.uint8]:
+    image = combined([Exposure(plane(), K, 0.0)], 0.0001, pictures).image
+    assert image is not None
+    return image
+
+
+def test_a_frame_has_a_picture_only_if_there_are_some_and_it_is_their_mean() -> None:
+    assert combined([Exposure(plane(), K, 0.0)], 0.0001).image is None
+    # Means of 20, 21 and 25 above the first: 22.
+    image = frame_with(*(Picture(scene() + np.uint8(more), K, 0.0) for more in (20, 21, 25)))
+    assert image.dtype == np.uint8
+    assert np.array_equal(image, scene() + np.uint8(22))
+    colours = np.dstack([scene(), scene() + np.uint8(10), scene() + np.uint8(20)])
+    assert np.array_equal(frame_with(Picture(colours, K, 0.0)), colours)
+
+
+def test_the_mean_of_several_pictures_has_less_noise() -> None:
+    rng = np.random.default_rng(0)
+    noisy = [np.rint(scene() + rng.normal(0, 2.0, (40, 64))).astype(np.uint8) for _ in range(5)]
+    off = frame_with(*(Picture(pixels, K, 0.0) for pixels in noisy)).astype(float) - scene()
+    # 2 grey levels by the root of five, and its rounding; 2560 pixels: 1.4 % of spread, thrice that is allowed.
+    assert off.std() == pytest.approx(np.hypot(2.0 / np.sqrt(5), np.sqrt(1 / 12)), rel=0.05)
+
+
+@pytest.mark.parametrize(
+    ("pixels", "levels"),
+    [
+        (np.zeros((40, 64), np.uint8), "0 to 0"),
+        (np.full((40, 64), 99, np.uint8), "99 to 99"),
+        (np.full((40, 64), 255, np.uint8), "255 to 255"),
+        # A covered lens: nothing but noise.
+        (np.random.default_rng(0).normal(4, 1.5, (40, 64)).clip(0).astype(np.uint8), "0 to 7"),
+        # A few bad pixels are no picture either.
+        (np.pad(np.full((1, 20), 255, np.uint8), ((0, 39), (0, 44))), "0 to 0"),
+    ],
+)
+def test_pictures_that_show_nothing_are_refused(pixels: NDArray[np.uint8], levels: str) -> None:
+    for picture in (pixels, np.dstack([pixels] * 3)):
+        with pytest.raises(BadFrameError, match=rf"shows nothing .grey levels {levels} of 255.*a lens is covered"):
+            frame_with(Picture(picture, K, 0.0))
+
+
+def test_a_picture_that_is_not_the_depth_image_s_is_refused() -> None:
+    # As depthai tells it, in single precision.
+    assert np.array_equal(frame_with(Picture(scene(), K + 1e-5, 0.0)), scene())
+    for pixels, matrix, told in (
+        (scene()[:, :60], K, "60x40, focal lengths 400.00, 400.00, centre 31.50, 19.50"),
+        (scene(), K + np.diag([1.0, 0, 0]), "64x40, focal lengths 401.00, 400.00"),
+        (scene(), K + [[0, 0, 0], [0, 0, 0.5], [0, 0, 0]], "centre 31.50, 20.00"),
+    ):
+        with pytest.raises(BadFrameError, match=f"picture .*{told}.*does not fit its depth image .64x40, .*check its"):
+            frame_with(Picture(pixels, matrix, 0.0))
+    with pytest.raises(BadFrameError, match="picture's resolution or intrinsics changed"):
+        frame_with(Picture(scene(), K, 0.0), Picture(scene()[1:], K, 0.0))
+
+
+def test_a_camera_that_sends_no_pictures_is_told_so() -> None:
+    def receive(wait_s: float) -> Picture | None:
+        time.sleep(wait_s)
+        return None
+
+    with pytest.raises(NoFramesError, match=r"no picture for 0\.1 s"):
+        at_rest(receive, 0.0, 3, silence_s=0.1, patience_s=60.0, what="picture")

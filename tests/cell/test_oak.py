@@ -20,10 +20,11 @@ from calibration.transforms import inverse
 from cell.check_step import failed
 from cell.devices import CameraInfo
 from cell.errors import BadFrameError, CameraLostError, CameraUnreachableError, CellError
+from cell.exposures import NoFramesError
 from cell.look_at import look_at
 from cell.oak import OakDriver, settle_exposure
 from cell.oak_device import calibration_warnings, configure_depth, unreachable
-from cell.oak_stream import LONGEST_EXPOSURE_S, Stream, decode, load, next_message, send
+from cell.oak_stream import LONGEST_EXPOSURE_S, Stream, decode, decode_picture, load, next_message, send
 from cell.settings import CellSettings, OakCamera, SimulatedCamera
 from cell.simulation.camera import camera_model
 from cell.simulation.frames import FrameSource
@@ -55,6 +56,46 @@ def message(depth: NDArray[np.uint16], padding: int = 0, exposure_us: int = 4000
     image.cam.exposureTimeUs = exposure_us
     image.setTimestamp(timedelta(seconds=end_s))
     return image
+
+
+def picture_message(pixels: NDArray[np.uint8], kind: dai.ImgFrame.Type, padding: int = 0) -> dai.ImgFrame:
+    """A picture (H, W) or (H, W, 3) with padded rows, as `message` but for its kind; NV12's colours come after it."""
+    height, width = pixels.shape[:2]
+    row = pixels.size // height
+    rows = np.full((height * 3 // 2, row + padding), 0xAB, dtype=np.uint8)
+    rows[:height, :row] = pixels.reshape(height, row)
+    result = message(np.ones((height, width), np.uint16))
+    result.setType(kind)
+    result.setStride(row + padding)
+    result.setData(rows.tobytes())
+    return result
+
+
+@pytest.mark.parametrize("padding", [0, 64])
+@pytest.mark.parametrize("kind", ["GRAY8", "RAW8", "NV12", "BGR888i"])
+def test_a_picture_is_decoded_as_it_was_sent(kind: str, padding: int) -> None:
+    shape = (40, 64, 3) if kind == "BGR888i" else (40, 64)
+    pixels = np.random.default_rng(0).integers(0, 256, shape).astype(np.uint8)
+    picture = decode_picture(picture_message(pixels, getattr(dai.ImgFrame.Type, kind), padding))
+    assert picture.pixels.dtype == np.uint8
+    assert np.array_equal(picture.pixels, pixels)
+    assert np.abs(picture.K - K).max() < 1e-4
+    # 4 ms before the stamp of 100 s.
+    assert picture.began_s == pytest.approx(99.996, abs=1e-6)
+
+
+def test_what_is_no_picture_is_refused() -> None:
+    grey = np.ones((4, 4), np.uint8)
+    cut = picture_message(grey, dai.ImgFrame.Type.GRAY8)
+    cut.setHeight(7)
+    for wrong in (
+        picture_message(grey, dai.ImgFrame.Type.RAW16),
+        picture_message(grey, dai.ImgFrame.Type.BITSTREAM),
+        picture_message(grey, dai.ImgFrame.Type.BGR888i),  # rows too short for three colours
+        cut,
+    ):
+        with pytest.raises(BadFrameError, match=r"24 bytes of type .* no picture"):
+            decode_picture(wrong)
 
 
 @pytest.mark.parametrize("padding", [0, 64])
@@ -207,19 +248,34 @@ class Sensor(dai.node.ThreadedHostNode):
     def __init__(self, times_us: list[int]) -> None:
         super().__init__()
         self.images, self.control = self.createOutput(), self.createInput()
+        self.pictures, self.gate = self.createOutput(), self.createInput()
         self.times_us, self.locked_at_us = times_us, 0
+        self.lit: bool | None = None
+        """Whether its dots are on; None: it has none."""
+        self.pictureless = False
+
+    def switch_dots(self, on: bool) -> None:
+        self.lit = on
 
     def run(self) -> None:
-        number = 0
+        number, gate_open = 0, False
         while self.isRunning():
             exposure_us = self.times_us[min(number, len(self.times_us) - 1)]
             try:
                 control = next_message(self.control, 0.0)
+                change = next_message(self.gate, 0.0)
             except CameraLostError:
                 return
+            gate_open = gate_open if change is None else change.open
+            if gate_open and not self.pictureless:
+                pixels = np.where(np.indices((40, 64)).sum(axis=0) % 2, 200, 250 if self.lit else 50)
+                picture = picture_message(pixels.astype(np.uint8), dai.ImgFrame.Type.GRAY8)
+                picture.setTimestamp(timedelta(seconds=time.monotonic()))
+                self.pictures.send(picture)
             if control is not None and control.getCommand(dai.CameraControl.Command.AE_LOCK):
                 self.locked_at_us = exposure_us
-            self.images.send(message(np.ones((4, 4), np.uint16), exposure_us=exposure_us, end_s=time.monotonic()))
+            depth = (4000 + np.indices((40, 64)).sum(axis=0)).astype(np.uint16)
+            self.images.send(message(depth, exposure_us=exposure_us, end_s=time.monotonic()))
             number += 1
             time.sleep(0.01)
 
@@ -232,8 +288,9 @@ def sensor(times_us: list[int]) -> Iterator[tuple[Sensor, Stream]]:
         # None is dropped: what is seen does not depend on how busy the machine is.
         images = node.images.createOutputQueue(maxSize=1000, blocking=True)
         control = node.control.createInputQueue()
+        pictures, gate = node.pictures.createOutputQueue(maxSize=5, blocking=False), node.gate.createInputQueue()
         pipeline.start()
-        yield node, Stream(pipeline, images, images, [control], lambda: NOBODY, pipeline.stop)
+        yield node, Stream(pipeline, images, images, [control], lambda: NOBODY, pipeline.stop, pictures, gate)
 
 
 def test_the_exposure_is_locked_when_it_has_settled() -> None:
@@ -407,3 +464,97 @@ def test_only_a_simulated_camera_fails_on_request_and_only_an_open_one_works(wor
         oak._stream = stream
         with pytest.raises(CellError, match="only a simulated camera"):
             oak.fault("zero")
+
+
+def test_a_picture_comes_with_the_depth_only_when_it_is_asked_for(world: SimulatedWorld) -> None:
+    T_base_flange = looking_down(world)
+    with driver(world, lambda: T_base_flange) as oak:
+        oak.open()
+        plain = oak.capture(time.monotonic(), 5.0, 10.0)
+        assert plain.image is None
+        assert next_message(oak._running().pictures, 0.3) is None
+        pictured = oak.capture(time.monotonic(), 5.0, 10.0, image=True)
+        # The gate is shut again: after those that were under way no more come.
+        while next_message(oak._running().pictures, 0.3) is not None:
+            pass
+        assert oak.capture(time.monotonic(), 5.0, 10.0).image is None
+        assert next_message(oak._running().pictures, 0.3) is None
+    assert np.array_equal(pictured.depth, plain.depth)
+    assert pictured.image is not None
+    source = FrameSource(world)
+    truth = np.mean([source.picture(T_base_flange) for _ in range(100)], axis=0)
+    off = pictured.image - truth
+    # The noise of five of them, at most 2.5 grey levels each, and the mean's rounding. Nothing else, and no bias.
+    assert off.std() < np.hypot(2.5 / np.sqrt(5), np.sqrt(1 / 12))
+    # 16,000 pixels: 0.01 grey levels of spread.
+    assert abs(off.mean()) < 0.05
+
+
+def test_pictures_show_the_pose_at_the_moment_of_their_exposure(world: SimulatedWorld) -> None:
+    moving, rest = looking_down(world, 0.0), looking_down(world, 0.3)
+    after_s = time.monotonic() + 1e9
+
+    def pose() -> NDArray[np.float64]:
+        return rest if time.monotonic() > after_s else moving
+
+    with driver(world, pose) as oak:
+        oak.open()
+        after_s = time.monotonic() + 0.3
+        image = oak.capture(after_s, 5.0, 10.0, image=True).image
+    assert image is not None
+    there, elsewhere = (FrameSource(world).picture(T).astype(float) for T in (rest, moving))
+    assert np.abs(image - there).mean() < 3 < np.abs(image - elsewhere).mean()
+
+
+@pytest.mark.parametrize("fault", ["zero", "constant"])
+def test_a_picture_that_shows_nothing_is_refused_whatever_the_depth(world: SimulatedWorld, fault: Any) -> None:
+    with driver(world, lambda: looking_down(world)) as oak:
+        oak.open()
+        oak.fault(fault)
+        with pytest.raises(BadFrameError, match="picture shows nothing"):
+            oak.capture(time.monotonic(), 5.0, 10.0, image=True)
+
+
+def driving(stream: Stream) -> OakDriver:
+    result = OakDriver(OAK)
+    result._stream = stream
+    return result
+
+
+def test_a_camera_whose_pictures_stay_away_is_told_so() -> None:
+    with sensor([1000]) as (node, stream):
+        node.pictureless = True
+        with pytest.raises(NoFramesError, match=r"no picture for 1\.0 s"):
+            driving(stream).capture(time.monotonic(), 1.0, 20.0, image=True)
+
+
+def test_no_dots_are_in_a_picture_and_they_are_on_again_after_it() -> None:
+    switched: list[bool] = []
+    with sensor([1000]) as (node, stream):
+        node.lit = True
+
+        def dots(on: bool) -> None:
+            switched.append(on)
+            node.switch_dots(on)
+
+        with stream.sending_pictures():
+            assert decode_picture(next_message(stream.pictures, 5.0)).pixels.min() == 200
+        oak = driving(replace(stream, dots=dots))
+        image = oak.capture(time.monotonic(), 5.0, 10.0, image=True).image
+        assert image is not None
+        assert (image.min(), image.max()) == (50, 200)
+        assert switched == [False, True]
+        assert node.lit
+        # For depth alone they stay on.
+        oak.capture(time.monotonic(), 5.0, 10.0)
+        assert switched == [False, True]
+
+
+def test_dots_that_do_not_obey_are_a_lost_camera() -> None:
+    def dots(on: bool) -> None:
+        raise RuntimeError("the dot projector could not be switched")
+
+    with sensor([1000]) as (_, stream):
+        oak = driving(replace(stream, dots=dots))
+        with pytest.raises(CameraLostError, match="projector could not be switched"):
+            oak.capture(time.monotonic(), 5.0, 10.0, image=True)

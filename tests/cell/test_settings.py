@@ -1,11 +1,14 @@
 """What a cell's settings refuse as a whole: the sections' own tests are those of the configuration file."""
 
+from pathlib import Path
+
 import pytest
 from pydantic import ValidationError
 
 from cell.settings import (
     ArmModelName,
     CellSettings,
+    HandEyeSettings,
     MountingSettings,
     SimulatedArm,
     WorkspaceSettings,
@@ -29,6 +32,12 @@ def test_no_joint_speed_is_taken_that_the_robots_library_would_refuse() -> None:
     assert SimulatedArm(speed_rad_s=3.14).speed_rad_s == 3.14
     with pytest.raises(ValidationError, match=r"less than or equal to 3\.14"):
         SimulatedArm(speed_rad_s=3.15)
+
+
+def test_the_calibration_in_use_is_the_named_file_else_that_in_the_folder(tmp_path: Path) -> None:
+    assert HandEyeSettings().active_file is None
+    assert HandEyeSettings(folder=tmp_path).active_file == tmp_path / "hand_eye.json"
+    assert HandEyeSettings(folder=tmp_path, file=tmp_path / "x.json").active_file == tmp_path / "x.json"
 
 
 @pytest.mark.parametrize(

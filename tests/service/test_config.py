@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from cell.settings import CellSettings, OakCamera, SimulatedArm, URArm
+from cell.settings import CellSettings, HandEyeSettings, OakCamera, SimulatedArm, URArm
 from recognition.gripper import Gripper
 from service.config import ConfigError, load_config
 
@@ -127,8 +127,10 @@ def refusal(path: Path | None = None) -> str:
 
 
 def test_unless_told_otherwise_the_cell_is_simulated() -> None:
-    assert load_config().cell == CellSettings()
-    assert isinstance(load_config().cell.arm, SimulatedArm)
+    config = load_config()
+    folder = HandEyeSettings(folder=config.data_dir / "calibration")
+    assert config.cell == CellSettings(hand_eye=folder)
+    assert isinstance(config.cell.arm, SimulatedArm)
 
 
 def test_a_real_cell_is_described_in_sections(tmp_path: Path) -> None:
@@ -153,6 +155,16 @@ def test_a_relative_hand_eye_file_lies_beside_the_file_that_names_it(
     assert load_config(path).cell.hand_eye.file == Path.home() / "x.json"
     monkeypatch.setenv("POINTCHAIN_HAND_EYE__FILE", "here.json")
     assert load_config(path).cell.hand_eye.file == tmp_path / "here.json"
+
+
+def test_calibrations_are_kept_in_the_data_folder_unless_told_otherwise(tmp_path: Path) -> None:
+    kept = load_config(write(tmp_path, "[camera]\nkind = 'oak'"), data_dir=tmp_path / "data").cell.hand_eye
+    assert kept.folder == tmp_path / "data" / "calibration"
+    assert kept.active_file == tmp_path / "data" / "calibration" / "hand_eye.json"
+    elsewhere = load_config(write(tmp_path, "[hand_eye]\nfolder = 'kept'")).cell.hand_eye
+    assert elsewhere.active_file == tmp_path / "kept" / "hand_eye.json"
+    named = load_config(write(tmp_path, REAL), data_dir=tmp_path / "data").cell.hand_eye
+    assert named.active_file == tmp_path / "hand_eye.json"
 
 
 def test_variables_reach_every_section(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -217,7 +229,8 @@ def test_variables_alone_make_a_real_cell(monkeypatch: pytest.MonkeyPatch, tmp_p
         ("[camera]\nkind = 'oak'\nextended_disparity = 'maybe'", "is 'maybe'; true or false is taken"),
         ("[scan]\nviews = 3", "scan: min_views is 4, more than the 3 views"),
         ("[arm]\nkind = 'ur'\nhost = '10.0.0.1'", "a simulated camera needs the simulated arm"),
-        ("[camera]\nkind = 'oak'", "hand_eye.file is missing"),
+        ("[hand_eye]\nrough_xyz_m = [30, -60, 50]", "no camera is more than 1 m from the flange that carries it"),
+        ("[hand_eye]\nrough_rotation_rad = [0, 0, 90]", "an angle in radians, not degrees"),
     ],
     ids=lambda value: str(value)[:40].replace("\n", " "),
 )

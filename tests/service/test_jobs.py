@@ -22,8 +22,9 @@ from cell.recording_header import RecordingHeader
 from service.app import create_app
 from service.config import ServiceConfig
 from service.data_folder import DataFolder
+from service.database import new_id, now
 from service.schemas import ScanState
-from service.store import Store, new_id, now
+from service.store import Store
 from service.tables import ScanRow
 from tests.service.conftest import Serve, ServedClient, wait_until
 

@@ -9,9 +9,11 @@ from pathlib import Path
 
 import pytest
 
-from service.data_folder import DataFolder, DataFolderError, write_synced
+from calibration.disk import write_synced
+from service.data_folder import DataFolder, DataFolderError
+from service.database import StoreVersionError, new_id
 from service.schemas import ACTIVE_STATES, ScanState
-from service.store import Store, StoreVersionError, new_id
+from service.store import Store
 from service.tables import RecordingRow, ScanRow
 
 
@@ -155,7 +157,7 @@ def test_threads_write_side_by_side(store: Store) -> None:
 
 
 def test_commits_are_synced(store: Store) -> None:
-    with store._connection() as db:
+    with store.database.connection() as db:
         assert db.execute("PRAGMA journal_mode").fetchone()[0] == "wal"
         assert db.execute("PRAGMA synchronous").fetchone()[0] == 2  # FULL
 
@@ -187,7 +189,7 @@ def test_leftovers_of_incoming_files_go(tmp_path: Path) -> None:
 
 
 def test_tables_of_a_later_version_are_left_alone(store: Store) -> None:
-    with store._transaction() as db:
+    with store.database.transaction() as db:
         db.execute("PRAGMA user_version = 99")
     with pytest.raises(StoreVersionError, match="version 99"):
         Store(store.folder)

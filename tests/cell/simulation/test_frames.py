@@ -95,3 +95,47 @@ def test_the_told_pose_is_off_by_the_arm_s_error() -> None:
     shift_counts = np.median(np.abs(a - b)[(a > 0) & (b > 0)])
     # 10 mm and 2 degrees root mean square: some millimetres along the rays, of 0.1 mm each.
     assert 5 < shift_counts < 300
+
+
+def test_a_picture_shows_what_the_depth_image_does() -> None:
+    world = small_world(model="ideal", errors=0.0)
+    T_base_flange = flange_looking_at(world)
+    source = FrameSource(world)
+    picture = source.picture(T_base_flange).astype(float)
+    z = source.expose(T_base_flange) * world.camera.depth_unit_m
+    v, u = np.indices(z.shape)
+    rays = np.stack([u, v, np.ones_like(u)], axis=-1) @ np.linalg.inv(world.camera.K).T
+    points = transform_points(T_base_flange @ world.T_flange_camera, (rays * z[..., None]).reshape(-1, 3))
+    high = points[:, 2].reshape(z.shape) - world.T_base_scene[2, 3]
+    string, table = high > world.scene.radius_m, np.abs(high) < 1e-3
+    assert string.sum() > 500
+    # Strings throw back less than a third of the table's light; its spots vary by an eighth.
+    assert np.median(picture[string]) < 0.6 * np.median(picture[table])
+    assert np.quantile(picture[string], 0.9) < np.quantile(picture[table], 0.1)
+    # Neither too dark nor too bright anywhere.
+    assert (picture.min(), picture.max()) > (0, 60)
+    assert picture.max() < 255
+
+
+def test_pictures_from_one_pose_differ_by_the_sensor_s_noise_and_are_the_same_again() -> None:
+    world = small_world(model="oak-d-pro")
+    source = FrameSource(world)
+    here, there = flange_looking_at(world, 0.4), flange_looking_at(world, 2.0)
+    stack = np.stack([source.picture(here) for _ in range(40)])
+    noise = np.sqrt(stack.astype(float).var(axis=0, ddof=1).mean())
+    # Between no light and all the light that is counted; some 0.3 of it is the rounding.
+    assert 1.5 < noise < 2.5
+    assert not np.array_equal(source.picture(there), stack[0])
+    assert np.array_equal([source.picture(here) for _ in range(3)], stack[:3])
+    assert np.array_equal(FrameSource(world).picture(here), stack[0])
+    other = replace(world, seed=world.seed + 1)
+    assert not np.array_equal(FrameSource(other).picture(here), stack[0])
+
+
+def test_depth_images_are_the_same_with_pictures_between_them() -> None:
+    world = small_world(model="oak-d-pro")
+    T_base_flange = flange_looking_at(world)
+    alone, with_pictures = FrameSource(world), FrameSource(world)
+    for _ in range(2):
+        with_pictures.picture(T_base_flange)
+        assert np.array_equal(alone.expose(T_base_flange), with_pictures.expose(T_base_flange))

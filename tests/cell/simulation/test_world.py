@@ -4,7 +4,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from calibration.transforms import inverse, rotation_angle
+from calibration.board import Board
+from calibration.transforms import inverse, rigid, rotation_angle, transform_points
 from cell.errors import CellSettingsError
 from cell.look_at import look_at
 from cell.settings import (
@@ -140,3 +141,43 @@ def test_impossible_worlds_are_refused() -> None:
     )
     with pytest.raises(CellSettingsError, match=r"camera\.kind is oak"):
         simulated_world(real)
+
+
+def test_with_a_board_it_is_the_same_cell_without_strings() -> None:
+    world = simulated_world(settings(scene="overhand-knot", seed=1))
+    laid = world.with_board(Board())
+    assert (world.board, world.T_base_board) == (None, None)
+    assert laid.board == Board()
+    assert laid.scene.curves == ()
+    assert (laid.camera_id, laid.bias_px, laid.errors) == (world.camera_id, world.bias_px, world.errors)
+    assert laid.told_hand_eye.sha256 == world.told_hand_eye.sha256
+    T_base_flange = look_at(np.array([0.4, 0.0, 0.3]), 0.3, 1.0, 0.2, 0.4)
+    assert np.array_equal(laid.T_base_camera(T_base_flange), world.T_base_camera(T_base_flange))
+    assert np.array_equal(laid.T_flange_camera, world.T_flange_camera)
+    truth = world_truth(laid, [T_base_flange])
+    assert (truth["curves"], truth["crossings"]) == ([], [])
+
+
+@pytest.mark.parametrize("board", [Board(), Board("circles", 8, 6), Board("checkerboard", 6, 5, 0.02)])
+def test_the_board_lies_flat_near_the_middle_with_its_print_up(board: Board) -> None:
+    poses = []
+    for seed in range(20):
+        laid = simulated_world(settings(scene="straight", seed=seed)).with_board(board)
+        assert laid.T_base_board is not None
+        T = rigid(laid.T_base_board, "T_base_board")
+        # z goes into the paper, as the board's x and y are those of somebody who looks down at it.
+        assert T[:3, 2] == pytest.approx([0, 0, -1], abs=1e-15)
+        middle = transform_points(T, board.points).mean(axis=0)
+        assert middle[2] == pytest.approx(CENTRE[2] + 0.003)
+        assert np.abs(middle[:2] - CENTRE[:2]).max() <= 0.03
+        (plate,) = laid.scene.boxes
+        assert np.array(plate.centre_m) == pytest.approx(middle[:2] - CENTRE[:2])
+        assert plate.size_m == pytest.approx([*(np.array(board.size_m) + 2 * board.pitch_m), 0.003])
+        again = simulated_world(settings(scene="straight", seed=seed)).with_board(board).T_base_board
+        assert again is not None
+        assert np.array_equal(again, T)
+        poses.append(T)
+    yaws = np.arctan2(*np.array(poses)[:, [1, 0], 0].T)
+    # Drawn evenly from -40 to 40 degrees, and anew for each seed.
+    assert np.abs(yaws).max() <= np.deg2rad(40)
+    assert np.ptp(yaws) > np.deg2rad(40)

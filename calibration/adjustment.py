@@ -1,0 +1,81 @@
+"""The adjustment: X, the board's pose, the robot's error in every pose, the lens and the board's size, all at once.
+
+What is made smallest is the sum of the squared reprojection errors, of the robot's errors and of what the lens and the
+board differ from what was told, each in its own standard deviation; those of the noise are estimated along with it.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.assumed import NoiseLevel
+from calibration.noise_level import estimated_noise
+from calibration.normal_equations import Linearised, Problem, Unknowns, measure, weigh
+from calibration.pose_stack import inverted, solved
+
+STEPS = 40
+SETTLED = 1e-3
+"""No unknown moves any more by this share of its standard deviation, and no noise level by ten times as much."""
+
+
+@dataclass(frozen=True, eq=False)
+class Adjusted:
+    """The solution, with the views and corners it was made of."""
+
+    unknowns: Unknowns
+    noise: NoiseLevel
+    used: NDArray[np.bool_]
+    """(N,)."""
+    good: NDArray[np.bool_]
+    """(N, M) corners that fit."""
+    linearised: Linearised
+    """Around it."""
+
+    @property
+    def shared_covariance(self) -> NDArray[np.float64]:
+        """(SHARED, SHARED) of the errors of X, Y and the lens, in that order."""
+        return inverted(self.linearised.shared_information(self.used))
+
+    @property
+    def board_scale(self) -> float:
+        """The board's size as a share of the told one."""
+        return float(np.exp(self.unknowns.lens[4]))
+
+    @property
+    def board_scale_sigma(self) -> float:
+        """Its standard deviation."""
+        return float(np.sqrt(self.shared_covariance[-1, -1]))
+
+
+def adjust(
+    problem: Problem, start: Unknowns, used: NDArray[np.bool_], good: NDArray[np.bool_], noise: NoiseLevel
+) -> Adjusted:
+    """The best fit to the views `used` (N,) and, of them, the corners `good` (N, M), from `start` and `noise` on."""
+    unknowns = start
+    system = weigh(problem, measure(problem, unknowns, good), used, noise)
+    damping = 1e-6
+    for _ in range(STEPS):
+        information = system.shared_information(used)
+        scale = np.sqrt(np.diag(information))
+        damped = information + damping * np.diag(scale**2)
+        pull = system.reduced_pull[used].sum(axis=0) + system.prior_pull
+        shared = solved(damped, pull)
+        tried = unknowns.moved(shared, np.where(used[:, None], system.errors_step(shared), 0.0))
+        measured = measure(problem, tried, good)
+        then = weigh(problem, measured, used, noise)
+        if then.cost > system.cost * (1 + 1e-9) + 1e-9:
+            damping *= 30
+            if damping > 1e6:
+                break
+            continue
+        damping = max(damping / 10, 1e-9)
+        still = float(np.sqrt(shared @ information @ shared)) < SETTLED
+        unknowns, system = tried, then
+        if problem.assumed.estimate_noise:
+            former, noise = noise, estimated_noise(problem.assumed, noise, unknowns, system, used, good)
+            still &= noise.is_near(former, 10 * SETTLED)
+            system = weigh(problem, measured, used, noise)
+        if still:
+            break
+    return Adjusted(unknowns, noise, used, good, system)

@@ -1,0 +1,19 @@
+"""What speaks against a calibration that was just solved, by the views that were held out."""
+
+from calibration.hand_eye_result import Finding
+from calibration.verification import Verification
+
+
+def verification_findings(verification: Verification) -> tuple[Finding, ...]:
+    """None where it holds. Nobody has moved the board since, so that one that seems moved speaks against it too."""
+    if not verification.views:
+        words = f"{verification.words}, so that it is not verified: take a verification, or calibrate anew"
+        return (Finding("not-verified", words, refuses=False),)
+    if verification.passed and verification.board_moved_m is None:
+        return ()
+    words = (
+        f"on poses that were held out the board appears {1000 * verification.worst_m:.1f} mm off, where about "
+        f"{1000 * verification.expected_m:.1f} mm is expected: see that board, camera and bracket are firm, and "
+        "calibrate anew"
+    )
+    return (Finding("verification-failed", words, refuses=True),)

@@ -1,0 +1,212 @@
+"""Calibrating and verifying in the cell: the arm goes from look to look while the board is found in the pictures.
+
+Every picture and its pose are on the disk before the arm leaves, in the folder form of `calibration.folder`: what was
+taken until something went wrong can still be solved with `pointchain calibrate solve`. The solution is worked out when
+the arm is home: it keeps this process busy, and a moving arm is stopped by its watchdog when it is not heard in time.
+"""
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field, replace
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+
+from calibration.board import Board
+from calibration.calibration_setup import Setup
+from calibration.errors import BoardDetectionError, CalibrationFolderError, HandEyeError
+from calibration.folder import HAND_EYE, SETUP, write_setup, write_view
+from calibration.hand_eye_result import HandEyeResult
+from calibration.observations import BoardView
+from calibration.storage import write_result
+from calibration.verification import Verification, verify
+from calibration.verified import verification_findings
+from cell.cell import Cell
+from cell.cell_calibration import verifiable_hand_eye
+from cell.devices import View
+from cell.errors import CalibrationError, MissingViewsError
+from cell.scan import ScanListener
+from cell.viewpoints import ViewpointPlan
+
+LEAST_VIEWS = 8
+"""No calibration is solved from fewer views of the board."""
+CELLS = (8, 5)
+"""Of the picture, across and down, for the coverage."""
+NOT_SEEN = (
+    "lay it flat in the middle of the workspace, print up, evenly lit and without reflections; if the camera was "
+    "mounted otherwise since the last calibration, take that one away and tell hand_eye.rough_xyz_m"
+)
+
+
+class CalibrationListener(ScanListener, Protocol):
+    """Who is told how it goes. `seen` and `unseen` come from the thread that calibrates, the others from the arm's."""
+
+    def seen(self, index: int, corners: int, possible: int, coverage: float) -> None:
+        """The board is in the picture from pose `index`, with so many of its `possible` corners.
+
+        `coverage`: the share of the picture's parts (8 x 5) in which corners were seen so far.
+        """
+        ...
+
+    def unseen(self, index: int, reason: str) -> None:
+        """It is not, or cannot be made out."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class CalibrationRun:
+    """What came of it."""
+
+    result: HandEyeResult
+    verification: Verification
+    """On the poses that were held out; without views where the board was seen from none of them."""
+    unseen: tuple[tuple[str, str], ...]
+    """Poses that gave nothing, name and reason: not reached, failed by the camera, or without the board."""
+
+
+def run_calibration(
+    cell: Cell, plan: ViewpointPlan, folder: Path, board: Board, listener: CalibrationListener
+) -> CalibrationRun:
+    """Takes the views of a plan of `Cell.prepare_calibration`, solves, verifies, and writes it all to the new `folder`.
+
+    The arm is home on return. The result may be a refused one.
+
+    Raises:
+        CellError: as a scan does; MissingViewsError too when too few views show the board.
+        HandEyeInputError: no calibration can be solved from such views.
+        CalibrationFolderError: there is a calibration in the folder already.
+        OSError: a file cannot be written.
+    """
+    from calibration.hand_eye import solve_hand_eye
+
+    looks = _look(cell, plan, folder, board, listener, LEAST_VIEWS)
+    observations = looks.setup.observations(looks.of(set(range(len(plan.viewpoints))) - set(plan.held_out)))
+    held_out = looks.setup.observations(looks.of(plan.held_out))
+    if len(observations.views) < LEAST_VIEWS:
+        raise _too_few(len(observations.views), LEAST_VIEWS, looks)
+    result = solve_hand_eye(observations)
+    verification = verify(result, held_out)
+    result = replace(result, findings=(*result.findings, *verification_findings(verification)))
+    now = datetime.now(UTC)
+    write_result(folder / HAND_EYE, result, observations, now, held_out, verification.to_json())
+    return CalibrationRun(result, verification, tuple(looks.unseen))
+
+
+def run_verification(cell: Cell, plan: ViewpointPlan, folder: Path, listener: CalibrationListener) -> Verification:
+    """Takes the views of a plan of `Cell.prepare_verification`, and judges the calibration in use by them.
+
+    The arm is home on return. Raises as `run_calibration`, and CalibrationError when the calibration cannot be read or
+    is of images of another size.
+    """
+    hand_eye = verifiable_hand_eye(cell.settings.hand_eye)
+    assert hand_eye.board is not None
+    looks = _look(cell, plan, folder, hand_eye.board, listener, len(plan.viewpoints))
+    views = looks.of(range(len(plan.viewpoints)))
+    if len(views) < len(plan.viewpoints):
+        raise _too_few(len(views), len(plan.viewpoints), looks)
+    try:
+        return verify(hand_eye, looks.setup.observations(views))
+    except HandEyeError as error:
+        raise CalibrationError(str(error)) from error
+
+
+@dataclass(eq=False)
+class _Looks:
+    """What was seen, and what keeps it: a `ViewWriter`, and a listener that passes on what it is told."""
+
+    folder: Path
+    board: Board
+    held_out: tuple[int, ...]
+    camera_id: str | None
+    robot_serial: str | None
+    listener: CalibrationListener
+    views: dict[int, BoardView] = field(default_factory=dict)
+    """Those that show the board, by the pose's index, in the order in which they were taken."""
+    unseen: list[tuple[str, str]] = field(default_factory=list)
+    _setup: Setup | None = None
+    _names: dict[int, str] = field(default_factory=dict)
+    _covered: set[tuple[int, int]] = field(default_factory=set)
+
+    @property
+    def setup(self) -> Setup:
+        """Of a calibration with at least one view."""
+        assert self._setup is not None
+        return self._setup
+
+    def of(self, poses: Iterable[int]) -> tuple[BoardView, ...]:
+        """The views from these poses that show the board."""
+        wanted = set(poses)
+        return tuple(view for index, view in self.views.items() if index in wanted)
+
+    def moving(self, index: int) -> None:
+        self.listener.moving(index)
+
+    def recorded(self, index: int) -> None:
+        self.listener.recorded(index)
+
+    def missing(self, index: int, reason: str) -> None:
+        self.unseen.append((f"pose{index:02d}", reason))
+        self.listener.missing(index, reason)
+
+    def write_view(self, view: View) -> View:
+        assert view.image is not None
+        if self._setup is None:
+            height, width = view.image.shape[:2]
+            self._setup = Setup(
+                self.board, view.K, (width, height), camera_id=self.camera_id, robot_serial=self.robot_serial
+            )
+            write_setup(self.folder, self._setup)
+        # By name the views lie in the order in which they were taken: a board that was moved midway shows by it.
+        name = self._names[view.index] = f"{len(self._names):02d}_pose{view.index:02d}"
+        write_view(self.folder, name, view.image, view.T_base_flange, view.index in self.held_out)
+        return view
+
+    def detect(self, view: View) -> None:
+        """Looks for the board in a view that is on the disk."""
+        from calibration.detection import detect_board
+
+        assert view.image is not None
+        name = self._names[view.index]
+        try:
+            sighting = detect_board(view.image, self.board)
+        except BoardDetectionError as error:
+            self.unseen.append((name, str(error)))
+            self.listener.unseen(view.index, str(error))
+            return
+        self.views[view.index] = BoardView(
+            name, view.T_base_flange, sighting.ids, sighting.pixels, sighting.corner_sigma_px
+        )
+        height, width = view.image.shape[:2]
+        cells = (sighting.pixels / (width, height) * CELLS).astype(np.int64).clip(0, np.array(CELLS) - 1)
+        self._covered.update(map(tuple, cells.tolist()))
+        coverage = len(self._covered) / (CELLS[0] * CELLS[1])
+        self.listener.seen(view.index, len(sighting.ids), len(self.board.points), coverage)
+
+
+def _look(
+    cell: Cell, plan: ViewpointPlan, folder: Path, board: Board, listener: CalibrationListener, least: int
+) -> _Looks:
+    """Takes all views of the plan; the arm is home on return."""
+    if (folder / SETUP).exists():
+        raise CalibrationFolderError(f"{folder} holds a calibration already, which is never overwritten: name another")
+    status = cell.status
+    looks = _Looks(
+        folder,
+        board,
+        plan.held_out,
+        None if status.camera is None else status.camera.device_id,
+        None if status.arm is None else status.arm.serial,
+        listener,
+    )
+    with cell.calibrating(plan, looks, looks, least) as views:
+        for view in views:
+            looks.detect(view)
+    return looks
+
+
+def _too_few(seen: int, least: int, looks: _Looks) -> MissingViewsError:
+    reasons = "; ".join(f"{name}: {reason}" for name, reason in looks.unseen[:3])
+    return MissingViewsError(
+        f"the board was seen in {seen} views, {least} are needed: {NOT_SEEN}. Among the others, {reasons}"
+    )

@@ -1,0 +1,54 @@
+"""`pointchain calibrate verify`: two looks at the board, and whether the calibration in use still holds."""
+
+import json
+import sys
+import threading
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from calibration.verification import Verification
+from cell.calibrating import run_verification
+from cell.cell import Cell
+from service.calibrate_told import ToldCalibration
+from service.calibrate_words import verification_words
+from service.config import ConfigError, load_config
+from service.moving_cell import EndedEarlyError, with_moving_cell
+from service.problems import problem_document
+
+
+def calibrate_verify(config_file: Path | None, folder: Path | None, as_json: bool) -> int:
+    """Verifies the calibration in use; 0 when it holds, 1 when not or nobody knows, 130 after a signal.
+
+    The pictures are kept in `folder`, a new or empty one, if one is named.
+    """
+    try:
+        settings = load_config(config_file).cell
+        if folder is not None and folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+            raise ConfigError(f"{folder} is not an empty folder: name a new one by --folder")
+        with TemporaryDirectory(prefix="pointchain-") as passing:
+            pictures = folder or Path(passing) / "verification"
+            found = with_moving_cell(settings, lambda cell, stop: _verified(cell, stop, pictures))
+    except ConfigError as error:
+        return _failed(problem_document(422, error.slug, str(error)), 1, as_json)
+    except EndedEarlyError as error:
+        return _failed(error.problem, error.code, as_json)
+    print(json.dumps(found.to_json(), allow_nan=False) if as_json else verification_words(found), flush=True)
+    return 0 if found.passed else 1
+
+
+def _verified(cell: Cell, stop_asked: threading.Event, folder: Path) -> Verification:
+    _say("the arm will move to two poses; the board must lie on the table; Ctrl-C stops the arm")
+    _say("connecting, planning")
+    plan = cell.prepare_verification()
+    return run_verification(cell, plan, folder, ToldCalibration(plan, stop_asked, "verify"))
+
+
+def _failed(problem: dict[str, object], code: int, as_json: bool) -> int:
+    if as_json:
+        print(json.dumps({"error": problem}), flush=True)
+    _say(str(problem["detail"]))
+    return code
+
+
+def _say(words: str) -> None:
+    print(f"pointchain calibrate verify: {words}", file=sys.stderr)

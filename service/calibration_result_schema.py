@@ -1,0 +1,110 @@
+"""A solved calibration as it goes over HTTP: what `calibration.result_document` writes. Metres, radians, pixels."""
+
+from typing import Any
+
+from pydantic import BaseModel
+
+from calibration.hand_eye_result import Verdict
+
+
+class TransformResource(BaseModel):
+    """A rigid transform."""
+
+    xyz_m: list[float]
+    quat_xyzw: list[float]
+
+
+class CovarianceResource(BaseModel):
+    """Of the error of the camera's pose."""
+
+    matrix: list[list[float | None]]
+    """Of nulls where there is no solution."""
+    order: list[str]
+    side: str
+    """To which side of the transform the error is multiplied, and how it is made up."""
+    units: list[str]
+
+
+class FindingResource(BaseModel):
+    """Something that speaks against a calibration."""
+
+    code: str
+    words: str
+    refuses: bool
+    """Whether the calibration must not be used for it; else it is a warning."""
+
+
+class SolvedView(BaseModel):
+    """What became of one view in solving; null: it could not be worked out."""
+
+    name: str
+    used: bool
+    reason: str | None
+    """Why it was left out."""
+    corners: int
+    rms_px: float | None
+    robot_error_m: float | None
+    robot_error_rad: float | None
+    left_out_m: float | None
+    """How far off the board appears by the calibration solved without this view."""
+    distance_m: float | None
+
+
+class CalibrationMetrics(BaseModel):
+    """How sure a calibration is; null: it has no solution."""
+
+    sigma_m: float | None
+    sigma_rad: float | None
+    eight_views_m: float | None
+    """Predicted: 95 % of the time, no two of eight views of a scan disagree by more."""
+    left_out_m: float | None
+    pixel_sigma_px: float | None
+    robot_sigma_m: float | None
+    robot_sigma_rad: float | None
+    views_given: int
+    views_used: int
+
+
+class CalibrationResult(BaseModel):
+    """A solved calibration."""
+
+    verdict: Verdict
+    findings: list[FindingResource]
+    T_flange_camera: TransformResource | None
+    """Null: there is no solution."""
+    T_base_board: TransformResource | None
+    covariance: CovarianceResource
+    intrinsics: dict[str, Any]
+    """The camera's matrix as fitted and as told."""
+    board: dict[str, Any]
+    """As told, with its scale by the views."""
+    metrics: CalibrationMetrics
+    views: list[SolvedView]
+
+
+class VerifiedView(BaseModel):
+    """Where one view puts the board."""
+
+    name: str
+    off_m: float
+    """How far its middle appears from where it lay."""
+    off_rad: float
+    """By how much it appears turned."""
+    expected_m: float
+    """Root mean square of `off_m` by the calibration's covariance and the noise."""
+
+
+class VerificationResource(BaseModel):
+    """A calibration on views that it was not solved from."""
+
+    passed: bool
+    """Nothing contradicts where the camera is said to be. A board that was moved does not."""
+    words: str
+    """For a person at the cell."""
+    worst_m: float | None
+    """Largest `off_m` of the views; null without any."""
+    expected_m: float | None
+    """Largest `expected_m`."""
+    board_moved_m: float | None
+    """The views agree that the board was moved so far; null where it was not, or they do not agree."""
+    views: list[VerifiedView]

@@ -1,0 +1,90 @@
+"""The one place for what is under way: a scan or a calibration."""
+
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any
+
+from service.problems import ProblemError
+from service.running import Running
+
+
+class Place:
+    """Taken for the time from the wish to do something to its final state. Safe to use from any thread."""
+
+    def __init__(self) -> None:
+        self._turn = threading.Lock()
+        """Of taking and leaving the place, each together with its row: whoever reads that a scan has ended finds the
+        place free."""
+        self._running: Running[Any] | None = None
+        self._preparing = False
+        """Taken for what is not accepted yet."""
+        self._closed = False
+
+    @property
+    def running(self) -> Running[Any] | None:
+        """What is accepted and has not ended."""
+        return self._running
+
+    @property
+    def closed(self) -> bool:
+        """Nothing more begins."""
+        return self._closed
+
+    def close(self) -> Running[Any] | None:
+        """For good; gives what is under way."""
+        with self._turn:
+            self._closed = True
+            return self._running
+
+    @contextmanager
+    def taken(self) -> Iterator[None]:
+        """The place for as long as it takes to accept something; free again afterwards unless it was.
+
+        Raises:
+            ProblemError: `cell-busy`, with the Location of what is under way; `not-ready` once it is closed.
+        """
+        with self._turn:
+            self._refuse_if_closed()
+            if self._running is not None:
+                raise ProblemError(
+                    409,
+                    "cell-busy",
+                    f"{self._running.words} is under way; wait for its end or cancel it",
+                    {"Location": self._running.location},
+                )
+            if self._preparing:
+                raise ProblemError(409, "cell-busy", "something else is being prepared; try again in some seconds")
+            self._preparing = True
+        try:
+            yield
+        finally:
+            self._preparing = False
+
+    def accept(self, running: Running[Any], write: Callable[[], None], begin: Callable[[], None]) -> None:
+        """Within `taken`: the place is `running`'s once `write` has written its row, and then it is begun.
+
+        All that before the place can be closed: what has it when it is closed has begun.
+
+        Raises:
+            ProblemError: `not-ready`, it was closed meanwhile.
+        """
+        with self._turn:
+            self._refuse_if_closed()
+            write()
+            self._running = running
+            begin()
+
+    @contextmanager
+    def leaving(self, running: Running[Any]) -> Iterator[None]:
+        """The context in which the final row is written: at its end the place is free."""
+        with self._turn:
+            try:
+                yield
+            finally:
+                if self._running is running:
+                    self._running = None
+
+    def _refuse_if_closed(self) -> None:
+        if self._closed:
+            raise ProblemError(503, "not-ready", "the service is stopping")

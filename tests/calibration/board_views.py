@@ -1,0 +1,216 @@
+"""Views of a board with a known answer: corners as a camera on a robot would see them, with the errors of both."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from calibration.board import Board
+from calibration.hand_eye_result import HandEyeResult
+from calibration.observations import BoardView, Mounting, Observations
+from calibration.transforms import from_rotation_vector, inverse, rotation_angle
+
+Plan = Callable[[np.random.Generator, int], NDArray[np.float64]]
+"""(generator, count) -> (count, 4, 4) `T_middle_camera`: where the cameras are from the board's middle, in its axes."""
+
+BOARD = Board(columns=8, rows=11, pitch_m=0.02, marker_m=0.015)
+"""70 corners, about as large as a sheet of paper."""
+IMAGE = (1280, 800)
+K = np.array([[800.0, 0, 639.5], [0, 800.0, 399.5], [0, 0, 1]])
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Standard deviations of what is drawn anew in every view, and errors of what is told."""
+
+    pixel_px: float = 0.2
+    robot_m: float = 1e-4
+    robot_rad: float = float(np.radians(0.02))
+    focal: float = 0.0
+    """The told focal lengths are too long by this share."""
+    centre_px: tuple[float, float] = (0.0, 0.0)
+    """The told centre is too far right and too far down by this."""
+    scale: float = 0.0
+    """The board is larger than told, by this share."""
+
+
+NOISE_FREE = Noise(pixel_px=0.0, robot_m=0.0, robot_rad=0.0)
+
+
+@dataclass(frozen=True, eq=False)
+class Recorded:
+    """What a calibration is solved from, and what it ought to find."""
+
+    observations: Observations
+    X: NDArray[np.float64]
+    Y: NDArray[np.float64]
+    K: NDArray[np.float64]
+    board_scale: float
+    T_camera_board: NDArray[np.float64]
+    """(N, 4, 4) true."""
+
+    @property
+    def T_base_flange(self) -> NDArray[np.float64]:
+        """(N, 4, 4) as told."""
+        return np.array([view.T_base_flange for view in self.observations.views])
+
+
+def look_at(tilt: float, azimuth: float, roll: float, distance_m: float, aim_m: tuple[float, float] = (0.0, 0.0)):
+    """(4, 4) `T_middle_camera`: a camera `distance_m` from the point aimed at, `tilt` away from upright above it
+    towards `azimuth`, turned by `roll` about its view."""
+    # The board's z points away from the viewer, so that the camera is at negative z.
+    away = np.array([np.sin(tilt) * np.cos(azimuth), np.sin(tilt) * np.sin(azimuth), -np.cos(tilt)])
+    T = np.eye(4)
+    turn = Rotation.align_vectors([-away], [[0.0, 0.0, 1.0]])[0]
+    T[:3, :3] = (turn * Rotation.from_euler("z", roll)).as_matrix()
+    T[:3, 3] = np.array([*aim_m, 0.0]) + distance_m * away
+    return T
+
+
+def random_plan(rng: np.random.Generator, count: int) -> NDArray[np.float64]:
+    """From 0.3 to 0.5 m, tilted by up to 40 degrees any way, rolled at will."""
+    return np.array(
+        [
+            look_at(
+                tilt=np.radians(rng.uniform(10, 40)),
+                azimuth=rng.uniform(-np.pi, np.pi),
+                roll=np.radians(rng.uniform(-90, 90)),
+                distance_m=rng.uniform(0.3, 0.5),
+                aim_m=(rng.uniform(-0.02, 0.02), rng.uniform(-0.02, 0.02)),
+            )
+            for _ in range(count)
+        ]
+    )
+
+
+def realistic_plan(rng: np.random.Generator, count: int) -> NDArray[np.float64]:
+    """As a cell does it: all round, tilts of 20 to 30 degrees, rolls of 25 and 75 either way, two distances."""
+    rolls = np.radians([25.0, -75.0, -25.0, 75.0])
+    return np.array(
+        [
+            look_at(
+                tilt=np.radians(rng.uniform(20, 30)),
+                azimuth=2 * np.pi * (k + rng.uniform(-0.2, 0.2)) / count,
+                roll=rolls[k % 4] + np.radians(rng.uniform(-3, 3)),
+                distance_m=(0.34, 0.46)[(k // 2) % 2] + rng.uniform(-0.01, 0.01),
+                aim_m=(rng.uniform(-0.01, 0.01), rng.uniform(-0.01, 0.01)),
+            )
+            for k in range(count)
+        ]
+    )
+
+
+def orbit_plan(rng: np.random.Generator, count: int) -> NDArray[np.float64]:
+    """What cannot tell the board's size: all from one distance, aimed at the middle."""
+    return np.array(
+        [
+            look_at(
+                tilt=np.radians(rng.uniform(20, 30)),
+                azimuth=2 * np.pi * k / count,
+                roll=np.radians(rng.uniform(-75, 75)),
+                distance_m=0.4,
+            )
+            for k in range(count)
+        ]
+    )
+
+
+def record(
+    seed: int,
+    count: int = 20,
+    noise: Noise | None = None,
+    plan: Plan = random_plan,
+    mounting: Mounting = "eye-in-hand",
+    board: Board = BOARD,
+) -> Recorded:
+    """`count` views of a random cell, the same for the same seed."""
+    rng = np.random.default_rng(seed)
+    noise = noise or Noise()
+    T_board_middle = np.eye(4)
+    T_board_middle[:3, 3] = (1 + noise.scale) * board.points.mean(axis=0)
+    T_camera_board = np.array([inverse(T_board_middle @ T_middle_camera) for T_middle_camera in plan(rng, count)])
+    X, Y = _in_hand(rng) if mounting == "eye-in-hand" else _to_hand(rng)
+    views = []
+    for k, T in enumerate(T_camera_board):
+        error = from_rotation_vector(rng.normal(0, noise.robot_m, 3), rng.normal(0, noise.robot_rad, 3))
+        T_base_flange = Y @ inverse(T) @ inverse(X) if mounting == "eye-in-hand" else X @ T @ inverse(Y)
+        ids, pixels = _seen(T, board, 1 + noise.scale)
+        views.append(
+            BoardView(
+                name=f"{k + 1:02d}",
+                T_base_flange=T_base_flange @ inverse(error),
+                ids=ids,
+                pixels=pixels + rng.normal(0, noise.pixel_px, pixels.shape),
+            )
+        )
+    told = K.copy()
+    told[:2, :2] *= 1 + noise.focal
+    told[:2, 2] += noise.centre_px
+    observations = Observations(board=board, K=told, image_size=IMAGE, views=tuple(views), mounting=mounting)
+    return Recorded(observations, X, Y, K.copy(), 1 + noise.scale, T_camera_board)
+
+
+def with_poses(observations: Observations, T_base_flange: NDArray[np.float64]) -> Observations:
+    """The same pictures with other poses (N, 4, 4)."""
+    views = (replace(view, T_base_flange=T) for view, T in zip(observations.views, T_base_flange, strict=True))
+    return replace(observations, views=tuple(views))
+
+
+def with_swapped_pictures(observations: Observations, first: int, second: int) -> Observations:
+    """Two pictures went to one another's pose."""
+    order = list(range(len(observations.views)))
+    order[first], order[second] = second, first
+    views = (
+        replace(view, ids=observations.views[other].ids, pixels=observations.views[other].pixels)
+        for view, other in zip(observations.views, order, strict=True)
+    )
+    return replace(observations, views=tuple(views))
+
+
+def with_turned_board(observations: Observations, index: int) -> Observations:
+    """One picture in which the board is numbered from the opposite corner."""
+    views = list(observations.views)
+    view = views[index]
+    views[index] = replace(view, ids=len(observations.board.points) - 1 - view.ids)
+    return replace(observations, views=tuple(views))
+
+
+def error_of(X: NDArray[np.float64], truth: NDArray[np.float64]) -> tuple[float, float]:
+    """How far `X` is off: degrees and millimetres."""
+    return float(np.degrees(rotation_angle(inverse(truth) @ X))), float(1e3 * np.linalg.norm(X[:3, 3] - truth[:3, 3]))
+
+
+def squared_error_in_sigmas(result: HandEyeResult, truth: NDArray[np.float64]) -> float:
+    """The error of X against its own covariance: 6 on average where that is honest (NEES)."""
+    difference = inverse(result.X) @ truth
+    error = np.concatenate([Rotation.from_matrix(difference[:3, :3]).as_rotvec(), difference[:3, 3]])
+    return float(error @ np.linalg.solve(result.covariance, error))
+
+
+def _in_hand(rng: np.random.Generator) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """A camera beside the flange, turned at will about its view and a little askew; a board on the table."""
+    turn = Rotation.from_euler("z", rng.uniform(-np.pi, np.pi)) * Rotation.from_rotvec(rng.normal(0, 0.1, 3))
+    X = from_rotation_vector(rng.uniform(-0.08, 0.08, 3) + [0, 0, 0.05], turn.as_rotvec())
+    # The board's z points into the table.
+    face_up = Rotation.from_euler("xz", [np.pi, rng.uniform(-np.pi, np.pi)])
+    Y = from_rotation_vector([rng.uniform(0.35, 0.6), rng.uniform(-0.3, 0.3), 0.01], face_up.as_rotvec())
+    return X, Y
+
+
+def _to_hand(rng: np.random.Generator) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """A camera above the cell that looks down; a board on the flange."""
+    down = Rotation.from_euler("xz", [np.pi, rng.uniform(-np.pi, np.pi)]) * Rotation.from_rotvec(rng.normal(0, 0.1, 3))
+    X = from_rotation_vector([rng.uniform(0.35, 0.6), rng.uniform(-0.3, 0.3), 1.0], down.as_rotvec())
+    turn = Rotation.from_rotvec(rng.normal(0, 0.1, 3)) * Rotation.from_euler("xz", [np.pi, rng.uniform(-np.pi, np.pi)])
+    Y = from_rotation_vector(rng.uniform(-0.08, 0.08, 3) + [0, 0, 0.05], turn.as_rotvec())
+    return X, Y
+
+
+def _seen(T_camera_board: NDArray[np.float64], board: Board, scale: float):
+    """Numbers (N,) and exact pixels (N, 2) of the corners within the picture."""
+    points = scale * board.points @ T_camera_board[:3, :3].T + T_camera_board[:3, 3]
+    pixels = points[:, :2] / points[:, 2:] * [K[0, 0], K[1, 1]] + K[:2, 2]
+    inside = (points[:, 2] > 0) & (pixels > 8).all(axis=1) & (pixels < np.array(IMAGE) - 9).all(axis=1)
+    return np.flatnonzero(inside), pixels[inside]

@@ -1,0 +1,175 @@
+"""Verification on views of a cell with a known answer; the noise is that of a good arm, 0.1 mm and 0.02 degrees."""
+
+from dataclasses import dataclass, replace
+from datetime import UTC, datetime
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from calibration.errors import HandEyeInvalidError, HandEyeMismatchError
+from calibration.hand_eye import solve_hand_eye
+from calibration.hand_eye_result import HandEyeResult
+from calibration.observations import Observations
+from calibration.storage import load_hand_eye, write_hand_eye, write_result
+from calibration.transforms import from_rotation_vector, inverse
+from calibration.verification import Verification, verify
+from tests.calibration.board_views import NOISE_FREE, Noise, Recorded, look_at, realistic_plan, record
+
+SOLVED_FROM, SEEDS = 15, range(6)
+STILL = np.eye(4)
+
+
+def plan(rng: np.random.Generator, count: int) -> NDArray[np.float64]:
+    """As a cell does it, then two looks from opposite sides."""
+    side = rng.uniform(-np.pi, np.pi)
+    two = [look_at(np.radians(30), side + np.pi * k, np.radians((25, -25)[k]), 0.36) for k in range(2)]
+    return np.concatenate([realistic_plan(rng, count - 2), two])
+
+
+@dataclass(frozen=True, eq=False)
+class Case:
+    recorded: Recorded
+    result: HandEyeResult
+
+    def later(self, camera: NDArray[np.float64] = STILL, board: NDArray[np.float64] = STILL) -> Observations:
+        """The two looks, after the camera and the board were moved, each in its own frame."""
+        X, Y, observations = self.recorded.X, self.recorded.Y, self.recorded.observations
+        # The pictures stay: it is the robot that would be elsewhere to see the same.
+        told = [
+            Y @ board @ inverse(Y) @ view.T_base_flange @ X @ inverse(camera) @ inverse(X)
+            for view in observations.views[SOLVED_FROM:]
+        ]
+        views = [replace(v, T_base_flange=T) for v, T in zip(observations.views[SOLVED_FROM:], told, strict=True)]
+        return replace(observations, views=tuple(views))
+
+
+@cache
+def case(seed: int, noise: Noise | None = None) -> Case:
+    recorded = record(seed, SOLVED_FROM + 2, noise, plan)
+    observations = recorded.observations
+    return Case(recorded, solve_hand_eye(replace(observations, views=observations.views[:SOLVED_FROM])))
+
+
+def direction(seed: int) -> NDArray[np.float64]:
+    v = np.random.default_rng(seed).normal(size=3)
+    return v / np.linalg.norm(v)
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_a_calibration_that_holds_passes(seed: int) -> None:
+    verification = verify(case(seed).result, case(seed).later())
+    assert verification.passed
+    assert verification.board_moved_m is None
+    assert [view.name for view in verification.views] == ["16", "17"]
+    # 0.02 degrees at half a metre and 0.1 mm along each of three axes: 0.35 mm, and what X is unsure by.
+    assert 0.0002 < verification.expected_m < 0.0006
+    assert verification.worst_m < 3 * verification.expected_m
+
+
+def test_without_noise_the_board_appears_just_where_it_lay() -> None:
+    still = case(0, NOISE_FREE)
+    verification = verify(still.result, still.later())
+    assert verification.passed
+    assert verification.worst_m < 1e-9
+    moved = verify(still.result, still.later(camera=from_rotation_vector((0.003, 0, 0), (0, 0, 0))))
+    assert moved.worst_m == pytest.approx(0.003, abs=1e-9)
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+@pytest.mark.parametrize(("off_m", "off_degrees"), [(0.003, 0.0), (0.0, 0.6)])
+def test_a_camera_that_was_moved_is_told(seed: int, off_m: float, off_degrees: float) -> None:
+    u = direction(seed)
+    drift = from_rotation_vector(off_m * u, np.radians(off_degrees) * u)
+    verification = verify(case(seed).result, case(seed).later(camera=drift))
+    assert not verification.passed
+    assert verification.board_moved_m is None
+    assert "calibrate anew" in verification.words
+
+
+@pytest.mark.parametrize("along", [(0.0, 0.0, 0.003), (0.0, 0.0, -0.003)])
+def test_a_camera_that_was_moved_along_its_view_is_told(along: tuple[float, float, float]) -> None:
+    verification = verify(case(1).result, case(1).later(camera=from_rotation_vector(along, (0, 0, 0))))
+    assert not verification.passed
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_a_board_that_was_moved_does_not_speak_against_the_camera(seed: int) -> None:
+    u = direction(seed)
+    moved = from_rotation_vector((0.02 * u[0], 0.02 * u[1], 0.0), (0, 0, 0.3 * u[2]))
+    verification = verify(case(seed).result, case(seed).later(board=moved))
+    assert verification.passed
+    middle = np.append(case(seed).recorded.observations.board.points.mean(axis=0), 1.0)
+    way = float(np.linalg.norm((moved @ middle - middle)[:3]))
+    assert verification.board_moved_m == pytest.approx(way, abs=0.001)  # 3 sigma of the views' mean
+    assert "the board was moved by" in verification.words
+
+
+def test_a_board_that_was_raised_might_be_a_camera_that_was_moved() -> None:
+    # The board's z points into the table.
+    verification = verify(case(2).result, case(2).later(board=from_rotation_vector((0, 0, -0.004), (0, 0, 0))))
+    assert not verification.passed
+    assert "unless something was laid under it" in verification.words
+
+
+def test_one_view_alone_cannot_tell_the_board_from_the_camera() -> None:
+    later = case(3).later(board=from_rotation_vector((0.02, 0, 0), (0, 0, 0)))
+    verification = verify(case(3).result, replace(later, views=later.views[:1]))
+    assert not verification.passed
+    assert "look from another side too" in verification.words
+
+
+def test_without_views_nothing_is_passed() -> None:
+    verification = verify(case(0).result, replace(case(0).later(), views=()))
+    assert not verification.passed
+    document = verification.to_json()
+    assert (document["views"], document["worst_m"], document["expected_m"]) == ([], None, None)
+
+
+def through_its_file(folder: Path, solved: Case) -> Verification:
+    observations = solved.recorded.observations
+    solved_from = replace(observations, views=observations.views[:SOLVED_FROM])
+    write_result(folder / "hand_eye.json", solved.result, solved_from, datetime.now(UTC))
+    return verify(load_hand_eye(folder / "hand_eye.json", max_age_days=1), solved.later())
+
+
+def test_a_calibration_from_its_file_is_judged_as_before(tmp_path: Path) -> None:
+    loaded = through_its_file(tmp_path, case(4))
+    straight = verify(case(4).result, case(4).later())
+    assert loaded.worst_m == pytest.approx(straight.worst_m, abs=1e-9)
+    assert loaded.expected_m == pytest.approx(straight.expected_m, rel=1e-6)
+
+
+def test_the_fitted_camera_and_board_are_taken_not_the_told_ones() -> None:
+    # The fitted camera and board are right to a tenth of what the told ones are off.
+    wrong = case(5, Noise(focal=0.003, scale=0.002))
+    verification = verify(wrong.result, wrong.later())
+    assert verification.passed
+    assert verification.worst_m < 0.0012
+
+
+def test_a_plain_file_cannot_be_verified(tmp_path: Path) -> None:
+    write_hand_eye(tmp_path / "plain.json", case(0).result.X, created=datetime.now(UTC))
+    with pytest.raises(HandEyeInvalidError, match="does not tell where the board lay"):
+        verify(load_hand_eye(tmp_path / "plain.json", 1), case(0).later())
+
+
+def test_images_of_another_size_are_refused() -> None:
+    later = case(0).later()
+    half = replace(later, K=later.K * [[0.5], [0.5], [1.0]])
+    with pytest.raises(HandEyeMismatchError, match=r"focal length of 80\d px, these have 400 px"):
+        verify(case(0).result, half)
+
+
+def test_a_camera_that_stands_in_the_cell_is_verified_too() -> None:
+    recorded = record(7, SOLVED_FROM + 2, plan=plan, mounting="eye-to-hand")
+    views = recorded.observations.views
+    result = solve_hand_eye(replace(recorded.observations, views=views[:SOLVED_FROM]))
+    later = replace(recorded.observations, views=views[SOLVED_FROM:])
+    assert verify(result, later).passed
+    moved = [
+        replace(v, T_base_flange=from_rotation_vector((0.004, 0, 0), (0, 0, 0)) @ v.T_base_flange) for v in later.views
+    ]
+    assert not verify(result, replace(later, views=tuple(moved))).passed

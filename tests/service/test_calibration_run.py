@@ -1,0 +1,108 @@
+"""Calibrating over HTTP: the simulated cell looks at its board, and the result becomes the calibration in use."""
+
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import httpx
+import numpy as np
+import pytest
+
+from calibration.transforms import from_quaternion, inverse, rotation_angle
+from cell.simulation.poses import T_FLANGE_CAMERA
+from tests.service.conftest import Serve
+from tests.service.live_cell import LiveCell, live_cell
+
+pytestmark = pytest.mark.xdist_group("cell")  # one at a time: each is several busy processes
+
+Finished = Callable[[httpx.Client, str], dict[str, Any]]
+Problem = Callable[[httpx.Response, int, str], str]
+
+RUNS = "/api/calibration/runs"
+
+
+@pytest.fixture(scope="module")
+def cell(serve: Serve, tmp_path_factory: pytest.TempPathFactory) -> Iterator[LiveCell]:
+    """A cell that many tests share; each leaves it without a fault."""
+    with live_cell(serve, tmp_path_factory.mktemp("data"), time_factor=50.0) as shared:
+        yield shared
+
+
+def begin(cell: LiveCell, path: str = RUNS, **wanted: Any) -> str:
+    answer = cell.client.post(path, json=wanted) if path == RUNS else cell.client.post(path)
+    assert answer.status_code == 202, answer.text
+    return answer.headers["Location"]
+
+
+@pytest.fixture(scope="module")
+def calibrated(cell: LiveCell, finished: Finished) -> dict[str, Any]:
+    """A run that has ended; its result is not in use."""
+    before = cell.client.get("/api/calibration").json()
+    assert (before["under_way"], before["reason"]) == (None, None)
+    location = begin(cell, poses=12)
+    assert cell.client.get("/api/calibration").json()["under_way"] == location
+    run = finished(cell.client, location)
+    assert run["state"] == "succeeded", run
+    return run
+
+
+def test_a_run_tells_what_it_saw_and_gives_the_true_mounting(cell: LiveCell, calibrated: dict[str, Any]) -> None:
+    assert (calibrated["kind"], calibrated["poses"], calibrated["problem"]) == ("calibration", 12, None)
+    assert calibrated["board"]["kind"] == "charuco"
+    assert calibrated["progress"]["fraction"] == 1.0
+    assert calibrated["progress"]["coverage"] > 0.3
+    views = calibrated["progress"]["views"]
+    assert len(views) == 14  # two more verify
+    for view in views:
+        assert (view["state"], view["reason"], view["possible"]) == ("recorded", None, 48)
+        assert view["corners"] > 24
+    picture = cell.client.get(views[3]["picture"])
+    assert picture.headers["content-type"] == "image/png"
+    assert picture.content.startswith(b"\x89PNG")
+    result = calibrated["result"]
+    assert result["verdict"] in ("accept", "warn"), result["findings"]
+    assert len(result["views"]) == 12
+    T = from_quaternion(result["T_flange_camera"]["xyz_m"], result["T_flange_camera"]["quat_xyzw"], "the result")
+    off = inverse(T_FLANGE_CAMERA) @ T
+    # Four sigmas of what it says of itself, all axes together.
+    assert np.linalg.norm(off[:3, 3]) < 4 * result["metrics"]["sigma_m"]
+    assert rotation_angle(off) < 4 * result["metrics"]["sigma_rad"]
+    assert result["metrics"]["sigma_m"] < 0.001
+    assert calibrated["verification"]["passed"]
+    assert len(calibrated["verification"]["views"]) == 2
+
+
+def test_what_is_activated_is_in_use_and_verified(
+    cell: LiveCell, calibrated: dict[str, Any], finished: Finished, assert_problem: Problem
+) -> None:
+    before = cell.client.get("/api/calibration").json()["calibration"]
+    answer = cell.client.post(calibrated["links"]["activate"])
+    assert answer.status_code == 200, answer.text
+    assert answer.json()["activated_at"] is not None
+    now = cell.client.get("/api/calibration").json()
+    in_use = now["calibration"]
+    assert in_use["sha256"] != before["sha256"]
+    assert in_use["T_flange_camera"][0][3] == pytest.approx(calibrated["result"]["T_flange_camera"]["xyz_m"][0])
+    assert in_use["eight_views_m"] == calibrated["result"]["metrics"]["eight_views_m"]
+    assert in_use["sigma_m"] == pytest.approx(calibrated["result"]["metrics"]["sigma_m"])
+    assert in_use["verdict"] == calibrated["result"]["verdict"]
+    assert 0 <= in_use["age_s"] < 3600
+    assert (in_use["drift"]["scans"], in_use["drift"]["drifted"], now["warnings"]) == (0, False, [])
+
+    check = finished(cell.client, begin(cell, "/api/calibration/verify"))
+    assert check["state"] == "succeeded", check
+    assert (check["kind"], check["result"]) == ("verification", None)
+    assert check["verification"]["passed"], check["verification"]
+    assert check["calibration_sha256"] == in_use["sha256"]
+    assert [view["state"] for view in check["progress"]["views"]] == ["recorded"] * 2
+    assert check["links"]["activate"] is None
+    assert_problem(cell.client.post(f"{check['links']['self']}/activate"), 409, "no-result")
+
+    scan = finished(cell.client, cell.start())
+    assert scan["state"] == "succeeded", scan
+    recording = cell.client.get(f"/api/recordings/{scan['recording']}").json()
+    assert recording["provenance"]["calibration_sha256"] == in_use["sha256"]
+    assert cell.client.get("/api/calibration").json()["calibration"]["drift"]["scans"] == 1
+    answer = cell.client.post("/api/scans", json={"mode": "replay", "recording": scan["recording"]})
+    assert finished(cell.client, answer.headers["Location"])["state"] == "succeeded"
+    assert cell.client.get("/api/calibration").json()["calibration"]["drift"]["scans"] == 1, "a replay is no scan"
+    assert cell.state()["warnings"] == []

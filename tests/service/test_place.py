@@ -1,0 +1,77 @@
+"""The one place: who gets it, who is told what, and that nothing is lost when it closes."""
+
+import pytest
+
+from calibration.board import Board
+from service.new_rows import new_calibration, new_scan
+from service.place import Place
+from service.problems import ProblemError
+from service.running import Running
+
+
+def scan() -> Running:
+    return Running(new_scan("replay", "graph", None, "r1"), None)
+
+
+def calibration() -> Running:
+    return Running(new_calibration("calibration", Board(), 15), None)
+
+
+def refusal(place: Place) -> ProblemError:
+    with pytest.raises(ProblemError) as refused, place.taken():
+        pass
+    return refused.value
+
+
+@pytest.mark.parametrize(("running", "address"), [(scan(), "/api/scans/"), (calibration(), "/api/calibration/runs/")])
+def test_whoever_comes_second_is_told_of_the_first(running: Running, address: str) -> None:
+    place, done = Place(), []
+    with place.taken():
+        assert (refusal(place).status_code, refusal(place).slug) == (409, "cell-busy")
+        place.accept(running, lambda: done.append("written"), lambda: done.append("begun"))
+    assert done == ["written", "begun"]
+    assert place.running is running
+    told = refusal(place)
+    assert told.headers == {"Location": f"{address}{running.row.id}"}
+    assert running.words in told.detail
+    with place.leaving(running):
+        assert place.running is running
+    assert place.running is None
+    with place.taken():
+        pass
+
+
+def test_what_cannot_be_written_leaves_the_place_free() -> None:
+    place, begun = Place(), []
+
+    def full() -> None:
+        raise OSError("no space")
+
+    with pytest.raises(OSError, match="no space"), place.taken():
+        place.accept(scan(), full, lambda: begun.append(1))
+    assert (place.running, begun) == (None, [])
+    with place.taken():
+        pass
+
+
+def test_a_closed_place_takes_nothing_more() -> None:
+    place = Place()
+
+    def prepare() -> None:
+        with place.taken():
+            assert place.close() is None
+            place.accept(scan(), lambda: None, lambda: None)
+
+    with pytest.raises(ProblemError) as refused:
+        prepare()
+    assert (refused.value.status_code, refused.value.slug) == (503, "not-ready")
+    assert (place.running, place.closed, refusal(place).slug) == (None, True, "not-ready")
+
+
+def test_one_under_way_is_told_to_who_closes_and_leaves_only_its_own_place() -> None:
+    place, first, second = Place(), scan(), calibration()
+    with place.taken():
+        place.accept(first, lambda: None, lambda: None)
+    with place.leaving(second):
+        pass
+    assert place.close() is first
