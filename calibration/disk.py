@@ -42,8 +42,12 @@ def read_in_folder(path: Path, most_bytes: int, missing: str) -> bytes:
 
 
 def write_synced(path: Path, content: bytes) -> None:
-    """Writes a file and makes sure that its content is on the disk; its name is after `sync_folder`. Raises OSError."""
-    with path.open("wb") as file:
+    """Writes a new file and makes sure that its content is on the disk; its name is after `sync_folder`.
+
+    Raises:
+        OSError: it cannot be written, or there is one of that name.
+    """
+    with path.open("xb") as file:
         file.write(content)
         file.flush()
         os.fsync(file.fileno())
@@ -57,6 +61,7 @@ def replace_synced(path: Path, content: bytes) -> None:
     """
     part = path.with_name(f".{path.name}.{os.getpid()}.part")
     try:
+        part.unlink(missing_ok=True)  # of a process of this number that was killed
         write_synced(part, content)
         part.replace(path)
     except OSError:

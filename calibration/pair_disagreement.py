@@ -8,7 +8,7 @@ from calibration.pose_stack import cross_matrix
 VIEWS = 8
 ELEVATIONS_RAD = np.radians([50.0, 70.0])
 """A scan's views stand on two rings, taking turns ..."""
-ROLLS_RAD = np.radians([15.0, -15.0])
+ROLLS_RAD = np.radians([15.0, -15.0, -15.0, 15.0])
 """... and are rolled either way."""
 DRAWS = 2000
 SHARE = 95.0
@@ -55,4 +55,4 @@ def _rings() -> NDArray[np.float64]:
     x = np.cross(z, [0.0, 0.0, 1.0])
     x /= np.linalg.norm(x, axis=1, keepdims=True)
     upright = np.stack([x, np.cross(z, x), z], axis=2)
-    return upright @ Rotation.from_euler("z", ROLLS_RAD[(k // 2) % 2, None]).as_matrix()
+    return upright @ Rotation.from_euler("z", ROLLS_RAD[k % 4, None]).as_matrix()

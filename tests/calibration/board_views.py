@@ -57,14 +57,17 @@ class Recorded:
         return np.array([view.T_base_flange for view in self.observations.views])
 
 
-def look_at(tilt: float, azimuth: float, roll: float, distance_m: float, aim_m: tuple[float, float] = (0.0, 0.0)):
+def look_at(
+    tilt: float, azimuth: float, roll: float, distance_m: float, aim_m: tuple[float, float] = (0.0, 0.0)
+) -> NDArray[np.float64]:
     """(4, 4) `T_middle_camera`: a camera `distance_m` from the point aimed at, `tilt` away from upright above it
-    towards `azimuth`, turned by `roll` about its view."""
+    towards `azimuth`; its image's x axis is along the board's plane, but for a turn by `roll` about its view."""
     # The board's z points away from the viewer, so that the camera is at negative z.
     away = np.array([np.sin(tilt) * np.cos(azimuth), np.sin(tilt) * np.sin(azimuth), -np.cos(tilt)])
+    level = np.array([np.sin(azimuth), -np.cos(azimuth), 0.0])
+    upright = np.column_stack([level, np.cross(-away, level), -away])
     T = np.eye(4)
-    turn = Rotation.align_vectors([-away], [[0.0, 0.0, 1.0]])[0]
-    T[:3, :3] = (turn * Rotation.from_euler("z", roll)).as_matrix()
+    T[:3, :3] = upright @ Rotation.from_euler("z", roll).as_matrix()
     T[:3, 3] = np.array([*aim_m, 0.0]) + distance_m * away
     return T
 

@@ -99,10 +99,12 @@ def test_a_camera_and_a_board_as_told(count: int) -> None:
     assert (found.median <= (0.03, 0.16)).all()
     assert (found.p95 <= (0.06, 0.30)).all()
     park = np.array([error_of(by_park(each), each.X) for each in recorded])
-    # In place; in direction, where the camera says more than the robot, it is some 20 % better.
-    assert found.median[1] <= 0.75 * np.median(park[:, 1])
-    assert found.p95[1] <= 0.75 * np.percentile(park[:, 1], 95)
-    assert found.median[0] <= 0.9 * np.median(park[:, 0])
+    # A quarter better in place; in direction it is some 20 %. Of a few cells, the median scatters too much to tell.
+    if count >= 200:
+        assert found.median[1] <= 0.75 * np.median(park[:, 1])
+        assert found.p95[1] <= 0.75 * np.percentile(park[:, 1], 95)
+    rms, rms_park = (np.sqrt(np.mean(errors**2, axis=0)) for errors in (found.errors, park))
+    assert (rms <= (0.9, 0.75) * rms_park).all()
 
 
 @SEEDS
@@ -157,7 +159,9 @@ def worst_pair_mm(result: HandEyeResult, truth: Recorded) -> float:
     its matrix and X go together."""
     ray = np.linalg.solve(truth.K, [truth.K[0, 2], truth.K[1, 2], 1.0])
     pixel = truth.K @ ray
-    cameras = [look_at(np.radians(40 - 20 * (k % 2)), k * np.pi / 4, (-1) ** (k // 2) * 0.26, 0.4) for k in range(8)]
+    cameras = [
+        look_at(np.radians(40 - 20 * (k % 2)), k * np.pi / 4, (0.26, -0.26, -0.26, 0.26)[k % 4], 0.4) for k in range(8)
+    ]
     point = np.append(0.4 * np.linalg.solve(result.K, pixel), 1.0)
     seen = np.array([(T @ inverse(truth.X) @ result.X @ point)[:3] for T in cameras])
     return float(1e3 * np.linalg.norm(seen[:, None] - seen, axis=2).max())
