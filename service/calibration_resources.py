@@ -32,16 +32,26 @@ log = logging.getLogger(__name__)
 RUNS = "/api/calibration/runs"
 
 
-def calibration_warnings(cell: Cell, watch: DriftWatch) -> list[CellWarning]:
-    """What recent scans tell against the calibration in use; nothing where there is none."""
+def usable_hand_eye(cell: Cell) -> HandEye | None:
+    """The calibration in use, as its file is now; None where none can be used, which is told where it is needed."""
     try:
-        drift = watch.drift(cell.hand_eye())
+        return cell.hand_eye()
     except CellError:
-        return []  # told where it is used
+        return None
+
+
+def recent_drift(hand_eye: HandEye, watch: DriftWatch) -> Drift | None:
+    """What recent scans tell of it; None where the database does not answer: the cell's state is told without it."""
+    try:
+        return watch.drift(hand_eye)
     except sqlite3.Error:
         log.exception("whether the calibration has drifted is not known")
-        return []  # the cell's state is told, and its arm stopped, without a database too
-    return [CellWarning(code="calibration-drift", words=drift.words)] if drift.drifted else []
+        return None
+
+
+def drift_warnings(drift: Drift | None) -> list[CellWarning]:
+    """What speaks against the calibration in use."""
+    return [CellWarning(code="calibration-drift", words=drift.words)] if drift is not None and drift.drifted else []
 
 
 def in_use(hand_eye: HandEye, drift: Drift) -> CalibrationInUse:
@@ -81,6 +91,7 @@ def run_resource(row: CalibrationRow, views: Sequence[CalibrationViewRow]) -> Ru
         kind=row.kind,
         board=row.board,
         poses=row.poses,
+        warnings=row.warnings,
         state=row.state,
         progress=CalibrationProgress(
             stage=row.stage,

@@ -100,6 +100,8 @@ class RunResource(BaseModel):
     board: dict[str, Any] | None
     """Null: the one that the calibration in use was made with."""
     poses: int
+    warnings: list[str]
+    """What the poses that the arm reaches will not tell well."""
     state: ScanState
     progress: CalibrationProgress
     created_at: str

@@ -20,24 +20,37 @@ class DriftWatch:
     def __init__(self, store: CalibrationStore) -> None:
         self._store = store
         self._lock = threading.Lock()
-        self._judged: tuple[str, Drift] | None = None
-        """The last judgement, and of which calibration."""
+        """Never held while the database is asked."""
+        self._added = 0
+        """Scans since the start."""
+        self._latest: tuple[str, int, Drift] | None = None
+        """The last judgement: of which calibration, after how many scans."""
 
     def add(self, scan_id: str, calibration_sha256: str, error: CommonError) -> None:
         """Keeps what a scan that was made with this calibration tells of it."""
         row = ScanErrorRow(
             scan_id, calibration_sha256, error.likeliest.tolist(), error.information.tolist(), error.vector.tolist()
         )
+        self._store.add_scan_error(row)
         with self._lock:
-            self._store.add_scan_error(row)
-            self._judged = None
+            self._added += 1
 
     def drift(self, hand_eye: HandEye) -> Drift:
         """What the recent scans by this calibration tell of it; asks the database only after another scan."""
         with self._lock:
-            if self._judged is None or self._judged[0] != hand_eye.sha256:
-                self._judged = hand_eye.sha256, self._judge(hand_eye)
-            return self._judged[1]
+            added = self._added
+            if self._latest is not None and self._latest[:2] == (hand_eye.sha256, added):
+                return self._latest[2]
+        drift = self._judge(hand_eye)
+        with self._lock:
+            self._latest = hand_eye.sha256, added, drift
+        return drift
+
+    @property
+    def latest(self) -> Drift | None:
+        """The last judgement, from memory: waits for nothing."""
+        latest = self._latest
+        return None if latest is None else latest[2]
 
     def _judge(self, hand_eye: HandEye) -> Drift:
         rows = self._store.scan_errors(hand_eye.sha256, RECENT)

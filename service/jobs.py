@@ -124,7 +124,7 @@ class Jobs:
         """Accepts a calibration with the board on the table, as `submit_live` does a scan. Raises as that."""
         with self._place.taken():
             plan = self._cell.prepare_calibration(board, poses)
-            row = new_calibration("calibration", board, poses)
+            row = new_calibration("calibration", board, poses, warnings=plan.warnings)
             self._accept(Running(row, plan))
             return row
 

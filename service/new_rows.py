@@ -1,5 +1,6 @@
 """Scans and calibrations as they are accepted."""
 
+from collections.abc import Sequence
 from typing import Literal
 
 from calibration.board import Board
@@ -28,14 +29,20 @@ def new_scan(mode: Literal["replay", "live"], method: Method, radius_m: float | 
 
 
 def new_calibration(
-    kind: Literal["calibration", "verification"], board: Board | None, poses: int, sha256: str | None = None
+    kind: Literal["calibration", "verification"],
+    board: Board | None,
+    poses: int,
+    sha256: str | None = None,
+    warnings: Sequence[str] = (),
 ) -> CalibrationRow:
-    """A calibration that waits for its beginning; `sha256` of the one that a verification is of."""
+    """A calibration that waits for its beginning; `sha256` of the one that a verification is of, `warnings` of its
+    plan."""
     return CalibrationRow(
         id=new_id(),
         kind=kind,
         board=None if board is None else board.to_json(),
         poses=poses,
+        warnings=list(warnings),
         calibration_sha256=sha256,
         state="queued",
         stage=None,

@@ -148,19 +148,25 @@ class ScanRunner:
             elif outcome is not None:
                 state = "partial" if outcome.partial else "succeeded"
                 self._drawing = scan.id
-                self._keep_calibration_error(scan, outcome)
                 store.finish_scan(scan.id, state, outcome.summary(), results)
             else:
                 log.warning("scan %s failed: %s", scan.id, problem)
                 assert problem is not None
                 store.end_scan(scan.id, "failed", problem)
+        if stop is None and outcome is not None:
+            self._keep_calibration_error(scan, outcome)
 
     def _keep_calibration_error(self, scan: ScanRow, outcome: Outcome) -> None:
-        """Of a live scan only: a replay of it tells nothing new."""
-        recording = self._store.recording(scan.id) if scan.mode == "live" else None
-        sha256 = None if recording is None else recording.provenance.get("calibration_sha256")
-        if sha256 is not None and outcome.calibration_error is not None:
-            self._drift.add(scan.id, sha256, outcome.calibration_error)
+        """Of a live scan only: a replay of it tells nothing new. The scan's result does not depend on it."""
+        if scan.mode != "live" or outcome.calibration_error is None:
+            return
+        try:
+            recording = self._store.recording(scan.id)
+            sha256 = None if recording is None else recording.provenance.get("calibration_sha256")
+            if sha256 is not None:
+                self._drift.add(scan.id, sha256, outcome.calibration_error)
+        except sqlite3.Error:
+            log.exception("what scan %s tells of the calibration could not be kept", scan.id)
 
     def _give_up(self, running: Running[ScanRow]) -> None:
         """The disk or the database failed. If this cannot be written either, the next start mends the row."""

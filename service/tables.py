@@ -29,8 +29,9 @@ CREATE TABLE views (
 """,
     """
 CREATE TABLE calibrations (
-    id TEXT PRIMARY KEY, kind TEXT NOT NULL, board TEXT, poses INTEGER NOT NULL, calibration_sha256 TEXT,
-    state TEXT NOT NULL, stage TEXT, fraction DOUBLE PRECISION NOT NULL, coverage DOUBLE PRECISION NOT NULL,
+    id TEXT PRIMARY KEY, kind TEXT NOT NULL, board TEXT, poses INTEGER NOT NULL, warnings TEXT NOT NULL,
+    calibration_sha256 TEXT, state TEXT NOT NULL, stage TEXT,
+    fraction DOUBLE PRECISION NOT NULL, coverage DOUBLE PRECISION NOT NULL,
     created_at TEXT NOT NULL, started_at TEXT, ended_at TEXT, activated_at TEXT, result TEXT, verification TEXT,
     problem TEXT
 );
@@ -103,6 +104,8 @@ class CalibrationRow:
     board: dict[str, Any] | None
     """As `Board.to_json` has it; None: the one that the calibration in use was made with."""
     poses: int
+    warnings: list[str]
+    """What the plan of its poses lacks, in words."""
     calibration_sha256: str | None
     """Of the calibration that a verification is of."""
     state: ScanState
@@ -172,7 +175,7 @@ def to_scan(row: sqlite3.Row) -> ScanRow:
 
 def to_calibration(row: sqlite3.Row) -> CalibrationRow:
     """A row of `calibrations`."""
-    return CalibrationRow(**_parsed(row, "board", "result", "verification", "problem"))
+    return CalibrationRow(**_parsed(row, "board", "warnings", "result", "verification", "problem"))
 
 
 def to_scan_error(row: sqlite3.Row) -> ScanErrorRow:

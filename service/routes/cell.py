@@ -1,11 +1,14 @@
 """The cell: its state, connecting, stopping, acknowledging, and where it would look from."""
 
+from dataclasses import replace
 from typing import Any
 
 from anyio import to_thread
 from fastapi import APIRouter, Response
 
-from service.calibration_resources import calibration_warnings
+from calibration.drift import Drift
+from cell.cell_status import CellStatus
+from service.calibration_resources import drift_warnings, recent_drift, usable_hand_eye
 from service.cell_schemas import CellResource, PlanRequest, cell_resource
 from service.context import Context, Service, ViewCount
 from service.problems import problem_responses
@@ -32,7 +35,8 @@ async def stop_cell(service: Service) -> CellResource:
     """Stops the arm at once, whatever goes on; a live scan or calibration under way is aborted. Not an emergency
     stop."""
     await to_thread.run_sync(service.jobs.stop_arm, limiter=service.stopping)
-    return _resource(service)
+    # From memory alone: neither a locked database nor a slow disk may keep the next stop waiting.
+    return _told(service, service.cell.status, service.jobs.drift.latest)
 
 
 @router.post("/cell/release", responses=problem_responses(409, 503))
@@ -68,5 +72,12 @@ def draw_viewpoints(service: Service, views: ViewCount = None) -> Response:
 
 
 def _resource(service: Context) -> CellResource:
-    warnings = calibration_warnings(service.cell, service.jobs.drift)
-    return cell_resource(service.cell.status, service.cell.settings, service.jobs.using_arm, warnings)
+    """With the calibration as its file is now: one may have been activated since the cell was connected."""
+    status, drift = service.cell.status, None
+    if (hand_eye := usable_hand_eye(service.cell)) is not None:
+        status, drift = replace(status, hand_eye=hand_eye), recent_drift(hand_eye, service.jobs.drift)
+    return _told(service, status, drift)
+
+
+def _told(service: Context, status: CellStatus, drift: Drift | None) -> CellResource:
+    return cell_resource(status, service.cell.settings, service.jobs.using_arm, drift_warnings(drift))

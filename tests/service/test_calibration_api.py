@@ -1,7 +1,10 @@
 """Calibrations over HTTP without an arm that moves: what is refused, what a restart leaves, what scans have told."""
 
 import json
+import sqlite3
+import time
 from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
@@ -14,13 +17,14 @@ import pytest
 from calibration.board import Board
 from cell.settings import CellSettings, SimulatedCamera
 from cell.simulation.world import simulated_world
+from recognition.common_error import CommonError
 from service.data_folder import DataFolder
 from service.database import new_id
 from service.new_rows import new_calibration, new_scan
 from service.schemas import ACTIVE_STATES, ScanState
 from service.store import Store
 from service.tables import CalibrationRow, ScanErrorRow
-from tests.service.conftest import Serve
+from tests.service.conftest import Serve, ServedClient
 
 Problem = Callable[[httpx.Response, int, str], str]
 
@@ -65,7 +69,7 @@ def left() -> dict[str, CalibrationRow]:
 @pytest.fixture(scope="module")
 def client(
     serve: Serve, left: dict[str, CalibrationRow], tmp_path_factory: pytest.TempPathFactory
-) -> Iterator[httpx.Client]:
+) -> Iterator[ServedClient]:
     root = tmp_path_factory.mktemp("data")
     with closing(DataFolder(root)) as folder, closing(Store(folder)) as store:
         for row in left.values():
@@ -170,3 +174,21 @@ def test_an_unusable_file_is_told_and_warns_of_nothing(serve: Serve, tmp_path: P
         assert status["calibration"] is None
         assert "T_flange_camera" in status["reason"]
         assert (status["warnings"], client.get("/api/cell").json()["warnings"]) == ([], [])
+
+
+def test_a_stop_does_not_wait_for_what_a_scan_tells_of_the_calibration(client: ServedClient) -> None:
+    context = client.app.state.context
+    scan = client.get("/api/scans").json()["scans"][0]["id"]
+    error = CommonError(np.eye(6), np.zeros(6), np.zeros(6))
+    with closing(sqlite3.connect(context.store.folder.database, isolation_level=None)) as other:
+        other.execute("BEGIN IMMEDIATE")
+        with ThreadPoolExecutor(1) as pool:
+            kept = pool.submit(context.jobs.drift.add, scan, told_sha256(), error)
+            while not kept.running():
+                time.sleep(0.01)
+            stopped = client.post("/api/cell/stop").json()
+            assert not kept.done(), "the database was free"
+            other.execute("ROLLBACK")
+            with pytest.raises(sqlite3.IntegrityError):  # this scan has told already
+                kept.result()
+    assert [warning["code"] for warning in stopped["warnings"]] == ["calibration-drift"]

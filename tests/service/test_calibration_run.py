@@ -101,7 +101,6 @@ def test_what_is_activated_is_in_use_and_verified(
     assert scan["state"] == "succeeded", scan
     recording = cell.client.get(f"/api/recordings/{scan['recording']}").json()
     assert recording["provenance"]["calibration_sha256"] == in_use["sha256"]
-    assert cell.client.get("/api/calibration").json()["calibration"]["drift"]["scans"] == 1
     answer = cell.client.post("/api/scans", json={"mode": "replay", "recording": scan["recording"]})
     assert finished(cell.client, answer.headers["Location"])["state"] == "succeeded"
     assert cell.client.get("/api/calibration").json()["calibration"]["drift"]["scans"] == 1, "a replay is no scan"

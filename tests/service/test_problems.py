@@ -25,7 +25,7 @@ def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def own(serve: Serve, data: Path) -> Iterator[httpx.Client]:
     # A service that waits for the database waits for it in vain at once.
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("service.store.BUSY_S", 0.0)
+        patch.setattr("service.database.BUSY_S", 0.0)
         with serve(data) as client:
             yield client
 
