@@ -64,7 +64,7 @@ def adjust(
         tried = unknowns.moved(shared, np.where(used[:, None], system.errors_step(shared), 0.0))
         measured = measure(problem, tried, good)
         then = weigh(problem, measured, used, noise)
-        if then.cost > system.cost * (1 + 1e-9) + 1e-9:
+        if not then.cost <= system.cost * (1 + 1e-9) + 1e-9:  # worse, or no number
             damping *= 30
             if damping > 1e6:
                 break

@@ -27,7 +27,11 @@ class NoiseLevel:
 
 @dataclass(frozen=True)
 class Assumed:
-    """Standard deviations. Those of the noise are where its estimation starts; the others are priors and stay."""
+    """Standard deviations. Those of the noise are where its estimation starts; the others are priors and stay.
+
+    Raises:
+        ValueError: one that is not greater than zero.
+    """
 
     pixel_px: float = 0.2
     """NoiseLevel of one corner's coordinate."""
@@ -43,6 +47,15 @@ class Assumed:
     """Of the board's told pitch, as a share: a careful measurement with a ruler."""
     estimate_noise: bool = True
     """Whether the views say how large the noise is; else it is taken as told."""
+
+    def __post_init__(self) -> None:
+        for name in ("pixel_px", "robot_m", "robot_rad", "focal", "centre", "scale"):
+            value = getattr(self, name)
+            if not 0 < value < np.inf:
+                raise ValueError(
+                    f"{name} is {value}: a standard deviation is needed, greater than zero; of what is known exactly "
+                    "give a small one, as 1e-9"
+                )
 
     @property
     def noise(self) -> NoiseLevel:

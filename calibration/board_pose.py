@@ -18,7 +18,7 @@ RIVAL = 3.0
 """The second pose of a flat board is looked at whose reprojection error is up to so many times the first one's."""
 LEAST_NOISE_PX = 1e-3
 """Below this, differences are rounding."""
-AHEAD = small_motion(np.array([0.0, 0.0, 0.0, 0.0, 0.0, 1.0]))
+AHEAD = np.array([[1.0, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 1], [0, 0, 0, 1]])
 """Stands for a pose that is not known, so that all views can be worked out at once."""
 
 
@@ -62,7 +62,8 @@ def fitting_corners(T: NDArray[np.float64], lens: NDArray[np.float64], corners: 
     """(N, M) which corners are no farther off than the noise of their own view explains."""
     off = np.linalg.norm(reprojection(T, lens, corners)[0], axis=2)
     # Of a normal error in two coordinates, the median length is 1.177 standard deviations.
-    sigma = np.nanmedian(np.where(corners.seen, off, np.nan), axis=1) / 1.177
+    some = corners.seen | ~corners.seen.any(axis=1, keepdims=True)  # a view of nothing has no median
+    sigma = np.nanmedian(np.where(some, off, np.nan), axis=1) / 1.177
     return corners.seen & (off <= CORNER_LIMIT * np.maximum(sigma, LEAST_NOISE_PX)[:, None])
 
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from pydantic import AfterValidator, Field
 
 from calibration.board import Board
-from calibration.file_forms import BoardObject, Form, Matrix3
+from calibration.file_forms import BoardObject, Form, PinholeMatrix
 from calibration.observations import BoardView, Mounting, Observations
 
 __all__ = ["Setup", "SetupForm", "setup_document"]
@@ -51,12 +51,6 @@ class Setup:
         return Observations(views=views, **{name: getattr(self, name) for name in Setup.__dataclass_fields__})
 
 
-def _pinhole(K: list[list[float]]) -> list[list[float]]:
-    if not (K[2] == [0, 0, 1] and K[0][0] > 0 and K[1][1] > 0):
-        raise ValueError("a pinhole matrix [[fx, 0, cx], [0, fy, cy], [0, 0, 1]] in pixels is needed")
-    return K
-
-
 def _coefficients(distortion: list[float]) -> list[float]:
     if len(distortion) not in COEFFICIENTS:
         raise ValueError(f"OpenCV takes {', '.join(map(str, COEFFICIENTS))} numbers, and there are {len(distortion)}")
@@ -70,7 +64,7 @@ class _Camera(Form, extra="forbid"):
     id: str | None = None
     width: Pixels
     height: Pixels
-    K: Annotated[Matrix3, AfterValidator(_pinhole)]
+    K: PinholeMatrix
     distortion: Annotated[list[float], Field(fail_fast=True), AfterValidator(_coefficients)] | None = None
 
 

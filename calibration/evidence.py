@@ -34,14 +34,17 @@ class Evidence:
     robot_sigma_rad: float
     left_out_m: float
     """Root mean square, over the views used, of how far off each appears by the calibration without it."""
-    eight_views_m: float
-    """Predicted bound of the disagreement of a scan's views, as in `HandEyeResult`."""
+    lever_m: NDArray[np.float64]
+    """(3,) from the flange to what is looked at, along the camera's axes."""
     pixel_sigma_px: float | None = None
     """Noise of one corner's coordinate, estimated."""
     K_told: NDArray[np.float64] | None = None
     """(3, 3) as the camera told it."""
     K: NDArray[np.float64] | None = None
     """(3, 3) as fitted."""
+    k1: float | None = None
+    """Radial distortion left in the pictures, as `calibration.lens_residual` reads it."""
+    k1_sigma: float | None = None
     board_scale: float | None = None
     """The board's true size by the views, as a share of the told one."""
     board_scale_sigma: float | None = None

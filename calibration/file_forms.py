@@ -6,19 +6,19 @@ from typing import Annotated, Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field, PlainValidator, TypeAdapter, ValidationError
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, PlainValidator, TypeAdapter, ValidationError
 
 from calibration.board import Board
 from calibration.errors import HandEyeError
 from calibration.transforms import from_quaternion, rigid, to_quaternion
 
-_STRICT = ConfigDict(strict=True, allow_inf_nan=False, str_min_length=1)
+STRICT = ConfigDict(strict=True, allow_inf_nan=False, str_min_length=1)
 
 
 class Form(BaseModel):
     """A JSON object. Text and true or false are no numbers, NaN and infinity neither; text is not empty."""
 
-    model_config = _STRICT
+    model_config = STRICT
 
 
 Numbers3 = Annotated[list[float], Field(min_length=3, max_length=3)]
@@ -26,7 +26,18 @@ Numbers4 = Annotated[list[float], Field(min_length=4, max_length=4)]
 Numbers6 = Annotated[list[float], Field(min_length=6, max_length=6)]
 Matrix3 = Annotated[list[Numbers3], Field(min_length=3, max_length=3)]
 Matrix4 = Annotated[list[Numbers4], Field(min_length=4, max_length=4)]
-_MATRIX4 = TypeAdapter(Matrix4, config=_STRICT)
+
+
+def _pinhole(K: list[list[float]]) -> list[list[float]]:
+    if not (K[2] == [0, 0, 1] and K[0][0] > 0 and K[1][1] > 0 and K[0][1] == K[1][0] == 0):
+        raise ValueError(
+            "a pinhole matrix [[fx, 0, cx], [0, fy, cy], [0, 0, 1]] in pixels is needed; one with skew is not taken"
+        )
+    return K
+
+
+PinholeMatrix = Annotated[Matrix3, AfterValidator(_pinhole)]
+_MATRIX4 = TypeAdapter(Matrix4, config=STRICT)
 
 
 class _QuaternionPose(Form):

@@ -23,7 +23,7 @@ from calibration.calibration_setup import Setup, SetupForm, setup_document
 from calibration.disk import read_in_folder, replace_synced
 from calibration.errors import CalibrationFolderError, HandEyeError, HandEyeInputError
 from calibration.file_forms import AnyForm, Form, Numbers3, read_form, to_transform, transform_document
-from calibration.input_check import pose_from_vector
+from calibration.input_check import check_near, pose_from_vector
 from calibration.observations_file import MOST_VIEWS, OBSERVATIONS
 from calibration.transforms import rigid
 
@@ -45,6 +45,8 @@ class _VectorPose(Form):
 
 
 def _to_pose(value: object) -> NDArray[np.float64] | _VectorPose:
+    if isinstance(value, dict) and {"quat_xyzw", "rotvec_rad"} <= value.keys():
+        raise ValueError("it gives the rotation twice, as quat_xyzw and as rotvec_rad: give the one that holds")
     if isinstance(value, dict) and "rotvec_rad" in value:
         return _VectorPose.model_validate(value)
     return to_transform(value)
@@ -174,9 +176,10 @@ def _view(name: str, images: list[Path], pose: Path | None, folder: Path) -> Fol
         raise CalibrationFolderError(f"{both} have the same name: which of them belongs to {pose.name} is not known")
     form = _read(_ViewForm, pose, "it tells where the robot was")
     T_base_flange = form.T_base_flange
+    where = f"{pose}: T_base_flange"
     if isinstance(T_base_flange, _VectorPose):
-        where = f"{pose}: T_base_flange"
         T_base_flange = pose_from_vector(T_base_flange.xyz_m, T_base_flange.rotvec_rad, where)
+    check_near(T_base_flange[:3, 3], where)
     return FolderView(name, images[0], T_base_flange, form.held_out)
 
 

@@ -8,7 +8,7 @@ A finding's code is one of
     corner-noise                                      the corners are found too roughly
     robot-error                                       the arm was not where it said
     left-out-error                                    views are not predicted by the others
-    focal-length                                      the fitted camera is not the told one
+    focal-length, optical-axis, lens-distortion       the camera is not the told one, by `calibration.camera_gates`
     board-scale                                       the board is not as large as told
     board-scale-unverified                            a warning: the views cannot tell how large it is
 """
@@ -16,17 +16,21 @@ A finding's code is one of
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration.camera_gates import camera_findings
 from calibration.change_point import SHORTEST
 from calibration.diagnosis import diagnose
 from calibration.evidence import Evidence
 from calibration.hand_eye_result import Finding
 from calibration.input_check import FEWEST_VIEWS
+from calibration.pair_disagreement import eight_views_bound
 from calibration.rotation_spread import PARALLEL_AXES_RAD, PURE_TRANSLATION_RAD, rotation_spread
 
 FEWEST_CONSISTENT = 0.7
-"""Share of the views that must agree with one another: with more left out, the wrong ones may be those that agree."""
+"""Share of the views that must agree with one another, of those in which the board's pose was found: with more left
+out, the wrong ones may be those that agree."""
 LARGEST_SIGMA_M = 1e-3
-"""Of X's place, all axes together, by its covariance."""
+"""Of X's place, all axes together, by its covariance: without what an unverified board size adds to it, which is told
+and warned of."""
 LARGEST_SIGMA_RAD = np.radians(0.15)
 """Of X's direction: 1 mm at 0.4 m."""
 LARGEST_PIXEL_SIGMA_PX = 0.6
@@ -38,8 +42,6 @@ LARGEST_LEFT_OUT_M = 1.5e-3
 """Root mean square of how far a view is from what the others predict, near by ..."""
 LARGEST_LEFT_OUT_SHARE = 0.002
 """... and as a share of the distance, far away."""
-LARGEST_FOCAL_CHANGE = 0.01
-"""Three times the prior: more is no warming up but another lens position, stream or resolution."""
 LARGEST_SCALE_CHANGE = 0.003
 """Of the board's size: 1 mm at 0.35 m. More is a print that was scaled."""
 LARGEST_SCALE_SIGMAS = 4.0
@@ -53,18 +55,22 @@ printer's usual fault."""
 
 def gate(evidence: Evidence) -> tuple[Finding, ...]:
     """What speaks against using the calibration; empty: nothing. The gravest cause comes first."""
-    findings = _views(evidence) + _accuracy(evidence) + _camera_and_board(evidence)
+    findings = _views(evidence) + _accuracy(evidence) + camera_findings(evidence) + _board(evidence)
     # Much noise, or several views left out, may have one cause; and then those that were kept may be the wrong ones.
     codes = {finding.code for finding in findings}
     suspicious = codes & {"inconsistent", "robot-error", "left-out-error"}
-    cause = _cause(evidence) if suspicious or (~evidence.used).sum() >= SHORTEST else None
+    disagreeing = int((_seen(evidence) & ~evidence.used).sum())
+    cause = _cause(evidence) if suspicious or disagreeing >= SHORTEST else None
     if cause is None or cause.code in codes or (cause.code == "inconsistent" and not suspicious):
         return findings
     return cause, *(finding for finding in findings if finding.code != "inconsistent")
 
 
 def covariance_to_report(evidence: Evidence) -> NDArray[np.float64]:
-    """X's covariance (6, 6), grown by what an unverified board size adds: all places shift along the view."""
+    """X's covariance (6, 6), grown by what an unverified board size adds: all places shift along the view.
+
+    Everything that a user is told follows from this one; the limits of `gate` are of `Evidence.covariance`.
+    """
     covariance = evidence.covariance.copy()
     if _scale_unverified(evidence):
         sigma = evidence.board_scale_sigma or 0.0
@@ -73,16 +79,32 @@ def covariance_to_report(evidence: Evidence) -> NDArray[np.float64]:
     return covariance
 
 
+def eight_views_to_report(evidence: Evidence) -> float:
+    """Predicted bound of the disagreement of a scan's views, as in `HandEyeResult`."""
+    return eight_views_bound(
+        covariance_to_report(evidence),
+        evidence.robot_sigma_rad,
+        evidence.robot_sigma_m,
+        _distance_m(evidence),
+        evidence.lever_m,
+    )
+
+
+def _seen(evidence: Evidence) -> NDArray[np.bool_]:
+    """(N,) the views that gave a board pose."""
+    return np.asarray(np.isfinite(evidence.T_camera_board).all(axis=(1, 2)))
+
+
 def _cause(evidence: Evidence) -> Finding | None:
     """Of views that do not fit, by their poses."""
-    seen = np.flatnonzero(np.isfinite(evidence.T_camera_board).all(axis=(1, 2)))
+    seen = np.flatnonzero(_seen(evidence))
     names = tuple(evidence.names[index] for index in seen)
     return diagnose(evidence.T_base_flange[seen], evidence.T_camera_board[seen], evidence.mounting, names)
 
 
 def _views(evidence: Evidence) -> tuple[Finding, ...]:
     findings = []
-    count, used = len(evidence.used), int(evidence.used.sum())
+    count, used = int(_seen(evidence).sum()), int(evidence.used.sum())
     if used < FEWEST_CONSISTENT * count:
         findings.append(
             _refusal(
@@ -168,20 +190,8 @@ def _robot_errors(evidence: Evidence) -> list[Finding]:
     ]
 
 
-def _camera_and_board(evidence: Evidence) -> tuple[Finding, ...]:
+def _board(evidence: Evidence) -> tuple[Finding, ...]:
     findings = []
-    if evidence.K is not None and evidence.K_told is not None:
-        change = evidence.K.diagonal()[:2] / evidence.K_told.diagonal()[:2] - 1.0
-        worst = float(change[np.argmax(np.abs(change))])
-        if not abs(worst) <= LARGEST_FOCAL_CHANGE:
-            findings.append(
-                _refusal(
-                    "focal-length",
-                    f"by the views the focal length is {100 * worst:+.2f} % off what the camera tells, and up to "
-                    f"{100 * LARGEST_FOCAL_CHANGE:g} % is taken: take K of the same stream and resolution, lock the "
-                    "focus, measure the board",
-                )
-            )
     scale, sigma = evidence.board_scale, evidence.board_scale_sigma
     if scale is not None and sigma is not None:
         limit = max(LARGEST_SCALE_CHANGE, LARGEST_SCALE_SIGMAS * sigma)

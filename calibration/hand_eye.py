@@ -5,12 +5,13 @@ from numpy.typing import NDArray
 
 from calibration.assumed import Assumed
 from calibration.board_pose import BoardPoses, board_poses
+from calibration.camera_check import check_mounting
 from calibration.consistency import adjust_consistent
 from calibration.diagnosis import check_not_mirrored, check_together
 from calibration.errors import HandEyeInputError
-from calibration.gates import covariance_to_report, gate
+from calibration.gates import covariance_to_report, eight_views_to_report, gate
 from calibration.hand_eye_result import HandEyeResult
-from calibration.input_check import check_observations, check_poses
+from calibration.input_check import check_camera_moved, check_observations, check_poses
 from calibration.normal_equations import Problem, Unknowns
 from calibration.observations import Mounting, Observations
 from calibration.pose_solution import Poses, solve_weighted
@@ -52,9 +53,10 @@ def solve_hand_eye(observations: Observations, assumed: Assumed | None = None) -
         robot_sigma_m=evidence.robot_sigma_m,
         robot_sigma_rad=evidence.robot_sigma_rad,
         left_out_m=evidence.left_out_m,
-        eight_views_m=evidence.eight_views_m,
+        eight_views_m=eight_views_to_report(evidence),
         views=view_reports(evidence.names, problem, alone, adjusted, left_out),
         findings=gate(evidence),
+        joint_covariance=adjusted.shared_covariance,
     )
 
 
@@ -70,9 +72,10 @@ def solve_poses(
     What only pictures tell stays as it was: `K` is the identity, the board's scale 1 +- 0, the pixels' noise 0.
 
     Raises:
-        HandEyeInputError: poses that no calibration can be solved from, by `check_poses`.
+        HandEyeInputError: poses that no calibration can be solved from, by `check_poses` and `check_mounting`.
     """
     assumed = assumed or Assumed()
+    check_mounting(mounting)
     check_poses(T_base_flange, T_camera_board, names)
     poses = Poses(np.asarray(T_base_flange, np.float64), np.asarray(T_camera_board, np.float64), mounting)
     names = names or tuple(str(k) for k in range(len(poses.T_base_flange)))
@@ -91,9 +94,10 @@ def solve_poses(
         robot_sigma_m=evidence.robot_sigma_m,
         robot_sigma_rad=evidence.robot_sigma_rad,
         left_out_m=evidence.left_out_m,
-        eight_views_m=evidence.eight_views_m,
+        eight_views_m=eight_views_to_report(evidence),
         views=pose_reports(names, poses, solution),
         findings=gate(evidence),
+        joint_covariance=solution.covariance,
     )
 
 
@@ -107,6 +111,7 @@ def _start(problem: Problem, alone: BoardPoses, names: tuple[str, ...]) -> tuple
             "it is this board, flat, sharp and not mirrored, and that the camera matrix is of these pictures",
         )
     check_not_mirrored(alone.T_camera_board[found])
+    check_camera_moved(alone.T_camera_board[found])
     flange = problem.T_base_flange[found]
     start = robust_start(
         flange if problem.mounting == "eye-in-hand" else inverses(flange),

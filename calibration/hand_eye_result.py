@@ -72,6 +72,11 @@ class HandEyeResult:
     views: tuple[ViewReport, ...]
     """In the order given."""
     findings: tuple[Finding, ...]
+    joint_covariance: NDArray[np.float64] | None = None
+    """(17, 17) by the views, of the errors of X and, alike, of Y, then of fx, fy, cx and cy as shares of the focal
+    lengths, and of the logarithm of the board's scale; from poses alone of the first 12; None: not known. It tells how
+    surely the board appears where it lay, as these errors hang together: that of a board which is larger than told,
+    seen from one distance, is made up for by the others."""
 
     @property
     def verdict(self) -> Verdict:

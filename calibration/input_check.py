@@ -2,12 +2,12 @@
 
 Each refusal is a `HandEyeInputError` whose `slug` is one of
 
-    unpaired           flange poses and board poses are not equally many
+    unpaired           flange poses, board poses and names are not equally many
     not-finite         NaN or infinity
     not-rigid          a pose that is no rigid transform: mirrored, scaled, sheared
     millimetres        a pose too far away to be in metres
     degrees            a rotation vector longer than a turn
-    intrinsics         a camera matrix or distortion that cannot be
+    intrinsics         a camera matrix or distortion that cannot be, by `calibration.camera_check`
     corners            numbers and pixels of corners that do not go together, or are not on the board
     outside-image      pixels outside the image
     repeated-names     two views of one name
@@ -16,14 +16,19 @@ Each refusal is a `HandEyeInputError` whose `slug` is one of
     duplicate-views    enough views, but the robot did not move between them
     pure-translation   the robot hardly turned
     parallel-axes      it turned about one axis only
+    mounting           neither eye-in-hand nor eye-to-hand
+    camera-did-not-move
+                       the robot turned, and the camera saw the board as before
 
-The last six are decided on all views given; `calibration.gates` decides again on those that fit one another.
+Those from too-few-views to parallel-axes are decided on all views given; `calibration.gates` decides again on those
+that fit one another.
 """
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from calibration.board import FEWEST_CORNERS, Board
+from calibration.camera_check import check_camera, check_mounting
 from calibration.errors import HandEyeInputError
 from calibration.observations import BoardView, Observations
 from calibration.rotation_spread import PARALLEL_AXES_RAD, PURE_TRANSLATION_RAD, rotation_spread
@@ -36,8 +41,9 @@ FARTHEST_M = 5.0
 SAME_PLACE_M = 1e-3
 """Flange poses closer than this and than `SAME_DIRECTION_RAD` are one: ten times an arm's repeatability."""
 SAME_DIRECTION_RAD = np.radians(0.2)
-FOCAL_SHARES = (0.1, 20.0)
-"""Focal length as a share of the image's width: from a fish-eye lens to a telescope."""
+CAMERA_STILL_RAD = PURE_TRANSLATION_RAD / 3
+"""A camera that turned less than this against the board, while the robot turned enough, was not moved by it: no other
+mistake makes it a third."""
 
 
 def check_observations(observations: Observations) -> None:
@@ -46,11 +52,7 @@ def check_observations(observations: Observations) -> None:
     Raises:
         HandEyeInputError: with the slug of the first check that failed; the words name the view.
     """
-    _check_names([view.name for view in observations.views])
-    _check_camera(observations)
-    for view in observations.views:
-        _check_pose(view.T_base_flange, f"view {view.name}: T_base_flange")
-        _check_corners(view, observations)
+    check_each(observations)
     if len(observations.views) < FEWEST_VIEWS:
         raise _too_few_views(len(observations.views))
     usable = [view for view in observations.views if enough_corners(view.ids, observations.board)]
@@ -62,6 +64,16 @@ def check_observations(observations: Observations) -> None:
             "lit",
         )
     _check_spread(np.array([view.T_base_flange for view in usable]))
+
+
+def check_each(observations: Observations) -> None:
+    """Refuses a camera, and views, that cannot be, however many there are. Raises HandEyeInputError."""
+    _check_names([view.name for view in observations.views])
+    check_mounting(observations.mounting)
+    check_camera(observations.K, observations.distortion, observations.image_size)
+    for view in observations.views:
+        _check_pose(view.T_base_flange, f"view {view.name}: T_base_flange")
+        _check_corners(view, observations)
 
 
 def check_poses(
@@ -78,6 +90,10 @@ def check_poses(
             f"there are {len(T_base_flange)} flange poses and {len(T_camera_board)} board poses: one of each is "
             "needed for every view",
         )
+    if names and len(names) != len(T_base_flange):
+        raise HandEyeInputError(
+            "unpaired", f"there are {len(names)} names and {len(T_base_flange)} poses: one is needed for every view"
+        )
     names = names or tuple(str(index) for index in range(len(T_base_flange)))
     _check_names(names)
     for name, flange, board in zip(names, T_base_flange, T_camera_board, strict=True):
@@ -86,6 +102,22 @@ def check_poses(
     if len(T_base_flange) < FEWEST_VIEWS:
         raise _too_few_views(len(T_base_flange))
     _check_spread(np.asarray(T_base_flange, dtype=np.float64))
+    check_camera_moved(np.asarray(T_camera_board, dtype=np.float64))
+
+
+def check_camera_moved(T_camera_board: NDArray[np.float64]) -> None:
+    """Refuses board poses (N, 4, 4) that are all alike, of views between which the robot turned.
+
+    Raises:
+        HandEyeInputError: "camera-did-not-move".
+    """
+    largest_rad = rotation_spread(T_camera_board).largest_rad
+    if largest_rad < CAMERA_STILL_RAD:
+        raise HandEyeInputError(
+            "camera-did-not-move",
+            f"the robot turned, and in the pictures the board turns by {np.degrees(largest_rad):.1f} degrees at most: "
+            "check that camera or board is on the flange as the mounting says, and that each picture is a new one",
+        )
 
 
 def enough_corners(ids: NDArray[np.int64], board: Board) -> bool:
@@ -111,7 +143,7 @@ def pose_from_vector(xyz_m: ArrayLike, rotvec_rad: ArrayLike, name: str = "T_bas
             f"{name} has a rotation vector of length {turn:.4g}, more than a turn (2 pi): rotation vectors are in "
             "radians, and this one looks like degrees or like Euler angles",
         )
-    _check_near(place, name)
+    check_near(place, name)
     return from_rotation_vector(place, vector)
 
 
@@ -135,10 +167,11 @@ def _check_pose(T: NDArray[np.float64], name: str) -> None:
         matrix = rigid(values, name)
     except NotRigidError as error:
         raise HandEyeInputError("not-rigid", str(error)) from error
-    _check_near(matrix[:3, 3], name)
+    check_near(matrix[:3, 3], name)
 
 
-def _check_near(place: NDArray[np.float64], name: str) -> None:
+def check_near(place: NDArray[np.float64], name: str) -> None:
+    """Refuses a place (3,) that is too far away to be in metres. Raises HandEyeInputError ("millimetres")."""
     with np.errstate(over="ignore"):
         far = float(np.linalg.norm(place))
     if far > FARTHEST_M:
@@ -153,31 +186,6 @@ def _check_names(names: list[str] | tuple[str, ...]) -> None:
     twice = sorted({name for name in names if names.count(name) > 1})
     if twice:
         raise HandEyeInputError("repeated-names", f"more than one view is named {twice[0]}: give each its own name")
-
-
-def _check_camera(observations: Observations) -> None:
-    width, height = observations.image_size
-    K, distortion = (np.asarray(values, dtype=np.float64) for values in (observations.K, observations.distortion))
-    if not (np.isfinite(K).all() and np.isfinite(distortion).all()):
-        raise _not_finite("the camera's matrix or distortion")
-    wrong = None
-    if width <= 0 or height <= 0:
-        wrong = f"the image has {width} x {height} pixels"
-    elif K.shape != (3, 3):
-        wrong = f"K has shape {K.shape} instead of (3, 3)"
-    elif K[1, 0] != 0 or not np.array_equal(K[2], (0.0, 0.0, 1.0)):
-        wrong = "K has numbers where [[fx, s, cx], [0, fy, cy], [0, 0, 1]] has none"
-    elif not all(FOCAL_SHARES[0] * width < focal < FOCAL_SHARES[1] * width for focal in (K[0, 0], K[1, 1])):
-        wrong = f"a focal length of {K[0, 0]:.5g}, {K[1, 1]:.5g} pixels does not go with a width of {width}"
-    elif not (0 < K[0, 2] < width and 0 < K[1, 2] < height):
-        wrong = f"the optical axis at ({K[0, 2]:.5g}, {K[1, 2]:.5g}) is not within {width} x {height} pixels"
-    elif distortion.size not in (0, 4, 5, 8, 12, 14):
-        wrong = f"the distortion has {distortion.size} coefficients; OpenCV's 0, 4, 5, 8, 12 or 14 are taken"
-    if wrong is not None:
-        raise HandEyeInputError(
-            "intrinsics",
-            f"the camera's matrix cannot be: {wrong}: take K of the same stream and resolution as the pictures",
-        )
 
 
 def _check_corners(view: BoardView, observations: Observations) -> None:

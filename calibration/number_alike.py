@@ -44,6 +44,22 @@ def number_alike(observations: Observations, certain: Sequence[bool]) -> Observa
     return replace(observations, views=tuple(views))
 
 
+def number_nearest(observations: Observations, T_camera_board: NDArray[np.float64]) -> Observations:
+    """The same views, each renumbered so that the board appears turned as little as possible from where it is taken to
+    be, `T_camera_board` (N, 4, 4)."""
+    possible = renumberings(observations.board)
+    if len(possible) == 1 or not observations.views:
+        return observations
+    found = board_poses(corners_of(observations))
+    usable = np.flatnonzero(found.found)
+    turned = _turned(found.T_camera_board[usable, :3, :3], observations.board, possible)
+    off = rotation_angles(turned.swapaxes(2, 3) @ T_camera_board[usable, :3, :3])
+    views = list(observations.views)
+    for k, choice in zip(usable, off.argmin(axis=0), strict=True):
+        views[k] = replace(views[k], ids=possible[choice][views[k].ids])
+    return replace(observations, views=tuple(views))
+
+
 def _turned(
     R_camera_board: NDArray[np.float64], board: Board, possible: list[NDArray[np.int64]]
 ) -> NDArray[np.float64]:

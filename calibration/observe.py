@@ -1,12 +1,13 @@
 """From the folder form to observations: finds the board in each image."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration.calibration_setup import Setup
 from calibration.detection import BoardSighting, detect_board
 from calibration.disk import read_in_folder
 from calibration.errors import BoardDetectionError, CalibrationFolderError
@@ -14,7 +15,7 @@ from calibration.folder import FolderContent, FolderView
 from calibration.number_alike import number_alike
 from calibration.observations import BoardView, Observations
 
-__all__ = ["Observed", "observe", "read_image", "seen_from"]
+__all__ = ["Observed", "numbered_alike", "observe", "read_image", "seen_from"]
 
 LARGEST_IMAGE_BYTES = 128 << 20
 
@@ -61,11 +62,19 @@ def observe(content: FolderContent, told: Told | None = None) -> Observed:
     if not views and first_error is not None:
         raise first_error
     held_out = {view.name for view in content.views if view.held_out}
+    return Observed(*numbered_alike(setup, views, certain, held_out), tuple(unseen))
+
+
+def numbered_alike(
+    setup: Setup, views: Sequence[BoardView], certain: Sequence[bool], held_out: Collection[str]
+) -> tuple[Observations, Observations]:
+    """The views to solve from, and those that are `held_out` by name: all numbered from the same corner of the board,
+    where its pictures leave open which that is. Which views are `certain` (N,), their `BoardSighting.numbered` says.
+    """
     alike = number_alike(setup.observations(tuple(views)), certain).views
-    return Observed(
+    return (
         setup.observations(tuple(view for view in alike if view.name not in held_out)),
         setup.observations(tuple(view for view in alike if view.name in held_out)),
-        tuple(unseen),
     )
 
 

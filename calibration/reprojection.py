@@ -87,6 +87,18 @@ def pixel_blocks(
     The board's motion `c` is from the left: `small_motion(c) @ T_camera_board`.
     """
     r, p = reprojection(T_camera_board, lens, corners)
+    J = pixel_jacobian(T_camera_board, lens, corners, p) * np.tile(used, 2)[:, None]
+    r = np.where(used[..., None], r, 0.0).swapaxes(1, 2).reshape(len(r), -1)
+    return PixelBlocks(J @ J.swapaxes(1, 2), (J @ r[..., None])[..., 0], (r**2).sum(axis=1))
+
+
+def pixel_jacobian(
+    T_camera_board: NDArray[np.float64], lens: NDArray[np.float64], corners: Corners, p: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """(N, 6 + LENS, 2 M) how the board's small motion, from the left, and the lens move every corner's u, then v.
+
+    The corners are at `p` (N, M, 3) in the camera, as `reprojection` tells.
+    """
     told = corners.K[[0, 1], [0, 1]]
     fx, fy = told * (1 + lens[:2])
     x, y, z = p[..., 0] / p[..., 2], p[..., 1] / p[..., 2], p[..., 2]
@@ -99,14 +111,11 @@ def pixel_blocks(
     by_v = [-fy * (1 + y * y), fy * x * y, fy * x, nothing, fy / z, -fy * y / z]
     by_v += [nothing, told[1] * y, nothing, told[1] * one]
     by_v += [fy * (from_origin[..., 1] - y * from_origin[..., 2]) / z]
-    # (N, 6 + LENS, 2 M)
-    J = np.concatenate([np.stack(by_u, axis=1) * used[:, None], np.stack(by_v, axis=1) * used[:, None]], axis=2)
-    r = np.where(used[..., None], r, 0.0).swapaxes(1, 2).reshape(len(r), -1)
-    return PixelBlocks(J @ J.swapaxes(1, 2), (J @ r[..., None])[..., 0], (r**2).sum(axis=1))
+    return np.concatenate([np.stack(by_u, axis=1), np.stack(by_v, axis=1)], axis=2)
 
 
 def _undistorted(pixels: NDArray[np.float64], observations: Observations) -> NDArray[np.float64]:
-    if not np.any(observations.distortion):
+    if not np.any(observations.distortion) or not len(pixels):
         return pixels
     import cv2
 

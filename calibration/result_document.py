@@ -3,7 +3,8 @@
 `mounting`; `frames`, the transforms in words; `T_flange_camera` and `T_base_board` (of a camera that stands in the
 cell: `T_base_camera` and `T_flange_board`); `covariance` of the camera's pose; `intrinsics`, as fitted and as told;
 `board` as told, with its `scale` by the views; `metrics`; `verdict`, `findings`, `views`, and `verification` on views
-that were held out. Metres, radians, pixels. A number that a refused solution does not have is null.
+that were held out; `joint_covariance` as in `calibration.hand_eye_result`, for verifications. Metres, radians, pixels.
+A number that a refused solution does not have is null.
 """
 
 from dataclasses import asdict
@@ -50,6 +51,7 @@ def result_document(
         camera: _transform(result.X),
         board: _transform(result.Y),
         "covariance": {"matrix": result.covariance.tolist()} | COVARIANCE,
+        "joint_covariance": None if result.joint_covariance is None else result.joint_covariance.tolist(),
         "intrinsics": {
             "K": result.K.tolist(),
             "K_told": observations.K.tolist(),

@@ -7,9 +7,9 @@ from calibration.adjustment import Adjusted
 from calibration.board_pose import BoardPoses
 from calibration.evidence import Evidence
 from calibration.leave_one_out import LeftOut
+from calibration.lens_residual import lens_residual
 from calibration.normal_equations import Problem
 from calibration.observations import Mounting, Observations
-from calibration.pair_disagreement import eight_views_bound
 from calibration.pose_solution import Poses, PoseSolution
 from calibration.reprojection import camera_matrix
 from calibration.view_reports import distances_m
@@ -23,6 +23,7 @@ def picture_evidence(
     covariance = adjusted.shared_covariance[:6, :6]
     distances = distances_m(problem, alone)
     noise = adjusted.noise
+    radial = lens_residual(problem, adjusted)
     lever = _lever(problem.mounting, unknowns.X, unknowns.Y, problem.corners.middle, _mean(distances[used]))
     return Evidence(
         mounting=problem.mounting,
@@ -37,10 +38,12 @@ def picture_evidence(
         robot_sigma_m=noise.robot_m,
         robot_sigma_rad=noise.robot_rad,
         left_out_m=_rms(left_out.off_m[used]),
-        eight_views_m=eight_views_bound(covariance, noise.robot_rad, noise.robot_m, _mean(distances[used]), lever),
+        lever_m=lever,
         pixel_sigma_px=noise.pixel_px,
         K_told=observations.K,
         K=camera_matrix(observations.K, unknowns.lens),
+        k1=radial.k1,
+        k1_sigma=radial.sigma,
         board_scale=adjusted.board_scale,
         board_scale_sigma=adjusted.board_scale_sigma,
     )
@@ -65,7 +68,7 @@ def pose_evidence(names: tuple[str, ...], poses: Poses, solution: PoseSolution) 
         robot_sigma_m=robot_m,
         robot_sigma_rad=robot_rad,
         left_out_m=_rms(solution.off_m[used]),
-        eight_views_m=eight_views_bound(covariance, robot_rad, robot_m, _mean(distances[used]), lever),
+        lever_m=lever,
     )
 
 

@@ -71,6 +71,8 @@ class HandEye:
     """What could not be checked, and what looks wrong."""
     covariance: NDArray[np.float64] | None = None
     """(6, 6) as in `calibration.hand_eye_result`; this and what follows is None where the file does not tell it."""
+    joint_covariance: NDArray[np.float64] | None = None
+    """(12, 12) or (17, 17) as there."""
     T_base_board: NDArray[np.float64] | None = None
     """(4, 4) where the board lay."""
     board: Board | None = None
@@ -157,8 +159,8 @@ def _read(path: Path) -> bytes:
 def _parsed(path: Path, content: bytes, max_age_days: float, now: datetime) -> HandEye:
     judged = read_form(JudgedForm, content, path, HandEyeInvalidError)
     findings = tuple(Finding(**vars(told)) for told in judged.findings or [])
-    if judged.verdict == "refuse":
-        why = "; ".join(finding.words for finding in findings if finding.refuses) or "the file does not say why"
+    if judged.refusals:
+        why = "; ".join(judged.refusals)
         raise HandEyeRefusedError(f"the calibration {path} was refused when it was solved: {why}")
     if judged.mounting != "eye-in-hand" or judged.T_base_camera is not None:
         raise HandEyeInvalidError(
@@ -175,6 +177,7 @@ def _parsed(path: Path, content: bytes, max_age_days: float, now: datetime) -> H
         sha256=hashlib.sha256(content).hexdigest(),
         warnings=_looking_back(form.T_flange_camera) + _unknown(form) + tuple(finding.words for finding in findings),
         covariance=np.array(form.covariance.matrix) if form.covariance else None,
+        joint_covariance=form.joint_covariance,
         T_base_board=form.T_base_board,
         board=form.board,
         board_scale=form.board_scale,
@@ -221,7 +224,7 @@ def _check_age(path: Path, created: datetime | None, max_age_days: float, now: d
             "machine's clock, or calibrate anew"
         )
     days = (now - created) / timedelta(days=1)
-    if days > max_age_days:
+    if not days <= max_age_days:
         raise HandEyeStaleError(
             f"{path} is {days:.1f} days old, and hand_eye.max_age_days is {max_age_days:g}: calibrate anew"
         )

@@ -12,15 +12,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.assumed import Assumed
-from calibration.board_pose import board_poses
-from calibration.errors import HandEyeInvalidError, HandEyeMismatchError
 from calibration.hand_eye_result import HandEyeResult
+from calibration.input_check import check_each
 from calibration.observations import Observations
-from calibration.pose_stack import cross_matrix
-from calibration.reprojection import LENS, corners_of, pixel_blocks
+from calibration.pose_stack import rotation_angles
+from calibration.reappearance import Appearance, Claim, appearances, check_same, claim_of
 from calibration.storage import HandEye
-from calibration.transforms import inverse
 
 NOTABLE_M = 0.001
 """What is less off is good enough, however exact arm and camera are ..."""
@@ -33,8 +30,9 @@ SLIDING_LIMIT = 3.0
 UNCLEAR = 0.5
 """Views that put the board farther apart than this share of what it appears to be moved by do not agree on that. From
 opposite sides, a camera that was moved along the table puts it apart by more than that by far."""
-SAME_CAMERA = 0.05
-"""Focal lengths of one camera differ by no larger share, unless its images have another size."""
+SIDES_RAD = np.radians(20.0)
+"""Cameras that look from directions this far apart look from two sides: one that was moved by 3 mm puts the board
+1 mm apart, which is notable."""
 
 
 @dataclass(frozen=True)
@@ -79,32 +77,6 @@ class Verification:
         }
 
 
-@dataclass(frozen=True, eq=False)
-class _Claim:
-    """What a calibration says."""
-
-    X: NDArray[np.float64]
-    Y: NDArray[np.float64]
-    covariance: NDArray[np.float64]
-    K: NDArray[np.float64]
-    board_scale: float
-    robot_sigma_m: float
-    robot_sigma_rad: float
-
-
-@dataclass(frozen=True, eq=False)
-class _Seen:
-    """One view's board, as far as the calibration puts it from where it lay: a rotation vector and a shift of its
-    middle, along the axes in which the claim has the board (those of the base, for a camera on the flange)."""
-
-    off: NDArray[np.float64]
-    """(6,)."""
-    by_claim: NDArray[np.float64]
-    """(6, 6): how an error of X, as in its covariance, changes that."""
-    own: NDArray[np.float64]
-    """(6, 6) covariance of what is this view's alone: robot and corners."""
-
-
 def verify(hand_eye: HandEye | HandEyeResult, views: Observations) -> Verification:
     """Where the views put the board by a calibration, and whether that is where it lay when it was solved.
 
@@ -113,12 +85,17 @@ def verify(hand_eye: HandEye | HandEyeResult, views: Observations) -> Verificati
 
     Raises:
         HandEyeInvalidError: the calibration does not tell where the board lay and how sure it is.
-        HandEyeMismatchError: it is of images of another size.
+        HandEyeMismatchError: it is of another camera, robot, board or mounting, or of images of another size.
+        HandEyeInputError: views that cannot be, by `calibration.input_check.check_each`.
     """
-    claim = _claim(hand_eye)
-    if not views.views or not np.isfinite(claim.X).all():
+    claim = claim_of(hand_eye)
+    check_same(hand_eye, views)
+    if not views.views:
         return _nothing("there is no view of the board that the calibration was not solved from")
-    names, seen = _seen(claim, views)
+    check_each(views)
+    if not all(np.isfinite(told).all() for told in (claim.X, claim.Y, claim.covariance, claim.K)):
+        return _nothing("the calibration has no solution")
+    names, seen = appearances(claim, views)
     if not seen:
         return _nothing("the board could not be made out in the views that the calibration was not solved from")
     covariances = [each.own + each.by_claim @ claim.covariance @ each.by_claim.T for each in seen]
@@ -143,15 +120,9 @@ def verify(hand_eye: HandEye | HandEyeResult, views: Observations) -> Verificati
 
 
 def _judged(
-    verification: Verification, seen: list[_Seen], covariances: list[NDArray[np.float64]], claim: _Claim
+    verification: Verification, seen: list[Appearance], covariances: list[NDArray[np.float64]], claim: Claim
 ) -> Verification:
     """The board does not appear where it lay: why?"""
-    if len(seen) < 2:
-        words = (
-            f"the board appears {_mm(verification.worst_m)} from where it lay: look from another side too, to tell "
-            "whether it was moved or the camera"
-        )
-        return replace(verification, words=words)
     apart, disagree = 0.0, False
     for one, other in itertools.combinations(seen, 2):
         difference, by_claim = one.off - other.off, one.by_claim - other.by_claim
@@ -160,6 +131,12 @@ def _judged(
     anew = "check that camera and bracket are tight and that the tool is the same, then calibrate anew"
     if disagree:
         words = f"views from different sides put the board {_mm(apart)} apart, more than chance does: {anew}"
+        return replace(verification, words=words)
+    if not _from_two_sides(seen):
+        words = (
+            f"the board appears {_mm(verification.worst_m)} from where it lay: look from two sides, "
+            f"{np.degrees(SIDES_RAD):.0f} degrees apart or more, to tell whether it was moved or the camera"
+        )
         return replace(verification, words=words)
     shift = np.mean([each.off for each in seen], axis=0)[3:]
     normal = claim.Y[:3, 2]
@@ -184,96 +161,24 @@ def _judged(
     return replace(verification, board_moved_m=moved, passed=True, words=words)
 
 
-def _claim(hand_eye: HandEye | HandEyeResult) -> _Claim:
-    if isinstance(hand_eye, HandEyeResult):
-        return _Claim(
-            hand_eye.X,
-            hand_eye.Y,
-            hand_eye.covariance,
-            hand_eye.K,
-            hand_eye.board_scale,
-            hand_eye.robot_sigma_m,
-            hand_eye.robot_sigma_rad,
-        )
-    told = (hand_eye.T_base_board, hand_eye.covariance, hand_eye.K)
-    Y, covariance, K = told
-    if Y is None or covariance is None or K is None:
-        raise HandEyeInvalidError(
-            "the calibration does not tell where the board lay, how sure it is and with which camera matrix, so that "
-            "it cannot be verified: calibrate anew"
-        )
-    assumed = Assumed()
-    return _Claim(
-        hand_eye.T_flange_camera,
-        Y,
-        covariance,
-        K,
-        1.0 if hand_eye.board_scale is None else hand_eye.board_scale,
-        assumed.robot_m if hand_eye.robot_sigma_m is None else hand_eye.robot_sigma_m,
-        assumed.robot_rad if hand_eye.robot_sigma_rad is None else hand_eye.robot_sigma_rad,
-    )
-
-
-def _seen(claim: _Claim, views: Observations) -> tuple[list[str], list[_Seen]]:
-    """Names and boards of the views in which there is one."""
-    if np.abs(claim.K[[0, 1], [0, 1]] / views.K[[0, 1], [0, 1]] - 1).max() > SAME_CAMERA:
-        raise HandEyeMismatchError(
-            f"the calibration is of images with a focal length of {claim.K[0, 0]:.0f} px, these have "
-            f"{views.K[0, 0]:.0f} px: give the camera the resolution that it was calibrated with, or calibrate anew"
-        )
-    # The corners are undistorted by what the camera tells; the fitted matrix takes it from there.
-    told = corners_of(views)
-    corners = replace(told, K=claim.K, points=claim.board_scale * told.points)
-    poses = board_poses(corners)
-    information = pixel_blocks(poses.T_camera_board, np.zeros(LENS), corners, poses.good).information
-    names, seen = [], []
-    for k in np.flatnonzero(poses.found):
-        view, T_camera_board = views.views[k], poses.T_camera_board[k]
-        A = view.T_base_flange if views.mounting == "eye-in-hand" else inverse(view.T_base_flange)
-        T_camera = A @ claim.X
-        board = T_camera @ T_camera_board
-        middle = board[:3, :3] @ corners.middle + board[:3, 3]
-        lay = claim.Y[:3, :3] @ corners.middle + claim.Y[:3, 3]
-        off = np.concatenate([_rotation_vector(board[:3, :3] @ claim.Y[:3, :3].T), middle - lay])
-        by_claim = _at(T_camera, middle)
-        pixel_px = max(float(poses.rms_px[k]), 1e-3)
-        of_corners = np.linalg.inv(information[k, :6, :6]) * pixel_px**2
-        by_robot = _at(view.T_base_flange if views.mounting == "eye-in-hand" else np.eye(4), middle)
-        of_robot = np.diag([claim.robot_sigma_rad**2] * 3 + [claim.robot_sigma_m**2] * 3)
-        own = by_claim @ of_corners @ by_claim.T + by_robot @ of_robot @ by_robot.T
-        names.append(view.name)
-        seen.append(_Seen(off, by_claim, own))
-    return names, seen
-
-
-def _at(T: NDArray[np.float64], place: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(6, 6): what a small motion in the frame `T` (4, 4) does at a place (3,), both seen from outside that frame."""
-    R = T[:3, :3]
-    result = np.zeros((6, 6))
-    result[:3, :3] = result[3:, 3:] = R
-    result[3:, :3] = -cross_matrix(place - T[:3, 3]) @ R
-    return result
+def _from_two_sides(seen: list[Appearance]) -> bool:
+    turns = np.array([each.by_claim[:3, :3] for each in seen])
+    return bool(rotation_angles(turns[:, None].swapaxes(-1, -2) @ turns).max() >= SIDES_RAD)
 
 
 def _beyond(off: NDArray[np.float64], covariance: NDArray[np.float64]) -> bool:
     """Whether a difference (6,) is notable and not chance."""
 
     def unlikely(part: slice) -> bool:
-        return float(off[part] @ np.linalg.solve(covariance[part, part], off[part])) > CHI2_LIMIT
+        return not float(off[part] @ np.linalg.solve(covariance[part, part], off[part])) <= CHI2_LIMIT
 
     turned, shifted = slice(0, 3), slice(3, 6)
     notable = ((shifted, NOTABLE_M), (turned, NOTABLE_RAD))
-    return any(float(np.linalg.norm(off[part])) > least and unlikely(part) for part, least in notable)
+    return any(not float(np.linalg.norm(off[part])) <= least and unlikely(part) for part, least in notable)
 
 
 def _nothing(words: str) -> Verification:
     return Verification((), math.nan, math.nan, None, False, words)
-
-
-def _rotation_vector(R: NDArray[np.float64]) -> NDArray[np.float64]:
-    from scipy.spatial.transform import Rotation
-
-    return Rotation.from_matrix(R).as_rotvec()
 
 
 def _finite(value: float) -> float | None:

@@ -15,15 +15,16 @@ import numpy as np
 
 from calibration.board import Board
 from calibration.calibration_setup import Setup
+from calibration.disk import replace_synced
 from calibration.errors import BoardDetectionError, CalibrationFolderError, HandEyeError
 from calibration.folder import HAND_EYE, SETUP, write_setup, write_view
 from calibration.hand_eye_result import HandEyeResult
 from calibration.observations import BoardView
+from calibration.observe import numbered_alike
 from calibration.storage import write_result
 from calibration.verification import Verification, verify
 from calibration.verified import verification_findings
 from cell.cell import Cell
-from cell.cell_calibration import verifiable_hand_eye
 from cell.devices import View
 from cell.errors import CalibrationError, MissingViewsError
 from cell.scan import ScanListener
@@ -31,6 +32,8 @@ from cell.viewpoints import ViewpointPlan
 
 LEAST_VIEWS = 8
 """No calibration is solved from fewer views of the board."""
+PICTURE_BYTES = 1 << 20
+"""No picture takes more on the disk."""
 CELLS = (8, 5)
 """Of the picture, across and down, for the coverage."""
 NOT_SEEN = (
@@ -76,13 +79,14 @@ def run_calibration(
         CellError: as a scan does; MissingViewsError too when too few views show the board.
         HandEyeInputError: no calibration can be solved from such views.
         CalibrationFolderError: there is a calibration in the folder already.
-        OSError: a file cannot be written.
+        OSError: a file cannot be written; before any move where that shows by then.
     """
     from calibration.hand_eye import solve_hand_eye
 
     looks = _look(cell, plan, folder, board, listener, LEAST_VIEWS)
-    observations = looks.setup.observations(looks.of(set(range(len(plan.viewpoints))) - set(plan.held_out)))
-    held_out = looks.setup.observations(looks.of(plan.held_out))
+    observations, held_out = numbered_alike(
+        looks.setup, tuple(looks.views.values()), looks.certain, {view.name for view in looks.of(plan.held_out)}
+    )
     if len(observations.views) < LEAST_VIEWS:
         raise _too_few(len(observations.views), LEAST_VIEWS, looks)
     result = solve_hand_eye(observations)
@@ -96,10 +100,11 @@ def run_calibration(
 def run_verification(cell: Cell, plan: ViewpointPlan, folder: Path, listener: CalibrationListener) -> Verification:
     """Takes the views of a plan of `Cell.prepare_verification`, and judges the calibration in use by them.
 
-    The arm is home on return. Raises as `run_calibration`, and CalibrationError when the calibration cannot be read or
-    is of images of another size.
+    The calibration is the one that the plan was made with; no move begins once it is no longer in use. The arm is home
+    on return. Raises as `run_calibration`, and CalibrationError when the calibration was changed since, or is of images
+    of another size.
     """
-    hand_eye = verifiable_hand_eye(cell.settings.hand_eye)
+    hand_eye = cell.made_with(plan)
     assert hand_eye.board is not None
     looks = _look(cell, plan, folder, hand_eye.board, listener, len(plan.viewpoints))
     views = looks.of(range(len(plan.viewpoints)))
@@ -123,6 +128,8 @@ class _Looks:
     listener: CalibrationListener
     views: dict[int, BoardView] = field(default_factory=dict)
     """Those that show the board, by the pose's index, in the order in which they were taken."""
+    certain: list[bool] = field(default_factory=list)
+    """Whether it is plain which of the board's corners is the first; as long as `views`."""
     unseen: list[tuple[str, str]] = field(default_factory=list)
     _setup: Setup | None = None
     _names: dict[int, str] = field(default_factory=dict)
@@ -177,6 +184,7 @@ class _Looks:
         self.views[view.index] = BoardView(
             name, view.T_base_flange, sighting.ids, sighting.pixels, sighting.corner_sigma_px
         )
+        self.certain.append(sighting.numbered)
         height, width = view.image.shape[:2]
         cells = (sighting.pixels / (width, height) * CELLS).astype(np.int64).clip(0, np.array(CELLS) - 1)
         self._covered.update(map(tuple, cells.tolist()))
@@ -190,6 +198,7 @@ def _look(
     """Takes all views of the plan; the arm is home on return."""
     if (folder / SETUP).exists():
         raise CalibrationFolderError(f"{folder} holds a calibration already, which is never overwritten: name another")
+    _require_room(folder, len(plan.viewpoints))
     status = cell.status
     looks = _Looks(
         folder,
@@ -203,6 +212,20 @@ def _look(
         for view in views:
             looks.detect(view)
     return looks
+
+
+def _require_room(folder: Path, views: int) -> None:
+    """Makes the folder and sees that the pictures can be written there, before the arm moves for nothing.
+
+    Raises:
+        OSError: they cannot.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    probe = folder / ".probe"
+    try:
+        replace_synced(probe, bytes(views * PICTURE_BYTES))
+    finally:
+        probe.unlink(missing_ok=True)
 
 
 def _too_few(seen: int, least: int, looks: _Looks) -> MissingViewsError:

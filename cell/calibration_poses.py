@@ -32,6 +32,10 @@ LEAST_RATIO, LARGEST_RATIO = 1.25, 1.75
 """Between the far distance and the near one: more tells little more, and is hard to reach."""
 LEAST_OF_EACH = 3
 """So many looks from near and so many from far are needed to tell the focal length and the board's size."""
+UNVERIFIED = (
+    "none of the poses that the calibration is verified from can be reached, so that it will not be verified: change "
+    "x_m or y_m in [workspace]"
+)
 
 _NEAR_ELEVATION_RAD, _FAR_ELEVATION_RAD, _HELD_ELEVATION_RAD = np.deg2rad((60.0, 70.0, 65.0))
 _NEAR_ROLL_RAD, _FAR_ROLL_RAD, _HELD_ROLL_RAD = np.deg2rad((75.0, 25.0, 50.0))
@@ -70,8 +74,9 @@ def plan_calibration(
 ) -> ViewpointPlan:
     """The way from `q_now_rad` (6,), or home, through poses from which a calibration is solved, and home.
 
-    The first `poses` viewpoints are solved from, the `held_out` after them are not. `T_flange_camera` (4, 4) need be
-    right to a few centimetres and degrees only. Nothing moves. The same arguments give the same plan.
+    The first `poses` viewpoints are solved from, the `held_out` after them are not; where none of these can be reached,
+    the last of the others that can is held out too, and where too few can, a warning says so. `T_flange_camera` (4, 4)
+    need be right to a few centimetres and degrees only. Nothing moves. The same arguments give the same plan.
 
     Raises:
         ViewpointsError: fewer than `LEAST_POSES` (or `poses`) can be reached; names each that cannot, with its reason.
@@ -87,11 +92,13 @@ def plan_calibration(
             f"only {len(solved_from)} of {poses} calibration poses can be reached, {least} are needed: change x_m or "
             f"y_m in [workspace] so that the arm reaches round its middle. Not reached are {told_missing(plan)}"
         )
-    return replace(
-        plan,
-        held_out=tuple(range(poses, poses + held_out)),
-        warnings=_too_alike([v.distance_m for v in solved_from], distances),
-    )
+    held, warnings = tuple(range(poses, poses + held_out)), ()
+    if held and all(v.q_rad is None for v in plan.viewpoints[poses:]):
+        if len(solved_from) > least:
+            held = (solved_from.pop().index, *held)
+        else:
+            warnings = (UNVERIFIED,)
+    return replace(plan, held_out=held, warnings=warnings + _too_alike([v.distance_m for v in solved_from], distances))
 
 
 def plan_verification(

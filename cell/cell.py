@@ -12,13 +12,21 @@ from calibration.board import Board
 from calibration.storage import HandEye
 from cell.calibration_poses import HELD_OUT, POSES, plan_calibration, plan_verification
 from cell.camera import LiveCamera
-from cell.cell_calibration import hand_eye_in_use, require_unchanged, rough_hand_eye, verifiable_hand_eye
+from cell.cell_calibration import (
+    hand_eye_in_use,
+    require_its_own,
+    require_still_verified,
+    require_unchanged,
+    rough_hand_eyes,
+    verifiable_hand_eye,
+)
 from cell.cell_header import scan_header
 from cell.cell_status import FAULTS, CellStatus, KeptStatus
 from cell.connecting import connect_equipment
 from cell.equipment import Equipment
 from cell.errors import (
     AcknowledgeRequiredError,
+    CalibrationError,
     CellBusyError,
     CellError,
     NothingToAcknowledgeError,
@@ -52,6 +60,9 @@ class Cell:
         """Another one with every stop that somebody asks for ..."""
         self._stop_before = self._last_stop
         """... and the last before the scan that was prepared: it no longer counts."""
+        self._prepared: tuple[ViewpointPlan, HandEye, Callable[[], None]] | None = None
+        """The last plan to calibrate or verify, the mounting that it was made with, and what is checked before each of
+        its moves."""
         self._closing = threading.Event()
         self._watch = IdleWatch(self._equipment, self._status, self._turn)
 
@@ -116,13 +127,16 @@ class Cell:
 
         `poses` are solved from, `held_out` more judge it. On a simulated cell the board is laid on the table.
 
-        Raises: as `connect`; CalibrationError when nothing is known of the mounting, ViewpointsError when too few poses
-        can be reached.
+        Raises: as `connect`; CalibrationError when nothing is known of the mounting, or a ruler tells another than the
+        calibration in use; ViewpointsError when too few poses can be reached.
         """
-        rough = self._rough().T_flange_camera
+        told = rough_hand_eyes(self.settings.hand_eye, self._equipment.world)
 
         def planned() -> ViewpointPlan:
-            return plan_calibration(self.settings, board, rough, self._q_rad, poses, held_out)
+            rough = told.of(*self._ids)
+            plan = plan_calibration(self.settings, board, rough.T_flange_camera, self._q_rad, poses, held_out)
+            self._prepared = plan, rough, lambda: None
+            return plan
 
         return self._prepare(board, None, planned)
 
@@ -136,9 +150,19 @@ class Cell:
         assert board is not None
 
         def planned() -> ViewpointPlan:
-            return plan_verification(self.settings, board, hand_eye.T_flange_camera, self._q_rad)
+            plan = plan_verification(self.settings, board, hand_eye.T_flange_camera, self._q_rad)
+            self._prepared = plan, hand_eye, lambda: require_still_verified(hand_eye, self.settings.hand_eye)
+            return plan
 
         return self._prepare(board, lambda: hand_eye, planned)
+
+    def made_with(self, plan: ViewpointPlan) -> HandEye:
+        """The calibration, maybe a rough one, by which a plan to calibrate or verify was made.
+
+        Raises:
+            CalibrationError: it is not the last plan of these.
+        """
+        return self._prepared_for(plan)[0]
 
     def header(self, radius_m: float | None) -> RecordingHeader:
         """Of the recording of a scan that was prepared; `radius_m` None: not known."""
@@ -165,11 +189,12 @@ class Cell:
         self, plan: ViewpointPlan, writer: ViewWriter, listener: ScanListener, least: int
     ) -> contextlib.AbstractContextManager[BackgroundScan]:
         """The same by a plan of `prepare_calibration` or `prepare_verification`: the views have pictures, and their
-        `T_flange_camera` is a rough one. With fewer than `least` views it raises MissingViewsError.
+        `T_flange_camera` is the one that the plan was made with. With fewer than `least` views it raises
+        MissingViewsError. Afterwards the cell is ready only if there is a calibration that it can use.
         """
 
         def means() -> ScanMeans:
-            return self._means(self._rough(), lambda: None, picture=True)
+            return self._means(*self._prepared_for(plan), picture=True)
 
         return self._moving(plan, writer, listener, least, means, "calibration")
 
@@ -248,6 +273,8 @@ class Cell:
                     yield scan
             finally:
                 self._status.after(scan.error, FAULTS)
+                if what == "calibration":  # it was begun without asking for one that can be used
+                    self._require_usable()
                 if self._last_stop is not before:  # one that came when the arm was home already
                     self._status.no_longer_ready("stopped", STOPPED)
 
@@ -259,7 +286,12 @@ class Cell:
         with self._using(HOME_S):
             self._equipment.lay_board(board)
             self._connect(calibration)
-            plan = planned()
+            try:
+                plan = planned()
+            except CellError:
+                if calibration is None:
+                    self._require_usable()
+                raise
             self._stop_before = before
             self._refuse_stopped_since(before)
             return plan
@@ -286,8 +318,24 @@ class Cell:
     def _calibration(self) -> HandEye:
         return hand_eye_in_use(self.settings.hand_eye, self._equipment.world)
 
-    def _rough(self) -> HandEye:
-        return rough_hand_eye(self.settings.hand_eye, self._equipment.world)
+    def _require_usable(self) -> None:
+        """A cell whose calibration a scan could not use is not ready."""
+        try:
+            require_its_own(self._calibration(), *self._ids)
+        except CalibrationError as error:
+            self._status.no_longer_ready(error.slug, str(error))
+
+    def _prepared_for(self, plan: ViewpointPlan) -> tuple[HandEye, Callable[[], None]]:
+        if self._prepared is None or self._prepared[0] is not plan:
+            raise CalibrationError("the calibration was not the last one to be prepared: begin anew")
+        return self._prepared[1:]
+
+    @property
+    def _ids(self) -> tuple[str | None, str | None]:
+        """Of the camera and the robot, as far as they are known."""
+        status = self._status.now
+        camera_id = None if status.camera is None else status.camera.device_id
+        return camera_id, None if status.arm is None else status.arm.serial
 
     @property
     def _q_rad(self) -> NDArray[np.float64] | None:

@@ -1,18 +1,22 @@
 """The hand-eye calibration that a scan uses, and what refuses it; and the rough one that a calibration begins with."""
 
 import hashlib
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from calibration.errors import HandEyeError
 from calibration.storage import HandEye, load_hand_eye, require_match
-from calibration.transforms import from_rotation_vector
+from calibration.transforms import from_rotation_vector, inverse, rotation_angle
 from cell.errors import CalibrationError
 from cell.settings import HandEyeSettings
 from cell.simulation.world import SimulatedWorld
 
 MAKE_ONE = "calibrate the cell with `pointchain calibrate run`, or name the file of a calibration in hand_eye.file"
+
+RULER_M, RULER_RAD = 0.03, np.deg2rad(10.0)
+"""As sure as a ruler is asked to be: a file that differs by more is of another mounting."""
 
 
 def hand_eye_in_use(settings: HandEyeSettings, world: SimulatedWorld | None) -> HandEye:
@@ -39,30 +43,83 @@ def file_in_use(settings: HandEyeSettings) -> Path | None:
     return None if file is None or (settings.file is None and not file.exists()) else file
 
 
-def rough_hand_eye(settings: HandEyeSettings, world: SimulatedWorld | None) -> HandEye:
-    """About where the camera is: by the active file, however old; else by a ruler; else by a simulated cell's `world`.
+@dataclass(frozen=True, eq=False)
+class RoughHandEyes:
+    """What tells about where the camera is, best first; at least one of them does."""
 
-    Whose camera and robot the file is of does not matter.
+    by_file: HandEye | None
+    """By the active file, however old."""
+    by_ruler: HandEye | None
+    by_world: HandEye | None
+    """Of a simulated cell."""
+    why: str = ""
+    """In brackets, why the file does not tell it."""
+
+    def of(self, camera_id: str | None, robot_serial: str | None) -> HandEye:
+        """The best for this camera and robot: the arm is moved by it.
+
+        Raises:
+            CalibrationError: the file is of another camera or robot and nothing else tells it, or the ruler tells
+                another place than the file.
+        """
+        file, why = self.by_file, self.why
+        if file is not None:
+            try:
+                require_match(file, camera_id, robot_serial)
+            except HandEyeError as error:
+                file, why = None, f" ({error})"
+        if file is not None:
+            if self.by_ruler is not None:
+                _require_alike(file, self.by_ruler)
+            return file
+        other = self.by_ruler or self.by_world
+        if other is None:
+            raise _nothing_known(why)
+        return other
+
+
+def rough_hand_eyes(settings: HandEyeSettings, world: SimulatedWorld | None) -> RoughHandEyes:
+    """What is known of the mounting before a calibration; asks no device anything.
 
     Raises:
-        CalibrationError: nothing is known of it.
+        CalibrationError: nothing.
     """
-    file, why = file_in_use(settings), ""
+    file, by_file, why = file_in_use(settings), None, ""
     if file is not None:
         try:
-            return load_hand_eye(file, np.inf)
+            by_file = load_hand_eye(file, np.inf)
         except HandEyeError as error:
             why = f" ({error})"
+    by_ruler = None
     if settings.rough_xyz_m is not None:
         T = from_rotation_vector(settings.rough_xyz_m, settings.rough_rotation_rad)
-        return HandEye(T, None, None, None, hashlib.sha256(T.tobytes()).hexdigest())
-    if world is not None:
-        return world.told_hand_eye
-    raise CalibrationError(
+        by_ruler = HandEye(T, None, None, None, hashlib.sha256(T.tobytes()).hexdigest())
+    by_world = None if world is None else world.told_hand_eye
+    if by_file is None and by_ruler is None and by_world is None:
+        raise _nothing_known(why)
+    return RoughHandEyes(by_file, by_ruler, by_world, why)
+
+
+def _nothing_known(why: str) -> CalibrationError:
+    return CalibrationError(
         f"a first calibration needs to know roughly where the camera is{why}: measure with a ruler from the middle of "
         "the flange to the lens along the flange's x, y and z, to 3 cm, and give it in metres as hand_eye.rough_xyz_m "
         "= [x, y, z]; where the camera does not look along the flange's z with its x along the flange's, also "
         "hand_eye.rough_rotation_rad, its rotation vector"
+    )
+
+
+def _require_alike(file: HandEye, ruler: HandEye) -> None:
+    """Whoever measured anew after the camera was mounted otherwise means the ruler, not the old file."""
+    off = inverse(file.T_flange_camera) @ ruler.T_flange_camera
+    off_m, off_rad = float(np.linalg.norm(off[:3, 3])), rotation_angle(off)
+    if off_m <= RULER_M and off_rad <= RULER_RAD:
+        return
+    by_file, by_ruler = (", ".join(f"{x:.3f}" for x in told.T_flange_camera[:3, 3]) for told in (file, ruler))
+    raise CalibrationError(
+        f"the calibration in use puts the camera at [{by_file}] m on the flange, hand_eye.rough_xyz_m at [{by_ruler}] "
+        f"m, {1000 * off_m:.0f} mm and {np.degrees(off_rad):.0f} degrees apart: take the file of the calibration away, "
+        "or correct hand_eye.rough_xyz_m and hand_eye.rough_rotation_rad"
     )
 
 
@@ -88,12 +145,18 @@ def verifiable_hand_eye(settings: HandEyeSettings) -> HandEye:
     return hand_eye
 
 
-def require_its_own(hand_eye: HandEye, camera_id: str, robot_serial: str) -> None:
+def require_its_own(hand_eye: HandEye, camera_id: str | None, robot_serial: str | None) -> None:
     """Refuses the calibration of another camera or robot. Raises CalibrationError."""
     try:
         require_match(hand_eye, camera_id, robot_serial)
     except HandEyeError as error:
         raise CalibrationError(str(error)) from error
+
+
+def require_still_verified(used: HandEye, settings: HandEyeSettings) -> None:
+    """Refuses to go on when the calibration being verified is no longer the one in use. Raises CalibrationError."""
+    if verifiable_hand_eye(settings).sha256 != used.sha256:
+        raise CalibrationError("the hand-eye calibration was changed while it was to be verified: verify it again")
 
 
 def require_unchanged(used: HandEye, now: HandEye) -> None:

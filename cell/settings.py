@@ -240,7 +240,8 @@ class HandEyeSettings(_Settings):
     folder: Path | None = None
     """Where the calibrations made by this cell are kept."""
     rough_xyz_m: Vector3 | None = None
-    """Where the camera is on the flange, measured with a ruler: its first calibration needs to know it, to 3 cm."""
+    """Where the camera is on the flange, measured with a ruler: its first calibration needs to know it, to 3 cm. Where
+    told, no calibration is begun from one in use that differs by more."""
     rough_rotation_rad: Vector3 = (0.0, 0.0, 0.0)
     """How it is turned: the rotation vector from the flange's axes to the camera's (x right, y down, z forward), to 10
     degrees."""

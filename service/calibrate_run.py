@@ -23,6 +23,7 @@ from service.calibrate_told import ToldCalibration
 from service.calibrate_words import result_words, verification_words
 from service.config import ConfigError, load_config
 from service.moving_cell import EndedEarlyError, with_moving_cell
+from service.new_folder import require_new_folder
 from service.problems import problem_document
 
 
@@ -36,7 +37,7 @@ class WantedRun:
     folder: Path | None = None
     """Where images and result go; None: where the cell keeps its calibrations."""
     yes: bool = False
-    """Use the result without asking."""
+    """Use the result without asking; not one that was not verified."""
     as_json: bool = False
 
 
@@ -49,7 +50,7 @@ def calibrate_run(config_file: Path | None, wanted: WantedRun) -> int:
         board = board_told(wanted.board)
         settings = load_config(config_file).cell
         folder = wanted.folder or _new_folder(settings)
-        _require_empty(folder)
+        require_new_folder(folder)
     except (ConfigError, BoardError) as error:
         return _failed(problem_document(422, error.slug, str(error)), 1, wanted.as_json)
     _say(_announced(settings, board, wanted.poses))
@@ -83,11 +84,13 @@ def _calibrated(cell: Cell, stop_asked: threading.Event, board: Board, poses: in
     plan = cell.prepare_calibration(board, poses, HELD_OUT)
     told = ToldCalibration(plan, stop_asked, "run")
     told.say(f"{plan.reached} of {len(plan.viewpoints)} poses can be reached")
+    for warning in plan.warnings:
+        told.say(warning)
     return run_calibration(cell, plan, folder, board, told)
 
 
 def _asked_and_activated(run: CalibrationRun, settings: CellSettings, folder: Path, yes: bool) -> bool:
-    """Whether the result is in use now. A refused one is not even asked about."""
+    """Whether the result is in use now. A refused one is not even asked about; --yes is no word for an unverified."""
     if run.result.verdict == "refuse":
         _say("it is refused, and what was in use stays in use")
         return False
@@ -95,8 +98,14 @@ def _asked_and_activated(run: CalibrationRun, settings: CellSettings, folder: Pa
     if active_file is None:
         _say(f"it is not in use: name {folder / HAND_EYE} in hand_eye.file")
         return False
-    if not yes and not agreed(f"use it from now on, as {active_file}?"):
-        _say(f"it is not in use; to use it: pointchain calibrate activate {folder}")
+    by_hand = f"to use it: pointchain calibrate activate {folder}"
+    verified = bool(run.verification.views)
+    if yes and not verified:
+        _say(f"it is not verified, and so not in use without somebody who decides it; {by_hand}")
+        return False
+    doubt = "" if verified else ", though it is not verified"
+    if not yes and not agreed(f"use it from now on{doubt}, as {active_file}?"):
+        _say(f"it is not in use; {by_hand}")
         return False
     try:
         hand_eye = activate(folder / HAND_EYE, active_file)
@@ -116,12 +125,6 @@ def _new_folder(settings: CellSettings) -> Path:
     if kept is None:
         raise ConfigError("no folder is configured for calibrations: set data_dir, or name one by --folder")
     return kept / "runs" / datetime.now().strftime("%Y-%m-%d_%H-%M-%S")
-
-
-def _require_empty(folder: Path) -> None:
-    """Views of another run would be solved together with this one's. Raises ConfigError."""
-    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
-        raise ConfigError(f"{folder} is not an empty folder: name a new one by --folder")
 
 
 def _announced(settings: CellSettings, board: Board, poses: int) -> str:

@@ -13,6 +13,7 @@ from service.calibrate_told import ToldCalibration
 from service.calibrate_words import verification_words
 from service.config import ConfigError, load_config
 from service.moving_cell import EndedEarlyError, with_moving_cell
+from service.new_folder import require_new_folder
 from service.problems import problem_document
 
 
@@ -23,8 +24,8 @@ def calibrate_verify(config_file: Path | None, folder: Path | None, as_json: boo
     """
     try:
         settings = load_config(config_file).cell
-        if folder is not None and folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
-            raise ConfigError(f"{folder} is not an empty folder: name a new one by --folder")
+        if folder is not None:
+            require_new_folder(folder)
         with TemporaryDirectory(prefix="pointchain-") as passing:
             pictures = folder or Path(passing) / "verification"
             found = with_moving_cell(settings, lambda cell, stop: _verified(cell, stop, pictures))

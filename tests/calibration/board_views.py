@@ -89,20 +89,17 @@ def random_plan(rng: np.random.Generator, count: int) -> NDArray[np.float64]:
 
 
 def realistic_plan(rng: np.random.Generator, count: int) -> NDArray[np.float64]:
-    """As a cell does it: all round, tilts of 20 to 30 degrees, rolls of 25 and 75 either way, two distances."""
+    """As a cell does it: all round, tilts of 20 to 30 degrees, two distances; the camera keeps its direction but for
+    rolls of 25 and 75 degrees either way."""
     rolls = np.radians([25.0, -75.0, -25.0, 75.0])
-    return np.array(
-        [
-            look_at(
-                tilt=np.radians(rng.uniform(20, 30)),
-                azimuth=2 * np.pi * (k + rng.uniform(-0.2, 0.2)) / count,
-                roll=rolls[k % 4] + np.radians(rng.uniform(-3, 3)),
-                distance_m=(0.34, 0.46)[(k // 2) % 2] + rng.uniform(-0.01, 0.01),
-                aim_m=(rng.uniform(-0.01, 0.01), rng.uniform(-0.01, 0.01)),
-            )
-            for k in range(count)
-        ]
-    )
+    poses = []
+    for k in range(count):
+        tilt = np.radians(rng.uniform(20, 30))
+        azimuth = 2 * np.pi * (k + rng.uniform(-0.2, 0.2)) / count
+        roll = np.pi / 2 - azimuth + rolls[k % 4] + np.radians(rng.uniform(-3, 3))
+        distance_m = (0.34, 0.46)[(k // 2) % 2] + rng.uniform(-0.01, 0.01)
+        poses.append(look_at(tilt, azimuth, roll, distance_m, (rng.uniform(-0.01, 0.01), rng.uniform(-0.01, 0.01))))
+    return np.array(poses)
 
 
 def orbit_plan(rng: np.random.Generator, count: int) -> NDArray[np.float64]:

@@ -128,3 +128,12 @@ def test_bad_corners_in_a_good_view_are_left_out() -> None:
     degrees, millimetres = error_of(result.X, clean.X)
     assert degrees < 0.02
     assert millimetres < 0.1
+
+
+def test_a_step_to_where_there_is_no_cost_is_not_taken() -> None:
+    recorded = record(0, 8)
+    problem = problem_of(recorded)
+    pixels = problem.corners.pixels.copy()
+    pixels[3, np.flatnonzero(problem.corners.seen[3])[0]] = np.nan
+    adjusted = adjusted_of(recorded, replace(problem, corners=replace(problem.corners, pixels=pixels)))
+    np.testing.assert_array_equal(adjusted.unknowns.X, recorded.X)

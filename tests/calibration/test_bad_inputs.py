@@ -219,6 +219,38 @@ def test_a_board_of_another_size_is_refused(share, seed):
     assert refusal(good.observations) == "board-scale"
 
 
+@pytest.mark.parametrize("seed", seeds(quick=2))
+@pytest.mark.parametrize(
+    ("change", "code"),
+    [((0, 0, 30, 0), "optical-axis"), ((0, 0, 0, -30), "optical-axis"), ((0.008, -0.008, 0, 0), "focal-length")],
+)
+def test_a_camera_matrix_that_is_another_camera_s_is_refused(change, code, seed):
+    observations = recorded(seed).observations
+    K = observations.K.copy()
+    K[[0, 1], [0, 1]] *= 1 + np.array(change[:2])
+    K[:2, 2] += change[2:]
+    result = outcome(replace(observations, K=K))[1]
+    assert result is not None
+    assert code in [finding.code for finding in result.findings if finding.refuses]
+
+
+@pytest.mark.parametrize("seed", seeds(quick=2))
+@pytest.mark.parametrize("mounting", MOUNTINGS)
+@pytest.mark.parametrize("k1", [-0.1, 0.1])
+def test_pictures_that_are_said_to_be_straight_and_are_not(k1, mounting, seed):
+    straight = recorded(seed, mounting).observations
+    views = []
+    for view in straight.views:
+        rays = (view.pixels - straight.K[:2, 2]) / straight.K[[0, 1], [0, 1]]
+        rays = rays * (1 + k1 * (rays**2).sum(axis=1, keepdims=True))
+        pixels = rays * straight.K[[0, 1], [0, 1]] + straight.K[:2, 2]
+        inside = (pixels >= 0).all(axis=1) & (pixels < straight.image_size).all(axis=1)
+        views.append(replace(view, ids=view.ids[inside], pixels=pixels[inside]))
+    result = outcome(replace(straight, views=tuple(views)))[1]
+    assert result is not None
+    assert "lens-distortion" in [finding.code for finding in result.findings if finding.refuses]
+
+
 @pytest.mark.parametrize("seed", seeds(quick=3))
 @pytest.mark.parametrize("mounting", MOUNTINGS)
 @pytest.mark.parametrize("share", [0.0, 0.005])

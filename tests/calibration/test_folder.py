@@ -101,6 +101,7 @@ def linked(folder: Path) -> None:
         (lambda folder: [(folder / "b.json").unlink(), (folder / "b.json").mkdir()], "b.json is not a file"),
         (of(None), "b.json: T_base_flange: a 4x4 matrix or"),
         (of({"xyz_m": [0, 0, 0]}), "quat_xyzw is missing"),
+        (of({"xyz_m": [0, 0, 0], "quat_xyzw": [0, 0, 0, 1], "rotvec_rad": [0, 0, 1]}), "gives the rotation twice"),
         (of({"xyz_m": [0, 0], "rotvec_rad": [0, 0, 0]}), "xyz_m is [0, 0]; a list of at least 3 is needed"),
         (of({"xyz_m": [0, 0, 0], "rotvec_rad": ["a", 0, 0]}), "rotvec_rad[0] is 'a'; a number is needed"),
         (of({"xyz_m": [0, 0, 0], "quat_xyzw": [0, 0, 0, 2]}), "quaternion of length 2"),
@@ -137,6 +138,8 @@ def test_a_view_with_a_fault_is_left_out_and_named(tmp_path: Path, spoil: Callab
     [
         ({"xyz_m": [0.4, 0.1, 0.5], "rotvec_rad": [126.0, -114.6, 17.2]}, "degrees"),
         ({"xyz_m": [400.0, 100.0, 500.0], "rotvec_rad": [2.2, -2.0, 0.3]}, "millimetres"),
+        ({"xyz_m": [0.0, 0.0, 1000.0], "quat_xyzw": [0.0, 0.0, 0.0, 1.0]}, "millimetres"),
+        ([[1.0, 0, 0, 400], [0, 1, 0, 100], [0, 0, 1, 500], [0, 0, 0, 1]], "millimetres"),
     ],
 )
 def test_other_units_are_told_for_the_whole_folder(tmp_path: Path, value: Any, slug: str) -> None:
@@ -167,6 +170,8 @@ def change(part: str | None, **changes: Any) -> Callable[[dict[str, Any]], objec
         (change("camera", height=True), "height is True; a whole number is needed"),
         (change("camera", K=[[1, 2], [3, 4]]), "K[0] is [1, 2]; a list of at least 3 is needed"),
         (change("camera", K=np.eye(3).T.tolist()[::-1]), "a pinhole matrix"),
+        (change("camera", K=[[800, 2, 640], [0, 800, 400], [0, 0, 1]]), "one with skew is not taken"),
+        (change("camera", K=[[800, 0, 640], [2, 800, 400], [0, 0, 1]]), "a pinhole matrix"),
         (change("camera", K=(K * float("nan")).tolist()), "camera.K[0][0] is nan; a finite number is needed"),
         (
             change("camera", distortion=[0.1, 0.2]),

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from calibration.evidence import Evidence
-from calibration.gates import UNVERIFIED_SCALE_SIGMA, covariance_to_report, gate
+from calibration.gates import UNVERIFIED_SCALE_SIGMA, covariance_to_report, eight_views_to_report, gate
 from calibration.transforms import from_rotation_vector
 from tests.calibration.board_views import realistic_plan, record
 
@@ -25,7 +25,7 @@ GOOD = Evidence(
     robot_sigma_m=1e-4,
     robot_sigma_rad=float(np.radians(0.02)),
     left_out_m=4e-4,
-    eight_views_m=8e-4,
+    lever_m=np.array([0.0, 0.0, 0.5]),
     pixel_sigma_px=0.2,
     K_told=RECORDED.K,
     K=RECORDED.K,
@@ -49,6 +49,12 @@ def with_focal(share: float, axis: int = 0) -> Evidence:
     return replace(GOOD, K=K)
 
 
+def with_centre(x_px: float, y_px: float) -> Evidence:
+    K = RECORDED.K.copy()
+    K[:2, 2] += (x_px, y_px)
+    return replace(GOOD, K=K)
+
+
 def using(count: int) -> Evidence:
     return replace(GOOD, used=np.arange(12) < count)
 
@@ -68,6 +74,11 @@ def test_a_good_calibration_passes():
         (replace(GOOD, left_out_m=1.6e-3), "left-out-error", "1.60 mm", "1.50"),
         (with_focal(0.011), "focal-length", "+1.10 %", "1 %"),
         (with_focal(-0.011, axis=1), "focal-length", "-1.10 %", "1 %"),
+        (replace(GOOD, K=RECORDED.K @ np.diag([1.003, 0.997, 1.0])), "focal-length", "+0.60 %", "0.5 %"),
+        (with_centre(6.5, 0.0), "optical-axis", "+6.5", "6.0"),
+        (with_centre(3.0, -7.0), "optical-axis", "-7.0", "6.0"),
+        (replace(GOOD, k1=-0.03, k1_sigma=0.002), "lens-distortion", "-0.030", "0.015"),
+        (replace(GOOD, k1=0.03, k1_sigma=0.004), "lens-distortion", "+0.030", "0.024"),
         (replace(GOOD, board_scale=1.0045), "board-scale", "+0.45 %", "0.40 %"),
         (replace(GOOD, board_scale=0.9965, board_scale_sigma=0.0005), "board-scale", "-0.35 %", "0.30 %"),
         (using(7), "too-few-views", "7 views", "8"),
@@ -90,7 +101,11 @@ def test_beyond_a_limit(evidence, code, measured, limit):
         replace(GOOD, robot_sigma_m=0.95e-3 / np.sqrt(3), robot_sigma_rad=np.radians(0.24) / np.sqrt(3)),
         replace(GOOD, left_out_m=1.45e-3),
         replace(GOOD, left_out_m=1.9e-3, distance_m=np.full(12, 1.0)),
-        with_focal(0.0095),
+        with_focal(0.0045),
+        replace(GOOD, K=RECORDED.K @ np.diag([1.0095, 1.0095, 1.0])),
+        with_centre(-5.5, 5.5),
+        replace(GOOD, k1=0.014, k1_sigma=0.001),
+        replace(GOOD, k1=0.03, k1_sigma=0.006),
         replace(GOOD, board_scale=1.0029, board_scale_sigma=0.0005),
         replace(GOOD, board_scale=1.0039, board_scale_sigma=0.001),
         using(9),
@@ -111,6 +126,19 @@ def test_less_than_seven_tenths_of_the_views():
     assert finding.code == "inconsistent"
     assert "8 of 12" in finding.words
     assert "9 are needed" in finding.words
+
+
+def test_views_without_a_board_pose_agree_and_disagree_with_nothing():
+    # Four of twelve showed too little of the board: the other eight all agree.
+    B = RECORDED.T_camera_board.copy()
+    B[8:] = np.nan
+    assert gate(replace(using(8), T_camera_board=B)) == ()
+    # Of ten with a pose, six agree.
+    B = RECORDED.T_camera_board.copy()
+    B[10:] = np.nan
+    found = {finding.code: finding.words for finding in gate(replace(using(6), T_camera_board=B))}
+    assert "6 of 10" in found["inconsistent"]
+    assert "7 are needed" in found["inconsistent"]
 
 
 def test_the_cause_takes_the_place_of_the_doubt():
@@ -168,6 +196,18 @@ def test_an_unverified_board_size_is_a_warning_and_grows_the_covariance_along_th
     np.testing.assert_allclose(grown, expected, atol=1e-15)
 
 
+def test_what_is_predicted_of_a_scan_allows_for_an_unverified_board_size():
+    # Views from all round see a place that is off by 2 mm along the view apart by nearly as much.
+    open_size = replace(GOOD, board_scale_sigma=0.0019)
+    assert eight_views_to_report(open_size) > eight_views_to_report(GOOD) + 0.001
+
+
+def test_an_unverified_board_size_alone_refuses_nothing():
+    open_size = replace(GOOD, board_scale_sigma=0.002)
+    assert np.sqrt(np.trace(covariance_to_report(open_size)[3:, 3:])) > 1e-3
+    assert not any(finding.refuses for finding in gate(open_size))
+
+
 def test_a_verified_board_size_leaves_the_covariance():
     np.testing.assert_array_equal(covariance_to_report(GOOD), GOOD.covariance)
 
@@ -186,6 +226,7 @@ def test_poses_alone_are_not_judged_by_what_they_cannot_tell():
         replace(GOOD, robot_sigma_m=np.nan),
         replace(GOOD, left_out_m=np.nan),
         replace(GOOD, K=np.full((3, 3), np.nan)),
+        replace(GOOD, k1=np.nan, k1_sigma=0.003),
         replace(GOOD, board_scale=np.nan),
     ],
 )

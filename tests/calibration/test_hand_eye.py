@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from calibration.assumed import Assumed
 from calibration.board_pose import board_poses
 from calibration.errors import HandEyeInputError
 from calibration.hand_eye import solve_hand_eye, solve_poses
@@ -106,6 +107,9 @@ def test_the_board_s_size_is_found() -> None:
 def test_from_one_distance_the_board_s_size_stays_open() -> None:
     result = solve_hand_eye(record(0, 15, plan=orbit_plan).observations)
     assert result.board_scale_sigma > 0.0015
+    # The covariance that is told allows for it, and so does what is predicted of a scan.
+    assert result.sigma_m > 0.0015
+    assert result.eight_views_m > 2 * result.sigma_m
     assert [finding.code for finding in result.findings] == ["board-scale-unverified"]
 
 
@@ -160,6 +164,56 @@ def test_views_without_the_board_are_named() -> None:
     assert "3 corners" in (result.views[4].reason or "")
     assert result.views[4].rms_px is None
     assert result.verdict == "accept"
+
+
+def test_views_that_show_too_little_of_the_board_do_not_speak_against_the_others() -> None:
+    recorded = record(7, 12, plan=realistic_plan)
+    views = list(recorded.observations.views)
+    for k in (1, 4, 7, 10):
+        views[k] = replace(views[k], ids=views[k].ids[:5], pixels=views[k].pixels[:5])
+    result = solve_hand_eye(replace(recorded.observations, views=tuple(views)))
+    assert sum(view.used for view in result.views) == 8
+    assert result.verdict == "accept"
+
+
+def test_a_view_without_any_corner_of_a_camera_that_distorts() -> None:
+    recorded = record(7, 12, plan=realistic_plan)
+    views = list(recorded.observations.views)
+    views[4] = replace(views[4], ids=views[4].ids[:0], pixels=views[4].pixels[:0])
+    distortion = np.array([1e-4, 0.0, 0.0, 0.0, 0.0])
+    result = solve_hand_eye(replace(recorded.observations, views=tuple(views), distortion=distortion))
+    assert [view.name for view in result.views if not view.used] == ["05"]
+    assert result.verdict == "accept"
+
+
+def test_one_picture_for_all_poses() -> None:
+    observations = record(9, 12, plan=realistic_plan).observations
+    first = observations.views[0]
+    views = tuple(replace(view, ids=first.ids, pixels=first.pixels) for view in observations.views)
+    with pytest.raises(HandEyeInputError) as caught:
+        solve_hand_eye(replace(observations, views=views))
+    assert caught.value.slug == "camera-did-not-move"
+
+
+def test_poses_alone_of_a_mounting_that_is_none() -> None:
+    recorded = record(0, 12)
+    with pytest.raises(HandEyeInputError) as caught:
+        solve_poses(recorded.T_base_flange, recorded.T_camera_board, "on the wall")  # type: ignore[arg-type]
+    assert caught.value.slug == "mounting"
+
+
+@pytest.mark.parametrize("name", ["pixel_px", "robot_m", "robot_rad", "focal", "centre", "scale"])
+@pytest.mark.parametrize("value", [0.0, -0.001, float("nan"), float("inf")])
+def test_what_is_assumed_must_be_standard_deviations(name: str, value: float) -> None:
+    with pytest.raises(ValueError, match=f"{name} is .*small one"):
+        Assumed(**{name: value})
+
+
+def test_what_is_known_exactly_is_assumed_nearly_so() -> None:
+    recorded = record(1, 12, plan=realistic_plan)
+    result = solve_hand_eye(recorded.observations, Assumed(focal=1e-9, centre=1e-9, scale=1e-9))
+    assert result.verdict == "accept"
+    assert result.board_scale == pytest.approx(1.0, abs=1e-6)
 
 
 def test_no_view_with_the_board_is_refused_in_words() -> None:

@@ -26,6 +26,7 @@ from tests.calibration.board_views import (
     squared_error_in_sigmas,
 )
 
+MORE_SEEDS = pytest.mark.parametrize("count", [40, pytest.param(200, marks=pytest.mark.soak)])
 SEEDS = pytest.mark.parametrize("count", [16, pytest.param(200, marks=pytest.mark.soak)])
 AS_TOLD = Assumed(focal=1e-5, centre=1e-5, scale=1e-5)
 """A camera and a board that are as told, which closed forms take for granted."""
@@ -133,7 +134,7 @@ def test_more_noise_than_assumed_is_owned_up_to(count: int, noise: Noise, assume
     assert found.coverage >= 0.88 - 0.06 * few
 
 
-@SEEDS
+@MORE_SEEDS
 def test_ten_views_with_everything_off_a_little(count: int) -> None:
     def make(seed: int) -> Recorded:
         rng = np.random.default_rng(seed + 10**6)

@@ -9,6 +9,7 @@ from scipy.spatial.transform import Rotation
 from calibration.errors import HandEyeInputError
 from calibration.input_check import check_observations, check_poses, enough_corners, pose_from_vector
 from calibration.observations import Observations
+from calibration.pose_stack import small_motion
 from calibration.rotation_spread import rotation_spread
 from calibration.transforms import from_rotation_vector
 from tests.calibration.board_views import BOARD, orbit_plan, realistic_plan, record, with_poses
@@ -222,3 +223,39 @@ def test_a_pose_as_numbers_that_cannot_be(xyz_m, rotvec, slug):
 
 def test_no_view_at_all():
     assert refused(replace(GOOD.observations, views=())).slug == "too-few-views"
+
+
+def test_a_skewed_camera_matrix_is_refused_in_its_own_words():
+    K = GOOD.observations.K.copy()
+    K[0, 1] = 4.0
+    error = refused(replace(GOOD.observations, K=K))
+    assert error.slug == "intrinsics"
+    assert "skew of 4" in str(error)
+    K[:2, :2] = [[800.0, 1e-12], [0.0, 800.0]]
+    check_observations(replace(GOOD.observations, K=K))
+
+
+def test_a_camera_matrix_that_is_written_by_columns():
+    error = refused(replace(GOOD.observations, K=GOOD.observations.K.T.copy()))
+    assert error.slug == "intrinsics"
+    assert "row by row" in str(error)
+
+
+def test_a_camera_that_the_robot_does_not_move():
+    nearly_alike = GOOD.T_camera_board[:1] @ small_motion(np.random.default_rng(0).normal(0, 3e-4, (12, 6)))
+    for boards in (np.repeat(GOOD.T_camera_board[:1], 12, axis=0), nearly_alike):
+        with pytest.raises(HandEyeInputError, match="board turns by 0") as caught:
+            check_poses(GOOD.T_base_flange, boards)
+        assert caught.value.slug == "camera-did-not-move"
+
+
+def test_names_of_another_number_than_poses():
+    with pytest.raises(HandEyeInputError, match="2 names and 12 poses") as caught:
+        check_poses(GOOD.T_base_flange, GOOD.T_camera_board, ("a", "b"))
+    assert caught.value.slug == "unpaired"
+
+
+def test_a_mounting_that_is_none():
+    error = refused(replace(GOOD.observations, mounting="on the wall"))  # type: ignore[arg-type]
+    assert error.slug == "mounting"
+    assert "'eye-in-hand' or 'eye-to-hand'" in str(error)

@@ -6,9 +6,12 @@ import numpy as np
 import pytest
 
 from calibration.board import Board
+from calibration.calibration_setup import Setup
 from calibration.grid_numbering import renumberings
-from calibration.number_alike import number_alike
+from calibration.number_alike import number_alike, number_nearest
 from calibration.observations import Mounting, Observations
+from calibration.observe import numbered_alike
+from calibration.transforms import from_rotation_vector
 from tests.calibration.board_views import record
 
 DOTS = Board(kind="circles", columns=7, rows=7, pitch_m=0.02)
@@ -39,6 +42,34 @@ def test_all_are_numbered_alike(board: Board, mounting: Mounting) -> None:
             if all((numbers[a.ids] == b.ids).all() for a, b in zip(given.views, got.views, strict=True))
         ]
         assert len(fitting) == 1
+
+
+@pytest.mark.parametrize("board", [DOTS, SQUARES])
+def test_views_held_out_are_numbered_as_those_that_are_solved_from(board: Board) -> None:
+    given = record(6, 14, board=board).observations
+    shuffled, _ = numbered_anyhow(given, 6)
+    solved_from, held_out = numbered_alike(Setup.of(given), shuffled.views, [False] * 14, {"03", "14"})
+    assert [view.name for view in held_out.views] == ["03", "14"]
+    got = {view.name: view for view in (*solved_from.views, *held_out.views)}
+    assert len(got) == 14
+    fitting = [
+        numbers
+        for numbers in renumberings(board)
+        if all((numbers[view.ids] == got[view.name].ids).all() for view in given.views)
+    ]
+    assert len(fitting) == 1
+
+
+@pytest.mark.parametrize("board", [DOTS, SQUARES])
+def test_numbered_by_where_the_board_is_taken_to_be(board: Board) -> None:
+    recorded = record(7, 8, board=board)
+    shuffled, chosen = numbered_anyhow(recorded.observations, 8)
+    assert len(set(chosen)) > 1
+    # Turned by 20 degrees from where it is: less than half of the least turn that the board allows.
+    off = from_rotation_vector((0.01, 0, 0), np.radians((0, 0, 20)))
+    got = number_nearest(shuffled, recorded.T_camera_board @ off)
+    for a, b in zip(recorded.observations.views, got.views, strict=True):
+        np.testing.assert_array_equal(a.ids, b.ids)
 
 
 def test_views_that_are_certain_decide() -> None:

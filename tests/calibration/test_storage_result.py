@@ -16,6 +16,7 @@ from calibration.errors import (
     HandEyeMissingError,
     HandEyeOfTheFutureError,
     HandEyeRefusedError,
+    HandEyeStaleError,
 )
 from calibration.hand_eye_result import Finding, HandEyeResult, ViewReport
 from calibration.observations import BoardView, Observations
@@ -126,6 +127,28 @@ def test_a_refused_calibration_is_written_and_never_loaded(tmp_path: Path) -> No
     assert refused.value.slug == "calibration-refused"
 
 
+@pytest.mark.parametrize(
+    ("changes", "told"),
+    [
+        ({"findings": [vars(WARNING), vars(REFUSAL)]}, "views disagree by 4 mm"),
+        ({"verification": {"passed": False, "words": "the board appears 9 mm off", "views": [{}]}}, "appears 9 mm off"),
+        ({"verdict": "refuse"}, "the file does not say why"),
+    ],
+)
+def test_a_verdict_alone_is_not_relied_on(tmp_path: Path, changes: dict[str, Any], told: str) -> None:
+    with pytest.raises(HandEyeRefusedError, match=told):
+        load(written(tmp_path, result(), **changes))
+
+
+def test_one_that_was_not_verified_may_be_used(tmp_path: Path) -> None:
+    assert load(written(tmp_path, result(), verification={"passed": False, "words": "no view", "views": []}))
+
+
+def test_an_age_without_a_limit_that_is_a_number_is_no_age(tmp_path: Path) -> None:
+    with pytest.raises(HandEyeStaleError, match=r"is 1\.0 days old"):
+        load_hand_eye(written(tmp_path, result()), float("nan"), NOW + timedelta(days=1))
+
+
 def test_a_camera_in_the_cell_is_none_on_the_flange(tmp_path: Path) -> None:
     far = from_rotation_vector((1.8, 0.4, 1.2), (2.5, 0, 0))
     path = tmp_path / "hand_eye.json"
@@ -156,6 +179,16 @@ def changed(matrix: np.ndarray, row: int, column: int, value: float) -> dict[str
             "matrix[0] is [1.0, 0.0, 0.0]; a list of at least 6 is needed",
         ),
         ({"covariance": [[0.0] * 6] * 6}, "an object, {...}, is needed"),
+        (
+            {"covariance": {"matrix": covariance().tolist(), "order": ["tx", "ty", "tz", "rx", "ry", "rz"]}},
+            "covariance: its order is ['tx', 'ty', 'tz', 'rx', 'ry', 'rz']; ['rx', 'ry', 'rz', 'tx', 'ty', 'tz'] is",
+        ),
+        ({"covariance": {"matrix": covariance().tolist(), "units": ["deg"] * 3 + ["mm"] * 3}}, "its units is"),
+        ({"covariance": {"matrix": covariance().tolist(), "side": "left"}}, "its side is 'left'"),
+        ({"joint_covariance": np.eye(6).tolist()}, "joint_covariance[0] is [1.0, 0.0, "),
+        ({"joint_covariance": (np.eye(12) - np.ones((12, 12)) / 10).tolist()}, "no covariance of 12 or 17 errors"),
+        ({"intrinsics": {"K": [[800, 1, 640], [0, 800, 400], [0, 0, 1]]}}, "intrinsics.K: a pinhole matrix"),
+        ({"intrinsics": {"K": np.zeros((3, 3)).tolist()}}, "intrinsics.K: a pinhole matrix"),
         ({"verdict": "good"}, "verdict is 'good'"),
         ({"findings": [{"code": "x"}]}, "words is missing"),
         ({"findings": 3}, "findings is 3; a list"),

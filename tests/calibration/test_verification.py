@@ -4,19 +4,22 @@ from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from calibration.errors import HandEyeInvalidError, HandEyeMismatchError
+from calibration.board import Board
+from calibration.errors import HandEyeInputError, HandEyeInvalidError, HandEyeMismatchError
+from calibration.grid_numbering import renumberings
 from calibration.hand_eye import solve_hand_eye
 from calibration.hand_eye_result import HandEyeResult
 from calibration.observations import Observations
 from calibration.storage import load_hand_eye, write_hand_eye, write_result
 from calibration.transforms import from_rotation_vector, inverse
 from calibration.verification import Verification, verify
-from tests.calibration.board_views import NOISE_FREE, Noise, Recorded, look_at, realistic_plan, record
+from tests.calibration.board_views import NOISE_FREE, Noise, Plan, Recorded, look_at, orbit_plan, realistic_plan, record
 
 SOLVED_FROM, SEEDS = 15, range(6)
 STILL = np.eye(4)
@@ -46,8 +49,14 @@ class Case:
         return replace(observations, views=tuple(views))
 
 
+def orbit_then_two(rng: np.random.Generator, count: int) -> NDArray[np.float64]:
+    """All from one distance, which cannot tell the board's size, then two looks from opposite sides."""
+    two = [look_at(np.radians(30), np.pi * k, np.radians((25, -25)[k]), 0.4) for k in range(2)]
+    return np.concatenate([orbit_plan(rng, count - 2), two])
+
+
 @cache
-def case(seed: int, noise: Noise | None = None) -> Case:
+def case(seed: int, noise: Noise | None = None, plan: Plan = plan) -> Case:
     recorded = record(seed, SOLVED_FROM + 2, noise, plan)
     observations = recorded.observations
     return Case(recorded, solve_hand_eye(replace(observations, views=observations.views[:SOLVED_FROM])))
@@ -107,6 +116,18 @@ def test_a_board_that_was_moved_does_not_speak_against_the_camera(seed: int) -> 
     assert "the board was moved by" in verification.words
 
 
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("along_m", [0.003, -0.003])
+def test_a_shift_along_the_view_is_told_though_the_boards_size_is_not_verified(seed: int, along_m: float) -> None:
+    # All from one distance: the board's size, and with it the camera's place along its view, is known to 2 mm only.
+    orbit = case(seed, None, orbit_then_two)
+    assert orbit.result.covariance[5, 5] > 0.0015**2
+    assert verify(orbit.result, orbit.later()).passed
+    verification = verify(orbit.result, orbit.later(camera=from_rotation_vector((0, 0, along_m), (0, 0, 0))))
+    assert not verification.passed
+    assert verification.board_moved_m is None
+
+
 def test_a_board_that_was_raised_might_be_a_camera_that_was_moved() -> None:
     # The board's z points into the table.
     verification = verify(case(2).result, case(2).later(board=from_rotation_vector((0, 0, -0.004), (0, 0, 0))))
@@ -118,7 +139,88 @@ def test_one_view_alone_cannot_tell_the_board_from_the_camera() -> None:
     later = case(3).later(board=from_rotation_vector((0.02, 0, 0), (0, 0, 0)))
     verification = verify(case(3).result, replace(later, views=later.views[:1]))
     assert not verification.passed
-    assert "look from another side too" in verification.words
+    assert "look from two sides" in verification.words
+
+
+def test_two_views_from_one_side_cannot_either() -> None:
+    # The camera was moved across its view: seen twice from the same pose, it looks just like a board that was moved.
+    later = case(3).later(camera=from_rotation_vector((0.02, 0, 0), (0, 0, 0)))
+    views = (later.views[0], replace(later.views[0], name="again"))
+    verification = verify(case(3).result, replace(later, views=views))
+    assert not verification.passed
+    assert verification.board_moved_m is None
+    assert "look from two sides" in verification.words
+
+
+@pytest.mark.parametrize(
+    "board",
+    [
+        Board(kind="circles", columns=7, rows=7, pitch_m=0.02),
+        Board(kind="checkerboard", columns=9, rows=7, pitch_m=0.02),
+    ],
+)
+def test_a_board_numbered_from_its_other_end_is_where_it_lay(board: Board) -> None:
+    recorded = record(8, SOLVED_FROM + 2, plan=plan, board=board)
+    views = recorded.observations.views
+    result = solve_hand_eye(replace(recorded.observations, views=views[:SOLVED_FROM]))
+    for numbers in renumberings(board)[1:]:
+        for k in range(SOLVED_FROM, SOLVED_FROM + 2):
+            later = [*views]
+            later[k] = replace(views[k], ids=numbers[views[k].ids])
+            verification = verify(result, replace(recorded.observations, views=tuple(later[SOLVED_FROM:])))
+            assert verification.passed
+            assert verification.board_moved_m is None
+            assert verification.worst_m < 3 * verification.expected_m
+
+
+@pytest.mark.parametrize("nothing", ["X", "Y", "K", "joint_covariance"])
+def test_a_calibration_without_a_solution_passes_nothing(nothing: str) -> None:
+    result = replace(case(0).result, **{nothing: np.full(getattr(case(0).result, nothing).shape, np.nan)})
+    verification = verify(result, case(0).later())
+    assert not verification.passed
+    assert "has no solution" in verification.words
+
+
+@pytest.mark.parametrize(
+    ("changes", "slug"),
+    [
+        ({"T_base_flange": np.full((4, 4), np.nan)}, "not-finite"),
+        ({"T_base_flange": np.diag([1.0, 1.0, -1.0, 1.0])}, "not-rigid"),
+        ({"ids": np.arange(6) + 100, "pixels": np.full((6, 2), 300.0)}, "corners"),
+        ({"ids": np.arange(6), "pixels": np.full((6, 2), np.nan)}, "not-finite"),
+        ({"name": "17"}, "repeated-names"),
+    ],
+)
+def test_views_that_cannot_be_are_refused(changes: dict[str, Any], slug: str) -> None:
+    later = case(0).later()
+    with pytest.raises(HandEyeInputError) as refused:
+        verify(case(0).result, replace(later, views=(replace(later.views[0], **changes), later.views[1])))
+    assert refused.value.slug == slug
+
+
+def test_views_without_enough_corners_pass_nothing() -> None:
+    later = case(0).later()
+    few = tuple(replace(view, ids=view.ids[:3], pixels=view.pixels[:3]) for view in later.views)
+    verification = verify(case(0).result, replace(later, views=few))
+    assert not verification.passed
+    assert "could not be made out" in verification.words
+
+
+def test_views_of_something_else_are_refused_by_name(tmp_path: Path) -> None:
+    solved_from = replace(case(0).recorded.observations, camera_id="A1", views=())
+    write_result(tmp_path / "hand_eye.json", case(0).result, solved_from, datetime.now(UTC))
+    hand_eye = load_hand_eye(tmp_path / "hand_eye.json", max_age_days=1)
+    later = replace(case(0).later(), camera_id="A1")
+    assert verify(hand_eye, later).passed
+    for changes, told in (
+        ({"board": replace(later.board, pitch_m=0.021)}, r"pitch_m 0\.02,.*pitch_m 0\.021"),
+        ({"camera_id": "B2"}, "camera A1, this is camera B2"),
+        ({"mounting": "eye-to-hand"}, "is eye-in-hand, these views are eye-to-hand"),
+    ):
+        with pytest.raises(HandEyeMismatchError, match=told):
+            verify(hand_eye, replace(later, **changes))
+    with pytest.raises(HandEyeMismatchError, match="is eye-in-hand, these views are eye-to-hand"):
+        verify(case(0).result, replace(later, mounting="eye-to-hand"))
 
 
 def test_without_views_nothing_is_passed() -> None:

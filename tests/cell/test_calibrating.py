@@ -1,8 +1,11 @@
 """Calibrating a whole simulated cell: virtual controller, simulated camera and board, known mounting."""
 
 import json
+import resource
 from collections.abc import Callable, Iterator
 from contextlib import closing
+from dataclasses import replace
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -16,14 +19,16 @@ from calibration.errors import CalibrationFolderError
 from calibration.folder import HAND_EYE, read_folder
 from calibration.hand_eye import solve_hand_eye
 from calibration.observe import observe
-from calibration.storage import activate
+from calibration.storage import activate, load_hand_eye, write_hand_eye
 from calibration.transforms import from_rotation_vector, inverse, rotation_angle
 from calibration.verification import Verification
 from cell.calibrating import CalibrationRun, run_calibration, run_verification
 from cell.cell import Cell
+from cell.devices import View
 from cell.errors import CalibrationError, MissingViewsError, StoppedError
 from cell.settings import CellSettings, HandEyeSettings, OakCamera, SimulatedArm, SimulatedCamera, URArm
 from cell.simulation.controller.admin import AdminClient
+from cell.simulation.poses import T_FLANGE_CAMERA
 from cell.simulation.world import simulated_world
 
 pytestmark = pytest.mark.xdist_group("cell")  # one at a time: each is several busy processes
@@ -186,6 +191,85 @@ def test_a_calibration_in_use_is_verified_and_a_drift_noticed(
         active.unlink()
 
 
+def test_a_verification_goes_by_the_calibration_that_it_was_planned_with(
+    cell: Cell, folder: Path, done: tuple[CalibrationRun, Told, Path], tmp_path: Path
+) -> None:
+    active = folder / HAND_EYE
+    activate(done[2] / HAND_EYE, active)
+    try:
+        plan, before = cell.prepare_verification(), controller_q(cell)
+        assert cell.made_with(plan).sha256 == load_hand_eye(active, np.inf).sha256
+        document = json.loads(active.read_text())
+        document["T_flange_camera"]["xyz_m"][0] += 0.005
+        active.write_text(json.dumps(document))
+        with pytest.raises(CalibrationError, match="changed while it was to be verified: verify it again"):
+            run_verification(cell, plan, tmp_path / "run", Told())
+        np.testing.assert_array_equal(controller_q(cell), before)
+    finally:
+        active.unlink()
+
+
+def test_the_arm_moves_by_the_mounting_that_it_was_planned_with(cell: Cell, folder: Path, tmp_path: Path) -> None:
+    plan = cell.prepare_calibration(BOARD, poses=10, held_out=0)
+    planned_with, active = cell.made_with(plan).T_flange_camera, folder / HAND_EYE
+    try:
+        write_hand_eye(active, planned_with @ from_rotation_vector((0.1, 0, 0), (0, 0, 0)), created=datetime.now(UTC))
+        views: list[View] = []
+
+        class Stopping:
+            def write_view(self, view: View) -> View:
+                views.append(view)
+                cell.stop()
+                return view
+
+        with pytest.raises(StoppedError), cell.calibrating(plan, Stopping(), Told(), 8) as looks:
+            list(looks)
+        np.testing.assert_array_equal(views[0].T_flange_camera, planned_with)
+        cell.prepare(2)
+        with pytest.raises(CalibrationError, match="was not the last one to be prepared"):
+            run_calibration(cell, replace(plan), tmp_path / "run", BOARD, Told())
+    finally:
+        active.unlink()
+
+
+def test_a_folder_that_cannot_be_written_shows_before_anything_moves(cell: Cell, tmp_path: Path) -> None:
+    plan, before = cell.prepare_calibration(BOARD, poses=10, held_out=0), controller_q(cell)
+    (tmp_path / "file").write_text("")
+    told = Told()
+    with pytest.raises(OSError, match="Not a directory"):
+        run_calibration(cell, plan, tmp_path / "file" / "run", BOARD, told)
+    assert told.events == []
+    np.testing.assert_array_equal(controller_q(cell), before)
+    limit = resource.getrlimit(resource.RLIMIT_FSIZE)
+    # Past this size the system writes nothing more, as on a full disk.
+    resource.setrlimit(resource.RLIMIT_FSIZE, (1 << 20, limit[1]))
+    try:
+        with pytest.raises(OSError, match="File too large"):
+            run_calibration(cell, plan, tmp_path / "run", BOARD, told)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limit)
+    assert told.events == []
+    assert list((tmp_path / "run").iterdir()) == []
+    np.testing.assert_array_equal(controller_q(cell), before)
+
+
+def test_a_cell_whose_calibration_cannot_be_used_is_not_ready_after_the_run(
+    cell: Cell, folder: Path, tmp_path: Path
+) -> None:
+    active = folder / HAND_EYE
+    write_hand_eye(active, T_FLANGE_CAMERA, created=datetime.now(UTC), camera_id="another")
+    try:
+        plan = cell.prepare_calibration(BOARD, poses=10, held_out=0)
+        with pytest.raises(MissingViewsError):
+            run_calibration(cell, plan, tmp_path / "run", Board(dictionary="DICT_5X5_100"), Told())
+        assert (cell.status.state, cell.status.slug) == ("not_ready", "calibration")
+        assert "made with camera another" in str(cell.status.reason)
+    finally:
+        active.unlink()
+    cell.connect()
+    assert cell.status.state == "ready"
+
+
 def test_looks_that_the_camera_fails_are_named_and_the_others_solved_from(cell: Cell, tmp_path: Path) -> None:
     def fail(index: int) -> None:
         cell.camera.fault("constant" if len(told.events) == 6 else "none")  # three views are taken
@@ -264,3 +348,17 @@ def test_a_rough_mounting_by_a_ruler_will_do(tmp_path: Path) -> None:
     # Three sigma of what this arm allows, as measured over many cells.
     assert off_m < 0.0012
     assert off_rad < np.deg2rad(0.1)
+
+
+@pytest.mark.soak
+def test_a_board_that_looks_the_same_from_two_sides(tmp_path: Path) -> None:
+    with closing(Cell(settings_with(tmp_path))) as cell:
+        board = Board(kind="checkerboard", columns=9, rows=7, pitch_m=0.026)
+        run = run_calibration(cell, cell.prepare_calibration(board), tmp_path / "runs" / "1", board, Told())
+        assert run.result.verdict == "accept"
+        assert [view.used for view in run.result.views] == [True] * 15
+        assert run.verification.passed
+        activate(tmp_path / "runs" / "1" / HAND_EYE, tmp_path / "hand_eye.json")
+        verification = run_verification(cell, cell.prepare_verification(), tmp_path / "runs" / "2", Told())
+        assert verification.passed
+        assert verification.board_moved_m is None

@@ -130,6 +130,23 @@ def test_other_numbers_of_poses() -> None:
     assert (plan.reached, plan.held_out, plan.warnings) == (12, (), ())
 
 
+def test_where_no_pose_to_verify_from_is_reached_another_is_held_out() -> None:
+    far_off = CellSettings(workspace=WorkspaceSettings(x_m=(0.64, 1.0)))
+    plan = plan_calibration(far_off, BOARD, T_FLANGE_CAMERA, None, held_out=1)
+    assert plan.viewpoints[15].q_rad is None
+    last = max(v.index for v in reached(plan))
+    assert (plan.held_out, plan.warnings) == ((last, 15), ())
+    assert plan.reached - 1 >= 10
+
+
+def test_where_none_can_be_spared_a_warning_says_that_nothing_is_verified() -> None:
+    farther_off = CellSettings(workspace=WorkspaceSettings(x_m=(0.67, 1.03)))
+    plan = plan_calibration(farther_off, BOARD, T_FLANGE_CAMERA, None, held_out=1)
+    assert plan.reached == 10
+    assert plan.held_out == (15,)
+    assert "it will not be verified: change x_m" in plan.warnings[0]
+
+
 def test_too_few_poses_are_refused_with_their_reasons() -> None:
     out_of_reach = CellSettings(workspace=WorkspaceSettings(x_m=(0.72, 1.08)))
     with pytest.raises(ViewpointsError, match=r"only \d of 15 calibration poses can be reached, 10 are needed") as told:

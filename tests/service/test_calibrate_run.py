@@ -92,6 +92,41 @@ def test_from_nothing_to_a_calibration_in_use_that_is_verified(
     assert len(list((tmp_path / "drifted").glob("*.png"))) == 2
 
 
+def test_one_that_was_not_verified_is_not_taken_into_use_unasked(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    config, run = quick_cell(tmp_path, free_host()), tmp_path / "run"
+    config.write_text(config.read_text() + "working_m = [0.55, 1.0]\n")  # so that most poses are equally far
+    monkeypatch.setattr("service.calibrate_run.HELD_OUT", 0)
+    code, out, err = calibrate(capsys, "run", "--config", config, "--folder", run, "--yes", "--json")
+    assert code == 0, err
+    assert json.loads(out)["activated"] is False
+    assert "it is not verified, and so not in use without somebody who decides it" in err
+    assert f"to use it: pointchain calibrate activate {run}" in err
+    assert not (tmp_path / "data" / "calibration" / "hand_eye.json").exists()
+    assert "an error of the board's size or of the focal length goes unnoticed" in err[: err.index("moving to pose")]
+
+
+@pytest.mark.parametrize("command", ["run", "verify"])
+def test_a_folder_that_cannot_be_made_or_read_is_told(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, command: str
+) -> None:
+    config = quick_cell(tmp_path, free_host())
+    for folder, why in (
+        (config / "run", "Not a directory"),
+        (tmp_path / ("x" * 300), "File name too long"),
+        (config, "is not an empty folder"),
+        (tmp_path, "is not an empty folder"),
+    ):
+        code, out, err = calibrate(capsys, command, "--config", config, "--folder", folder, "--json")
+        assert code == 1
+        problem = json.loads(out)["error"]
+        assert problem["status"] == 422
+        assert why in problem["detail"]
+        assert "name a" in problem["detail"]
+        assert "connecting" not in err
+
+
 def test_a_signal_stops_the_arm_and_the_pictures_are_kept(tmp_path: Path) -> None:
     host, run = free_host(), tmp_path / "run"
     command = [sys.executable, "-c", "import sys; from service.cli import main; sys.exit(main(sys.argv[1:]))"]
