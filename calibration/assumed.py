@@ -34,7 +34,7 @@ class Assumed:
     """
 
     pixel_px: float = 0.2
-    """NoiseLevel of one corner's coordinate."""
+    """Noise of one corner's coordinate."""
     robot_m: float = 1e-4
     """Error of the robot's pose along one axis of the flange, anew in every pose."""
     robot_rad: float = float(np.radians(0.02))

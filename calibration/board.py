@@ -188,3 +188,10 @@ def _check_length(name: str, length_m: object) -> None:
         raise BoardError(
             f"{name} is {length_m:g} m, and boards have {SMALLEST_PITCH_M:g} to {LARGEST_PITCH_M:g} m: {hint}"
         )
+
+
+def usual_board(told: dict[str, Any]) -> Board:
+    """The usual board, but for the fields `told`; markers in proportion to their squares. Raises BoardError."""
+    if "pitch_m" in told and "marker_m" not in told:
+        told = told | {"marker_m": told["pitch_m"] * Board.marker_m / Board.pitch_m}
+    return Board(**told)

@@ -5,11 +5,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration.board import FEWEST_CORNERS
 from calibration.pose_stack import small_motion, solved
 from calibration.reprojection import LENS, Corners, PixelBlocks, pixel_blocks, reprojection
 
-FEWEST_CORNERS = 6
-"""A flat board's pose has six numbers, and four corners fit any; from six on, errors show."""
 STEPS = 20
 CORNER_LIMIT = 5.0
 """A corner so many standard deviations from where the others say it should be is left out; by chance it is one in

@@ -131,7 +131,7 @@ def weigh(problem: Problem, measured: Measured, used: NDArray[np.bool_], noise: 
     own = N[:, :6, :6] + np.diag(1 / noise.robot**2)
     mixed = N[:, :6, 6:]
     pull = g[:, :6] - errors / noise.robot**2
-    solved = np.linalg.solve(own, np.concatenate([mixed, pull[..., None]], axis=2))
+    reduction = np.linalg.solve(own, np.concatenate([mixed, pull[..., None]], axis=2))
     prior = np.concatenate([np.zeros(12), 1 / problem.prior**2])
     cost = (
         weight * measured.squares[used].sum()
@@ -142,8 +142,8 @@ def weigh(problem: Problem, measured: Measured, used: NDArray[np.bool_], noise: 
         own=own,
         mixed=mixed,
         pull=pull,
-        reduced=N[:, 6:, 6:] - mixed.swapaxes(1, 2) @ solved[..., :-1],
-        reduced_pull=g[:, 6:] - (mixed.swapaxes(1, 2) @ solved[..., -1:])[..., 0],
+        reduced=N[:, 6:, 6:] - mixed.swapaxes(1, 2) @ reduction[..., :-1],
+        reduced_pull=g[:, 6:] - (mixed.swapaxes(1, 2) @ reduction[..., -1:])[..., 0],
         prior=np.diag(prior),
         prior_pull=-prior * np.concatenate([np.zeros(12), lens]),
         cost=float(cost),

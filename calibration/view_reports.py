@@ -4,7 +4,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.adjustment import Adjusted
-from calibration.board_pose import FEWEST_CORNERS, BoardPoses
+from calibration.board import FEWEST_CORNERS
+from calibration.board_pose import BoardPoses
 from calibration.hand_eye_result import ViewReport
 from calibration.leave_one_out import LeftOut
 from calibration.normal_equations import Problem, robot_error
@@ -52,15 +53,16 @@ def pose_reports(names: tuple[str, ...], poses: Poses, solution: PoseSolution) -
     errors = np.where(solution.used[:, None], solution.errors, solution.left_out)
     reports = []
     for k, name in enumerate(names):
-        other = _explaining(
-            k, poses.mounting, poses.T_base_flange, solution.X, solution.Y, poses.T_camera_board[k], names
-        )
-        off = solution.left_out[k]
+        reason = None
+        if not solution.used[k]:
+            flange, T = poses.T_base_flange, poses.T_camera_board[k]
+            other = _explaining(k, poses.mounting, flange, solution.X, solution.Y, T, names)
+            reason = other or _off_words(solution.left_out[k])
         reports.append(
             ViewReport(
                 name=name,
                 used=bool(solution.used[k]),
-                reason=None if solution.used[k] else other or _off_words(off),
+                reason=reason,
                 corners=0,
                 rms_px=None,
                 robot_error_m=float(np.linalg.norm(errors[k, 3:])),

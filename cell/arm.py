@@ -9,10 +9,10 @@ from cell.arm_link import ArmLink
 from cell.arm_move import watched_move
 from cell.arm_program import DASHBOARD_S
 from cell.arm_reading import silence
+from cell.arm_settings import ArmSettings
 from cell.devices import ArmInfo, ArmState
 from cell.errors import MotionError, RobotNotReadyError, StoppedError
 from cell.probe import probe, resolved
-from cell.settings import ArmSettings
 
 MODEL_M = 0.05
 """A calibrated flange pose further than this from the nominal one is another model's."""

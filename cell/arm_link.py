@@ -24,6 +24,7 @@ import numpy as np
 from calibration.transforms import from_rotation_vector
 from cell.arm_program import DASHBOARD_S, OurProgram
 from cell.arm_reading import STEADY_RAD_S, arm_state, fastest, silence
+from cell.arm_settings import ArmSettings
 from cell.child import Child, ChildBusyError, ChildLostError, NotCalledError
 from cell.devices import ArmState
 from cell.errors import (
@@ -35,7 +36,6 @@ from cell.errors import (
     StoppedError,
 )
 from cell.robot_modes import mode_error
-from cell.settings import ArmSettings
 from cell.ur import CONNECT_S, UrDriver
 from cell.ur_reading import Reading
 

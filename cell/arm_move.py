@@ -7,8 +7,8 @@ from numpy.typing import NDArray
 
 from cell.arm_link import POLL_S, ArmLink
 from cell.arm_reading import STEADY_RAD_S
+from cell.arm_settings import ArmSettings
 from cell.errors import MotionError
-from cell.settings import ArmSettings
 from cell.speed_cap import capped_speed
 
 START_S = 1.0

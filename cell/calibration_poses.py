@@ -17,7 +17,8 @@ from cell.errors import ViewpointsError
 from cell.look_at import Bearing
 from cell.optics import camera_optics
 from cell.poses_to_try import Sight, tries
-from cell.settings import CellSettings, Range
+from cell.settings import CellSettings
+from cell.strict_settings import Range
 from cell.viewpoints import ViewpointPlan, plan_through, told_missing
 
 POSES, HELD_OUT = 15, 2

@@ -7,13 +7,14 @@ from collections.abc import Callable
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
+from cell.camera_settings import OakCamera
 from cell.child import Child, ChildLostError, NotCalledError
 from cell.devices import CameraInfo, Frame
 from cell.errors import CameraLostError, CameraUnreachableError
 from cell.exposures import NoFramesError
 from cell.oak import OakDriver
 from cell.oak_stream import DEPTH_UNIT_M, Fault
-from cell.settings import AnyCamera, OakCamera
+from cell.settings import AnyCamera
 from cell.simulation.flange import PoseSource, controller_pose
 
 if TYPE_CHECKING:

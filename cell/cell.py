@@ -361,7 +361,7 @@ class Cell:
     @contextlib.contextmanager
     def _using(self, wait_s: float = TURN_S) -> Iterator[None]:
         if self._closing.is_set() or not self._turn.acquire(timeout=wait_s):
-            raise CellBusyError("the arm is in use: wait for the end of the scan, or stop it")
+            raise CellBusyError("the arm is in use: wait for the end of the scan or calibration, or stop it")
         try:
             if self._closing.is_set():
                 raise CellBusyError("the service is ending")

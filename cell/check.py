@@ -3,11 +3,13 @@
 from collections.abc import Callable, Iterator
 
 from cell import check_arm, check_camera, check_view
+from cell.arm_settings import SimulatedArm
+from cell.camera_settings import SimulatedCamera
 from cell.check_step import Grounds, Step, failed, ok
 from cell.devices import InvalidViewError
 from cell.equipment import Equipment
 from cell.errors import CellError
-from cell.settings import CellSettings, SimulatedArm, SimulatedCamera
+from cell.settings import CellSettings
 
 REDUCED_M_S = 0.25
 """Fastest flange where people may be near: what safety standards call reduced speed."""

@@ -6,10 +6,10 @@ import numpy as np
 
 from calibration.transforms import inverse, rotation_angle
 from cell import dashboard, probe
+from cell.arm_settings import SimulatedArm
 from cell.check_step import Grounds, Step, failed, ok
 from cell.errors import RobotLostError, RobotUnreachableError
 from cell.kinematics import forward
-from cell.settings import SimulatedArm
 
 PORTS = {
     probe.RTDE_PORT: "RTDE, which tells the joint angles",

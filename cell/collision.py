@@ -8,9 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from cell.arm_settings import BASE_RADIUS_M, ArmModelName
 from cell.kinematics import ARMS, link_frames
 from cell.segments import box_distances, segment_distances
-from cell.settings import BASE_RADIUS_M, ArmModelName, CellSettings
+from cell.settings import CellSettings
 
 
 @dataclass(frozen=True)

@@ -7,10 +7,12 @@ from numpy.typing import NDArray
 
 from calibration.board import Board
 from cell.arm import UrArm
+from cell.arm_settings import SimulatedArm, URArm
 from cell.camera import LiveCamera
+from cell.camera_settings import SimulatedCamera
 from cell.devices import ArmState
 from cell.errors import RobotUnreachableError, ViewpointsError
-from cell.settings import CellSettings, SimulatedArm, SimulatedCamera, URArm
+from cell.settings import CellSettings
 from cell.simulation.controller.process import ControllerStartError, RunningController, start_controller
 from cell.simulation.world import SimulatedWorld, simulated_world
 from cell.viewpoints import home_posture

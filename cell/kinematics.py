@@ -12,7 +12,7 @@ import ur_analytic_ik
 from numpy.typing import ArrayLike, NDArray
 
 from calibration.transforms import from_rotation_vector
-from cell.settings import ArmModelName
+from cell.arm_settings import ArmModelName
 
 JOINT_LIMIT_RAD = 2.0 * np.pi
 """Every joint turns so far either way ..."""

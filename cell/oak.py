@@ -12,11 +12,12 @@ from datetime import timedelta
 from math import inf
 from typing import TYPE_CHECKING
 
+from cell.camera_settings import OakCamera
 from cell.devices import CameraInfo, Frame
 from cell.errors import BadFrameError, CameraLostError, CameraUnreachableError, CellError
 from cell.exposures import Exposure, Picture, at_rest, combined
 from cell.oak_stream import DEPTH_UNIT_M, Fault, Stream, decode, decode_picture, next_message, send
-from cell.settings import AnyCamera, OakCamera
+from cell.settings import AnyCamera
 
 if TYPE_CHECKING:
     import depthai as dai

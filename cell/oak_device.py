@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from calibration.transforms import rotation_angle
+from cell.camera_settings import OakCamera
 from cell.devices import CameraInfo
 from cell.errors import CameraUnreachableError
 from cell.oak_stream import DEPTH_UNIT_M, Stream, load
 from cell.optics import baseline_m
-from cell.settings import OakCamera
 
 if TYPE_CHECKING:
     import depthai as dai

@@ -8,7 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from cell.settings import AnyCamera, OakCamera, OakProduct, Range, SimulatedCamera
+from cell.camera_settings import OakCamera, OakProduct, SimulatedCamera
+from cell.settings import AnyCamera
+from cell.strict_settings import Range
 
 
 @dataclass(frozen=True, eq=False)

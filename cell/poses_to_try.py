@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from calibration.transforms import inverse
 from cell.look_at import Bearing, least_distance, look_at, two_rings
 from cell.optics import CameraOptics
-from cell.settings import CellSettings, Range
+from cell.settings import CellSettings
+from cell.strict_settings import Range
 
 _ROLLS_RAD = np.deg2rad((0, 15, -15, 30, -30, 60, -60, 90, -90, 120, -120, 150, -150, 180))
 _NEARER_M = (0.0, -0.06, 0.06)

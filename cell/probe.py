@@ -11,11 +11,11 @@ import time
 from collections.abc import Iterator
 from typing import get_args
 
+from cell.arm_settings import ArmModelName
 from cell.dashboard import Dashboard, connected
 from cell.devices import ArmInfo, RobotMode, SafetyMode
 from cell.errors import CellError, RobotNotReadyError, RobotUnreachableError
 from cell.robot_modes import mode_error
-from cell.settings import ArmModelName
 
 PROBE_S = 2.0
 """Everything must have been answered in this time."""

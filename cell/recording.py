@@ -19,6 +19,7 @@ from google.protobuf.timestamp_pb2 import Timestamp
 from mcap.writer import CompressionType, Writer
 from mcap_protobuf.schema import build_file_descriptor_set
 
+from calibration.disk import sync_folder
 from cell.devices import View
 from cell.recording_errors import (
     NotMcapError,
@@ -71,7 +72,7 @@ class RecordingWriter:
             self._writer.add_metadata(METADATA, to_metadata(header))
             self._writer.add_attachment(0, 0, HAND_EYE, "application/json", to_hand_eye(header))
             self._sync()
-            _sync_directory(path.parent)
+            sync_folder(path.parent)
         except BaseException:
             self._abandon()
             path.unlink()
@@ -212,15 +213,6 @@ class RecordingWriter:
     def _sync_file(self) -> None:
         self._file.flush()
         os.fsync(self._file.fileno())
-
-
-def _sync_directory(directory: Path) -> None:
-    """Makes a new file's name survive a power cut."""
-    descriptor = os.open(directory, os.O_RDONLY)
-    try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)
 
 
 def _nanoseconds(stamp_s: float, where: str) -> int:

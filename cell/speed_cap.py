@@ -6,8 +6,8 @@ A moveJ goes along a straight line in joint space; its speed is that of the join
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from cell.arm_settings import ArmModelName
 from cell.kinematics import ARMS, jacobian, joint_speeds
-from cell.settings import ArmModelName
 
 _STEP_RAD = 0.05
 """Turn of all joints together between two places that are looked at."""

@@ -8,10 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.transforms import inverse, transform_points
+from cell.arm_settings import BASE_RADIUS_M
 from cell.collision import CollisionModel, collision_model
 from cell.kinematics import forward, link_frames
 from cell.optics import CameraOptics, camera_optics
-from cell.settings import BASE_RADIUS_M, CellSettings
+from cell.settings import CellSettings
 from cell.viewpoints import Viewpoint, ViewpointPlan
 
 _FRUSTUM_M = 0.10

@@ -15,10 +15,11 @@ from typing import Any
 import numpy as np
 
 from cell.arm import UrArm
+from cell.arm_settings import SimulatedArm
 from cell.cell import Cell
 from cell.errors import StoppedError
 from cell.recording import read_recording
-from cell.settings import CellSettings, SimulatedArm
+from cell.settings import CellSettings
 from cell.simulation.benchmark.tables import table
 from cell.simulation.controller.admin import AdminClient
 from cell.simulation.controller.process import start_controller

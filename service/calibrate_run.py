@@ -8,7 +8,7 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any
 
-from calibration.board import Board, BoardError
+from calibration.board import Board, BoardError, usual_board
 from calibration.errors import HandEyeError
 from calibration.folder import HAND_EYE, SETUP
 from calibration.storage import activate
@@ -18,7 +18,6 @@ from cell.cell import Cell
 from cell.settings import CellSettings
 from service.ask import agreed
 from service.calibrate_activate import activated
-from service.calibrate_board import board_told
 from service.calibrate_told import ToldCalibration
 from service.calibrate_words import result_words, verification_words
 from service.config import ConfigError, load_config
@@ -47,7 +46,7 @@ def calibrate_run(config_file: Path | None, wanted: WantedRun) -> int:
     0 when it may be used, 1 when it is refused or there is none, 130 after a signal, which stops the arm.
     """
     try:
-        board = board_told(wanted.board)
+        board = usual_board(wanted.board)
         settings = load_config(config_file).cell
         folder = wanted.folder or _new_folder(settings)
         require_new_folder(folder)

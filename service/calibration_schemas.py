@@ -4,7 +4,7 @@ from typing import Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from calibration.board import Board, BoardKind
+from calibration.board import Board, BoardKind, usual_board
 from calibration.hand_eye_result import Verdict
 from service.calibration_result_schema import CalibrationResult, FindingResource, VerificationResource
 from service.schemas import Id, Problem, ScanState, ViewState
@@ -40,10 +40,7 @@ class BoardRequest(BaseModel):
 
     def board(self) -> Board:
         """The usual board, but for what is told. Raises BoardError."""
-        told = self.model_dump(exclude_none=True)
-        if "pitch_m" in told and "marker_m" not in told:
-            told["marker_m"] = told["pitch_m"] * Board.marker_m / Board.pitch_m
-        return Board(**told)
+        return usual_board(self.model_dump(exclude_none=True))
 
 
 class CalibrationRequest(BaseModel):

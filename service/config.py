@@ -20,6 +20,8 @@ from pydantic_settings import (
     SettingsConfigDict,
 )
 
+from cell.arm_settings import SimulatedArm
+from cell.camera_settings import SimulatedCamera
 from cell.settings import (
     AnyArm,
     AnyCamera,
@@ -27,8 +29,6 @@ from cell.settings import (
     HandEyeSettings,
     MountingSettings,
     ScanSettings,
-    SimulatedArm,
-    SimulatedCamera,
     WorkspaceSettings,
 )
 from recognition.gripper import Gripper

@@ -7,9 +7,10 @@ import threading
 from contextlib import closing
 from pathlib import Path
 
+from cell.arm_settings import SimulatedArm
 from cell.cell import Cell
 from cell.recording import read_recording
-from cell.settings import CellSettings, SimulatedArm
+from cell.settings import CellSettings
 from cell.simulation.scoring import score
 from cell.simulation.simulate import truth_path
 from cell.simulation.world import simulated_world, world_truth

@@ -5,7 +5,9 @@ import re
 from pathlib import Path
 
 from calibration.storage import load_hand_eye
-from cell.settings import CellSettings, HandEyeSettings, OakCamera, URArm
+from cell.arm_settings import URArm
+from cell.camera_settings import OakCamera
+from cell.settings import CellSettings, HandEyeSettings
 from service.config import ServiceConfig, load_config
 
 README = (Path(__file__).parents[1] / "README.md").read_text()

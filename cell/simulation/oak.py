@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from cell.camera_settings import SimulatedCamera
 from cell.devices import CameraInfo
 from cell.errors import CameraLostError, CameraUnreachableError
 from cell.oak_stream import Fault, Stream, load, next_message
-from cell.settings import SimulatedCamera
 from cell.simulation.flange import PoseSource
 from cell.simulation.frames import FrameSource
 from cell.simulation.world import SimulatedWorld

@@ -15,8 +15,9 @@ from numpy.typing import NDArray
 from calibration.board import Board
 from calibration.storage import HandEye
 from calibration.transforms import inverse, transform_points
+from cell.camera_settings import SimulatedCamera
 from cell.errors import CellSettingsError
-from cell.settings import CellSettings, SimulatedCamera
+from cell.settings import CellSettings
 from cell.simulation.board import lay_board, plate
 from cell.simulation.camera import CameraModel, camera_model
 from cell.simulation.poses import T_FLANGE_CAMERA, PoseErrors, perturbed

@@ -10,18 +10,13 @@ from numpy.typing import NDArray
 
 from calibration.storage import write_hand_eye
 from calibration.transforms import from_rotation_vector, inverse
+from cell.arm_settings import URArm
+from cell.camera_settings import OakCamera, SimulatedCamera
 from cell.check_step import Grounds
 from cell.devices import ArmState, Frame
 from cell.equipment import Equipment
 from cell.look_at import look_at
-from cell.settings import (
-    CellSettings,
-    HandEyeSettings,
-    MountingSettings,
-    OakCamera,
-    SimulatedCamera,
-    URArm,
-)
+from cell.settings import CellSettings, HandEyeSettings, MountingSettings
 from cell.simulation.frames import FrameSource
 from cell.simulation.world import simulated_world
 

@@ -13,11 +13,11 @@ import pytest
 
 from cell import kinematics
 from cell.arm import UrArm
+from cell.arm_settings import SimulatedArm
 from cell.child import Child
 from cell.dashboard import Command, Dashboard
 from cell.devices import Arm
 from cell.errors import CellError, MotionError, RobotLostError, RobotNotReadyError, RobotUnreachableError, StoppedError
-from cell.settings import SimulatedArm
 from cell.simulation.controller.process import RunningController
 from tests.cell.loopback import free_host
 from tests.cell.pendant import Pendant

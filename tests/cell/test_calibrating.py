@@ -22,11 +22,13 @@ from calibration.observe import observe
 from calibration.storage import activate, load_hand_eye, write_hand_eye
 from calibration.transforms import from_rotation_vector, inverse, rotation_angle
 from calibration.verification import Verification
+from cell.arm_settings import SimulatedArm, URArm
 from cell.calibrating import CalibrationRun, run_calibration, run_verification
+from cell.camera_settings import OakCamera, SimulatedCamera
 from cell.cell import Cell
 from cell.devices import View
 from cell.errors import CalibrationError, MissingViewsError, StoppedError
-from cell.settings import CellSettings, HandEyeSettings, OakCamera, SimulatedArm, SimulatedCamera, URArm
+from cell.settings import CellSettings, HandEyeSettings
 from cell.simulation.controller.admin import AdminClient
 from cell.simulation.poses import T_FLANGE_CAMERA
 from cell.simulation.world import simulated_world

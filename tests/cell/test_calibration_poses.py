@@ -6,18 +6,14 @@ import pytest
 
 from calibration.board import Board
 from calibration.transforms import from_rotation_vector, inverse, rotation_angle, transform_points
+from cell.arm_settings import SimulatedArm
 from cell.calibration_poses import LARGEST_RATIO, LEAST_RATIO, OFF_MIDDLE_M, plan_calibration, plan_verification
+from cell.camera_settings import SimulatedCamera
 from cell.collision import collision_model
 from cell.errors import ViewpointsError
 from cell.kinematics import forward
 from cell.optics import camera_optics
-from cell.settings import (
-    CellSettings,
-    MountingSettings,
-    SimulatedArm,
-    SimulatedCamera,
-    WorkspaceSettings,
-)
+from cell.settings import CellSettings, MountingSettings, WorkspaceSettings
 from cell.simulation.poses import T_FLANGE_CAMERA
 from cell.viewpoints import Viewpoint, ViewpointPlan
 

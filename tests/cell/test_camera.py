@@ -15,13 +15,15 @@ import pytest
 from numpy.typing import NDArray
 
 from calibration.transforms import inverse
+from cell.arm_settings import SimulatedArm
 from cell.camera import LiveCamera
+from cell.camera_settings import OakCamera, SimulatedCamera
 from cell.equipment import Equipment
 from cell.errors import BadFrameError, CameraLostError, CameraUnreachableError
 from cell.exposures import NoFramesError
 from cell.kinematics import inverse as inverse_kinematics
 from cell.look_at import look_at
-from cell.settings import CellSettings, OakCamera, SimulatedArm, SimulatedCamera
+from cell.settings import CellSettings
 from cell.simulation.camera import camera_model
 from cell.simulation.controller.process import start_controller
 from cell.simulation.frames import FrameSource
@@ -302,7 +304,7 @@ def test_the_parent_process_never_loads_what_hangs_or_weighs() -> None:
 import sys
 from cell.camera import LiveCamera
 from cell.errors import CameraUnreachableError
-from cell.settings import OakCamera
+from cell.camera_settings import OakCamera
 if __name__ == "__main__":
     try:
         LiveCamera(OakCamera(kind="oak")).connect()

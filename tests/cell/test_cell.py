@@ -11,6 +11,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from cell.arm_settings import SimulatedArm, URArm
+from cell.camera_settings import OakCamera, SimulatedCamera
 from cell.cell import Cell
 from cell.devices import View
 from cell.errors import (
@@ -21,7 +23,7 @@ from cell.errors import (
     StoppedError,
 )
 from cell.recording import RecordingWriter, read_recording
-from cell.settings import CellSettings, HandEyeSettings, OakCamera, SimulatedArm, SimulatedCamera, URArm
+from cell.settings import CellSettings, HandEyeSettings
 from cell.simulation.controller.admin import AdminClient
 from cell.simulation.scoring import score
 from cell.simulation.world import simulated_world, world_truth

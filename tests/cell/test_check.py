@@ -7,13 +7,11 @@ from pathlib import Path
 
 import pytest
 
+from cell.arm_settings import SimulatedArm
 from cell.check import check_cell
 from cell.check_step import Step, failed
 from cell.errors import RobotNotReadyError
-from cell.settings import (
-    CellSettings,
-    SimulatedArm,
-)
+from cell.settings import CellSettings
 from cell.simulation.controller.admin import AdminClient, ControllerGoneError
 from cell.simulation.controller.process import start_controller
 from tests.cell.cells_to_check import (

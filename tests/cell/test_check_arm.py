@@ -9,10 +9,11 @@ import pytest
 from calibration.transforms import from_rotation_vector
 from cell import check_arm
 from cell.arm import UrArm
+from cell.arm_settings import SimulatedArm, URArm
 from cell.check_step import Step
 from cell.errors import RobotUnreachableError
 from cell.kinematics import forward
-from cell.settings import CellSettings, SimulatedArm, URArm
+from cell.settings import CellSettings
 from cell.simulation.controller.process import RunningController, start_controller
 from tests.cell.cells_to_check import (
     Q_RAD,

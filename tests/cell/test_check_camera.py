@@ -4,12 +4,10 @@ import numpy as np
 import pytest
 
 from cell import check_camera
+from cell.camera_settings import SimulatedCamera
 from cell.devices import CameraInfo, Frame
 from cell.optics import camera_optics
-from cell.settings import (
-    CellSettings,
-    SimulatedCamera,
-)
+from cell.settings import CellSettings
 from tests.cell.cells_to_check import (
     grounds_for,
     looking_cell,

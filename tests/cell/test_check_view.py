@@ -7,12 +7,7 @@ import pytest
 
 from cell import check_view
 from cell.devices import ArmInfo, CameraInfo
-from cell.settings import (
-    CellSettings,
-    HandEyeSettings,
-    ScanSettings,
-    WorkspaceSettings,
-)
+from cell.settings import CellSettings, HandEyeSettings, ScanSettings, WorkspaceSettings
 from tests.cell.cells_to_check import (
     grounds_for,
     looking_cell,

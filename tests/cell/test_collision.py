@@ -7,9 +7,11 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from calibration.transforms import from_rotation_vector
+from cell.arm_settings import ArmModelName, SimulatedArm
+from cell.camera_settings import SimulatedCamera
 from cell.collision import CollisionModel, collision_model
 from cell.kinematics import forward
-from cell.settings import ArmModelName, CellSettings, MountingSettings, SimulatedArm, SimulatedCamera
+from cell.settings import CellSettings, MountingSettings
 
 T_FLANGE_CAMERA = from_rotation_vector((0.03, -0.06, 0.05), (0.1, 0.05, 0.4))
 MODELS: tuple[ArmModelName, ...] = ("ur3e", "ur5e", "ur10e")

@@ -5,6 +5,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from calibration.transforms import rigid
+from cell.arm_settings import ArmModelName
 from cell.kinematics import (
     ARMS,
     forward,
@@ -15,7 +16,6 @@ from cell.kinematics import (
     joint_speeds,
     link_frames,
 )
-from cell.settings import ArmModelName
 
 MODELS: tuple[ArmModelName, ...] = ("ur3e", "ur5e", "ur10e")
 models = st.sampled_from(MODELS)

@@ -17,6 +17,7 @@ import pytest
 from numpy.typing import NDArray
 
 from calibration.transforms import inverse
+from cell.camera_settings import OakCamera, SimulatedCamera
 from cell.check_step import failed
 from cell.devices import CameraInfo
 from cell.errors import BadFrameError, CameraLostError, CameraUnreachableError, CellError
@@ -25,7 +26,7 @@ from cell.look_at import look_at
 from cell.oak import OakDriver, settle_exposure
 from cell.oak_device import calibration_warnings, configure_depth, unreachable
 from cell.oak_stream import LONGEST_EXPOSURE_S, Stream, decode, decode_picture, load, next_message, send
-from cell.settings import CellSettings, OakCamera, SimulatedCamera
+from cell.settings import CellSettings
 from cell.simulation.camera import camera_model
 from cell.simulation.frames import FrameSource
 from cell.simulation.world import SimulatedWorld, simulated_world
@@ -323,7 +324,8 @@ ASKED = """
 import time
 import numpy as np
 from cell.oak import OakDriver
-from cell.settings import CellSettings, SimulatedCamera
+from cell.camera_settings import SimulatedCamera
+from cell.settings import CellSettings
 from cell.simulation.world import simulated_world
 
 settings = CellSettings(camera=SimulatedCamera(model="ideal", fps=60.0))

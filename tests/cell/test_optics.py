@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
+from cell.camera_settings import CameraName, OakCamera, OakProduct, SimulatedCamera
 from cell.optics import baseline_m, camera_optics
-from cell.settings import CameraName, OakCamera, OakProduct, SimulatedCamera
 from cell.simulation.camera import CAMERAS
 
 

@@ -5,14 +5,8 @@ from pathlib import Path
 import pytest
 from pydantic import ValidationError
 
-from cell.settings import (
-    ArmModelName,
-    CellSettings,
-    HandEyeSettings,
-    MountingSettings,
-    SimulatedArm,
-    WorkspaceSettings,
-)
+from cell.arm_settings import ArmModelName, SimulatedArm
+from cell.settings import CellSettings, HandEyeSettings, MountingSettings, WorkspaceSettings
 
 AROUND = (-0.2, 0.2)
 

@@ -4,8 +4,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from cell.arm_settings import ArmModelName
 from cell.kinematics import joint_speeds, link_frames
-from cell.settings import ArmModelName
 from cell.speed_cap import capped_speed, greatest_shift
 
 models: st.SearchStrategy[ArmModelName] = st.sampled_from(("ur3e", "ur5e", "ur10e"))

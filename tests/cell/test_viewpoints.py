@@ -8,22 +8,15 @@ import numpy as np
 import pytest
 
 from calibration.transforms import inverse, transform_points
+from cell.arm_settings import ArmModelName, SimulatedArm
+from cell.camera_settings import CameraName, SimulatedCamera
 from cell.collision import collision_model
 from cell.errors import ViewpointsError
 from cell.kinematics import forward, jacobian
 from cell.look_at import FILL
 from cell.optics import camera_optics
 from cell.postures import LEAST_SINGULAR_VALUE, USED_LIMIT_RAD
-from cell.settings import (
-    ArmModelName,
-    CameraName,
-    CellSettings,
-    MountingSettings,
-    ScanSettings,
-    SimulatedArm,
-    SimulatedCamera,
-    WorkspaceSettings,
-)
+from cell.settings import CellSettings, MountingSettings, ScanSettings, WorkspaceSettings
 from cell.simulation.poses import T_FLANGE_CAMERA
 from cell.viewpoint_picture import draw_plan
 from cell.viewpoints import ViewpointPlan, plan_viewpoints, require_enough

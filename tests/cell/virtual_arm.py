@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from cell.arm_settings import SimulatedArm
 from cell.errors import CellError
-from cell.settings import SimulatedArm
 from cell.simulation.controller.process import RunningController
 
 HOME = np.array([0.0, -1.57, 1.57, -1.57, -1.57, 0.0])

@@ -5,8 +5,9 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+from cell.arm_settings import SimulatedArm
 from cell.camera import LiveCamera
-from cell.settings import SimulatedArm, SimulatedCamera
+from cell.camera_settings import SimulatedCamera
 from cell.simulation.controller.admin import AdminClient
 from tests.cell.loopback import free_host
 from tests.service.conftest import Serve, ServedClient, wait_until

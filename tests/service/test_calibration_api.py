@@ -15,7 +15,8 @@ import numpy as np
 import pytest
 
 from calibration.board import Board
-from cell.settings import CellSettings, SimulatedCamera
+from cell.camera_settings import SimulatedCamera
+from cell.settings import CellSettings
 from cell.simulation.world import simulated_world
 from recognition.common_error import CommonError
 from service.data_folder import DataFolder

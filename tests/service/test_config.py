@@ -4,7 +4,9 @@ from pathlib import Path
 
 import pytest
 
-from cell.settings import CellSettings, HandEyeSettings, OakCamera, SimulatedArm, URArm
+from cell.arm_settings import SimulatedArm, URArm
+from cell.camera_settings import OakCamera
+from cell.settings import CellSettings, HandEyeSettings
 from recognition.gripper import Gripper
 from service.config import ConfigError, load_config
 

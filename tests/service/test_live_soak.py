@@ -6,7 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from cell.settings import SimulatedArm, SimulatedCamera
+from cell.arm_settings import SimulatedArm
+from cell.camera_settings import SimulatedCamera
 from tests.cell.loopback import free_host
 from tests.service.conftest import Serve, wait_until
 

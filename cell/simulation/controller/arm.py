@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cell import kinematics
-from cell.settings import ArmModelName
+from cell.arm_settings import ArmModelName
 from cell.simulation.controller.events import EventLog
 from cell.simulation.controller.motion import REST, Braking, Joints, Motion
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from functools import cache
 
 from cell import kinematics
-from cell.settings import ArmModelName
+from cell.arm_settings import ArmModelName
 from cell.simulation.controller.motion import Joints
 
 JOINT_MARGIN_RAD = math.radians(3.0)

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from calibration.transforms import from_rotation_vector, inverse
 from cell import kinematics
-from cell.settings import ArmModelName
+from cell.arm_settings import ArmModelName
 from cell.simulation.controller.motion import Joints
 
 PATH_STEP_M = 0.02

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 from cell.simulation.controller.admin import AdminClient
 
 if TYPE_CHECKING:
-    from cell.settings import ArmModelName
+    from cell.arm_settings import ArmModelName
 
 START_S = 60.0
 """A loaded machine takes seconds to start Python and numpy."""

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cell.settings import ArmModelName
+from cell.arm_settings import ArmModelName
 from cell.simulation.controller.arm import HANDOVER_RAD_S2, PROTECTIVE_RAD_S2, Arm, Goal, UnreachableGoalError
 from cell.simulation.controller.events import EventLog
 from cell.simulation.controller.limits import SafetyLimits

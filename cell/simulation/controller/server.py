@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cell.settings import ArmModelName
+from cell.arm_settings import ArmModelName
 from cell.simulation.controller.admin_server import AdminServer
 from cell.simulation.controller.dashboard import DashboardServer, Identity
 from cell.simulation.controller.events import EventLog

@@ -9,8 +9,9 @@ from numpy.typing import NDArray
 from calibration.board import Board
 from calibration.detection import detect_board
 from calibration.transforms import inverse, transform_points
+from cell.camera_settings import CameraName, SimulatedCamera
 from cell.look_at import look_at
-from cell.settings import CameraName, CellSettings, SimulatedCamera
+from cell.settings import CellSettings
 from cell.simulation.board import Print
 from cell.simulation.camera import camera_model
 from cell.simulation.frames import FrameSource

@@ -5,9 +5,10 @@ import pytest
 from numpy.typing import NDArray
 
 from calibration.transforms import inverse, transform_points
+from cell.camera_settings import SimulatedCamera
 from cell.exposures import median
 from cell.look_at import look_at
-from cell.settings import CellSettings, SimulatedCamera
+from cell.settings import CellSettings
 from cell.simulation.camera import camera_model
 from cell.simulation.frames import FrameSource
 from cell.simulation.noise import MEDIAN_OF_FIVE

@@ -6,17 +6,11 @@ import pytest
 
 from calibration.board import Board
 from calibration.transforms import inverse, rigid, rotation_angle, transform_points
+from cell.arm_settings import URArm
+from cell.camera_settings import OakCamera, SimulatedCamera
 from cell.errors import CellSettingsError
 from cell.look_at import look_at
-from cell.settings import (
-    CellSettings,
-    HandEyeSettings,
-    MountingSettings,
-    OakCamera,
-    SimulatedCamera,
-    URArm,
-    WorkspaceSettings,
-)
+from cell.settings import CellSettings, HandEyeSettings, MountingSettings, WorkspaceSettings
 from cell.simulation.camera import camera_model
 from cell.simulation.poses import PoseErrors
 from cell.simulation.scenes import make_scene

@@ -6,7 +6,7 @@ from scipy.spatial.transform import Rotation
 
 from calibration.transforms import from_rotation_vector
 from cell import kinematics
-from cell.settings import ArmModelName
+from cell.arm_settings import ArmModelName
 from cell.simulation.controller.poses import line_steps, nearest_solution, pose_matrix, pose_vector, twist
 
 angle = st.floats(-np.pi, np.pi)

@@ -1,0 +1,78 @@
+"""Which arm it is, and how it may move."""
+
+import ipaddress
+import math
+import re
+from typing import Literal
+
+from pydantic import Field, field_validator
+
+from cell.strict_settings import StrictSettings, Vector6
+
+ArmModelName = Literal["ur3e", "ur5e", "ur10e"]
+BASE_RADIUS_M: dict[ArmModelName, float] = {"ur3e": 0.064, "ur5e": 0.075, "ur10e": 0.095}
+"""Of the arm's base about its axis, by the maker's drawings: half the width of its foot."""
+
+
+def _is_loopback(address: str) -> bool:
+    try:
+        return ipaddress.IPv4Address(address).is_loopback
+    except ValueError:
+        return False
+
+
+class ArmSettings(StrictSettings):
+    """What holds for any arm."""
+
+    model: ArmModelName = "ur5e"
+    speed_rad_s: float = Field(default=1.0, gt=0, le=3.14)
+    """Speed of the fastest joint of a move; ur_rtde takes no greater one."""
+    acceleration_rad_s2: float = Field(default=1.4, gt=0, le=14.0)
+    flange_speed_m_s: float = Field(default=0.25, gt=0, le=2.0)
+    """The flange never goes faster; moves are slowed down to keep it."""
+    stop_deceleration_m_s2: float = Field(default=4.0, ge=1.0, le=15.0)
+    """Of the flange, after a stop."""
+    watchdog_hz: float = Field(default=2.5, ge=1.0, le=50.0)
+    """The controller stops the arm by itself when it hears nothing of us for 1 / this, seconds."""
+    home_q_rad: Vector6 | None = None
+    """Joint angles at which a scan ends; found by the planner unless given."""
+
+    @field_validator("home_q_rad")
+    @classmethod
+    def _turns(cls, value: Vector6 | None) -> Vector6 | None:
+        if value is not None and max(map(abs, value)) > 2 * math.pi:
+            raise ValueError("a joint turns from -2 pi to 2 pi; angles are radians, not degrees")
+        return value
+
+
+class SimulatedArm(ArmSettings):
+    """Our virtual UR controller, in a process of its own on this machine."""
+
+    kind: Literal["simulated"] = "simulated"
+    host: str | None = None
+    """Loopback address that it listens on; the first free one from 127.0.0.2 on unless given."""
+    time_factor: float = Field(default=1.0, ge=0.1, le=100.0)
+    """The simulated arm moves so many times as fast."""
+
+    @field_validator("host")
+    @classmethod
+    def _loopback(cls, value: str | None) -> str | None:
+        # ur_rtde leaves out its check for remote control on 127.0.0.1: nothing is simulated there.
+        if value is not None and not (_is_loopback(value) and value != "127.0.0.1"):
+            raise ValueError('a simulated arm listens on 127.0.0.2 or above; a real one needs kind = "ur"')
+        return value
+
+
+class URArm(ArmSettings):
+    """A UR e-Series robot, or URSim."""
+
+    kind: Literal["ur"]
+    host: str
+    """The controller's address."""
+
+    @field_validator("host")
+    @classmethod
+    def _address(cls, value: str) -> str:
+        if not re.fullmatch(r"[0-9A-Za-z]([0-9A-Za-z._-]*[0-9A-Za-z])?", value):
+            raise ValueError('the controller\'s IP address or name alone is needed, as "192.168.1.10"')
+        return value
