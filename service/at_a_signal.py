@@ -1,26 +1,42 @@
 """What a command does when it is told to end while the arm may move."""
 
+import asyncio
 import signal
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from typing import TypeVar
 
 STOPPED_CODE = 130
 """Exit code, as a shell has it for what Ctrl-C ended."""
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
+Result = TypeVar("Result")
 
-@contextmanager
-def at_a_signal(do: Callable[[], None]) -> Iterator[None]:
-    """SIGTERM, and SIGINT also where a shell script ignores it for what runs in the background, do this, once."""
 
-    def once(*_: object) -> None:
+def with_signals(work: Callable[[], Result], at_signal: Callable[[], None]) -> Result:
+    """What `work` gives, in a thread of its own; at the first SIGINT or SIGTERM the main thread does `at_signal`.
+
+    Also where a shell script ignores SIGINT for what runs in the background, and where the parent has blocked them.
+    Further signals do nothing: `work` ends in its own time.
+    """
+
+    async def wait() -> Result:
+        # An event loop, and not a future's result(): while other threads work and start processes, the system hands
+        # some of the signals to one of them (7 of 100 on a busy machine), and a main thread that waits for a lock
+        # does not learn of it. The loop is woken by a pipe.
+        loop = asyncio.get_running_loop()
+        told = False
+
+        def once() -> None:
+            nonlocal told
+            if not told:
+                told = True
+                at_signal()
+
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, SIGNALS)
         for number in SIGNALS:
-            signal.signal(number, signal.SIG_IGN)
-        do()
+            loop.add_signal_handler(number, once)
+        return await loop.run_in_executor(pool, work)
 
-    before = {number: signal.signal(number, once) for number in SIGNALS}
-    try:
-        yield
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
+    with ThreadPoolExecutor(1) as pool:
+        return asyncio.run(wait())

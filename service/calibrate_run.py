@@ -53,8 +53,12 @@ def calibrate_run(config_file: Path | None, wanted: WantedRun) -> int:
     except (ConfigError, BoardError) as error:
         return _failed(problem_document(422, error.slug, str(error)), 1, wanted.as_json)
     _say(_announced(settings, board, wanted.poses))
+
+    def do(cell: Cell, stop_asked: threading.Event) -> CalibrationRun:
+        return _calibrated(cell, stop_asked, board, wanted.poses, folder)
+
     try:
-        run = with_moving_cell(settings, lambda cell, stop: _calibrated(cell, stop, board, wanted.poses, folder))
+        run = with_moving_cell(settings, do, folder)
     except EndedEarlyError as error:
         if (folder / SETUP).exists():
             error.problem["detail"] += (

@@ -28,9 +28,12 @@ def calibrate_verify(config_file: Path | None, folder: Path | None, as_json: boo
             require_new_folder(folder)
         with TemporaryDirectory(prefix="pointchain-") as passing:
             pictures = folder or Path(passing) / "verification"
-            found = with_moving_cell(settings, lambda cell, stop: _verified(cell, stop, pictures))
+            found = with_moving_cell(settings, lambda cell, stop: _verified(cell, stop, pictures), pictures)
     except ConfigError as error:
         return _failed(problem_document(422, error.slug, str(error)), 1, as_json)
+    except OSError as error:
+        where = f"{error.filename or 'the folder for the pictures'} cannot be written: {error.strerror or error}"
+        return _failed(problem_document(507, "file", where), 1, as_json)
     except EndedEarlyError as error:
         return _failed(error.problem, error.code, as_json)
     print(json.dumps(found.to_json(), allow_nan=False) if as_json else verification_words(found), flush=True)

@@ -3,7 +3,6 @@
 import sys
 import threading
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
 from typing import Any, TypeVar
 
@@ -12,8 +11,9 @@ from cell.cell import Cell
 from cell.cell_status import FAULTS
 from cell.errors import CellError
 from cell.settings import CellSettings
-from service.at_a_signal import STOPPED_CODE, at_a_signal
-from service.problems import cell_problem, problem_document
+from service.at_a_signal import STOPPED_CODE, with_signals
+from service.problems import INPUT_ERRORS, cell_problem, problem_document
+from service.worker import TaskFailedError
 
 Result = TypeVar("Result")
 
@@ -27,13 +27,19 @@ class EndedEarlyError(Exception):
         self.code = code
 
 
-def with_moving_cell(settings: CellSettings, do: Callable[[Cell, threading.Event], Result]) -> Result:
+def with_moving_cell(
+    settings: CellSettings,
+    do: Callable[[Cell, threading.Event], Result],
+    written: object,
+    at_signal: Callable[[], None] = lambda: None,
+) -> Result:
     """What `do` gives, called with the cell and an event that is set once a stop was asked for. It is closed then.
 
-    SIGINT and SIGTERM stop the arm first and then let `do` end.
+    SIGINT and SIGTERM stop the arm first, then do what `at_signal` does, and `do` ends by either. `written`: the file
+    or folder that `do` writes, for messages.
 
     Raises:
-        EndedEarlyError: stopped, or a CellError, HandEyeError or OSError of `do`.
+        EndedEarlyError: stopped, or an error of `do` that has a problem document.
     """
     cell, stop_asked = Cell(settings), threading.Event()
 
@@ -42,6 +48,7 @@ def with_moving_cell(settings: CellSettings, do: Callable[[Cell, threading.Event
         try:
             cell.stop()
         finally:
+            at_signal()
             cell.give_up_connecting()
         print("stopping", file=sys.stderr)
 
@@ -49,28 +56,29 @@ def with_moving_cell(settings: CellSettings, do: Callable[[Cell, threading.Event
         with closing(cell):
             try:
                 result = do(cell, stop_asked)
-            except (CellError, HandEyeError, OSError) as error:
+            except (TaskFailedError, CellError, HandEyeError, *INPUT_ERRORS, OSError) as error:
                 # What else went wrong at the same time is told instead.
-                if stop_asked.is_set() and not isinstance(error, (*FAULTS, OSError)):
+                if stop_asked.is_set() and not isinstance(error, (*FAULTS, *INPUT_ERRORS, OSError)):
                     raise _stopped() from error
-                raise EndedEarlyError(_problem(error), 1) from error
+                raise EndedEarlyError(_problem(error, written), 1) from error
         if stop_asked.is_set():  # when the arm had nothing more to do
             raise _stopped()
         return result
 
-    # In a thread of its own: a signal comes between any two lines of the main one, and that one only waits.
-    with ThreadPoolExecutor(1) as pool, at_a_signal(stop):
-        return pool.submit(work).result()
+    return with_signals(work, stop)
 
 
 def _stopped() -> EndedEarlyError:
     return EndedEarlyError(problem_document(409, "stopped", "stopped by request"), STOPPED_CODE)
 
 
-def _problem(error: CellError | HandEyeError | OSError) -> dict[str, Any]:
-    match error:
-        case CellError():
-            return cell_problem(error)
-        case HandEyeError():
-            return problem_document(422, error.slug, str(error))
-    return problem_document(507, "file", f"{error.filename or 'a file'} cannot be written: {error.strerror or error}")
+def _problem(error: Exception, written: object) -> dict[str, Any]:
+    if isinstance(error, TaskFailedError):
+        return error.problem
+    if isinstance(error, CellError):
+        return cell_problem(error)
+    if isinstance(error, (HandEyeError, *INPUT_ERRORS)):
+        return problem_document(422, error.slug, str(error))
+    assert isinstance(error, OSError)
+    where = error.filename or written
+    return problem_document(507, "file", f"{where} cannot be written: {error.strerror or error}")

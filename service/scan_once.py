@@ -5,26 +5,25 @@ import sys
 import threading
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import ExitStack
+from contextlib import closing
 from dataclasses import dataclass, field
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
 from cell.cell import Cell
-from cell.cell_status import FAULTS
-from cell.errors import CellError, StoppedError
+from cell.errors import StoppedError
 from cell.recording import RecordingExistsError, RecordingWriter
 from cell.scan import missing_view
 from cell.settings import CellSettings
 from cell.viewpoints import ViewpointPlan
 from recognition.gripper import Gripper
 from recognition.model import SCHEMA, Method
-from service.at_a_signal import STOPPED_CODE, at_a_signal
+from service.at_a_signal import STOPPED_CODE
 from service.config import LimitsConfig
 from service.data_folder import MODEL, PREVIEW
-from service.problems import INPUT_ERRORS, cell_problem, problem_document
-from service.worker import RecognitionWorker, TaskFailedError
+from service.moving_cell import EndedEarlyError, with_moving_cell
+from service.worker import RecognitionWorker
 from service.worker_process import Task
 from service.workflow import check_radius
 
@@ -119,59 +118,28 @@ def scan_once(settings: CellSettings, wanted: Wanted) -> int:
 
     0 when there is a model, 130 after Ctrl-C or SIGTERM, which stop the arm, else 1.
     """
-    cell, worker, stop_asked = Cell(settings), RecognitionWorker(), threading.Event()
-
-    def stop() -> None:
-        stop_asked.set()
+    with closing(RecognitionWorker()) as worker:
         try:
-            cell.stop()
-        finally:
-            worker.kill()
-            cell.give_up_connecting()
-        _say("stopping")
-
-    # In a thread of its own: a signal comes between any two lines of the main one, and that one only waits.
-    with ThreadPoolExecutor(1) as pool, at_a_signal(stop):
-        document = pool.submit(_document, cell, worker, wanted, stop_asked).result()
+            document = with_moving_cell(
+                settings,
+                lambda cell, stop: take_scan(cell, worker, wanted, _say, stop),
+                wanted.recording or "the recording",
+                worker.kill,
+            )
+            code = 0
+        except EndedEarlyError as error:
+            problem, code = error.problem, error.code
+            if code == STOPPED_CODE and wanted.recording and wanted.recording.exists():
+                problem["detail"] += f"; the views taken until then are in {wanted.recording}"
+            document = {"schema": SCHEMA, "error": problem}
     print(json.dumps(document, allow_nan=False), flush=True)
-    if "error" not in document:
-        return 0
-    return STOPPED_CODE if stop_asked.is_set() else 1
-
-
-def _document(cell: Cell, worker: RecognitionWorker, wanted: Wanted, stop_asked: threading.Event) -> dict[str, Any]:
-    """What goes to stdout; then cell and worker are closed."""
-    with ExitStack() as at_last:
-        at_last.callback(cell.close)
-        at_last.callback(worker.close)
-        try:
-            document = take_scan(cell, worker, wanted, _say, stop_asked)
-        except (TaskFailedError, CellError, *INPUT_ERRORS, OSError) as error:
-            # What else went wrong at the same time is told instead.
-            stopped = stop_asked.is_set() and not isinstance(error, (*FAULTS, *INPUT_ERRORS, OSError))
-            problem = _stopped_problem(wanted.recording) if stopped else _problem(error, wanted.recording)
-            _say(problem["detail"])
-            return {"schema": SCHEMA, "error": problem}
+    if code != 0:
+        _say(document["error"]["detail"])
+        return code
     _say(f"chains: {len(document['chains'])}, crossings: {len(document['crossings'])}")
     for told in (*document["quality"]["ambiguities"], *document["quality"]["warnings"]):
         _say(told)
-    return document
-
-
-def _problem(error: Exception, recording: Path | None) -> dict[str, Any]:
-    if isinstance(error, TaskFailedError):
-        return error.problem
-    if isinstance(error, CellError):
-        return cell_problem(error)
-    if isinstance(error, INPUT_ERRORS):
-        return problem_document(422, error.slug, str(error))
-    reason = error.strerror if isinstance(error, OSError) else None
-    return problem_document(507, "file", f"{recording or 'the recording'} cannot be written: {reason or error}")
-
-
-def _stopped_problem(recording: Path | None) -> dict[str, Any]:
-    kept = f"; the views taken until then are in {recording}" if recording and recording.exists() else ""
-    return problem_document(409, "stopped", f"stopped by request{kept}")
+    return code
 
 
 def _say(words: str) -> None:

@@ -13,11 +13,10 @@ import pytest
 
 from calibration.storage import load_hand_eye
 from calibration.transforms import inverse, rotation_angle
-from cell.simulation.controller.admin import AdminClient
 from cell.simulation.poses import T_FLANGE_CAMERA
 from service.cli import main
 from tests.cell.loopback import free_host
-from tests.cell.virtual_arm import motion_commands, stops
+from tests.service.signalled import assert_stopped, told_to_end
 
 pytestmark = pytest.mark.xdist_group("cell")  # one at a time: each is several busy processes
 
@@ -138,17 +137,7 @@ def test_a_signal_stops_the_arm_and_the_pictures_are_kept(tmp_path: Path) -> Non
             assert running.stderr is not None
             while "picture 1 of" not in (line := running.stderr.readline()):
                 assert line, "it ended"
-            controller = AdminClient(host)
-            begin = controller.state().events
-            running.send_signal(signal.SIGTERM)
-            seen = []
-            try:  # until it lets the controller go
-                while running.poll() is None:
-                    seen = controller.log(begin)
-            except OSError:
-                pass
-            controller.close()
-            out, said = running.communicate(timeout=LONGEST_S)
+            out, said, seen = told_to_end(running, host, signal.SIGTERM, LONGEST_S)
         finally:
             running.kill()
     assert running.returncode == 130, said
@@ -157,9 +146,7 @@ def test_a_signal_stops_the_arm_and_the_pictures_are_kept(tmp_path: Path) -> Non
     assert f"what was taken until then is in {run}" in error["detail"]
     assert 1 <= len(list(run.glob("*.png"))) < 17
     assert not (run / "hand_eye.json").exists()
-    arrived = stops(seen)
-    assert arrived, f"the arm was not stopped: {seen}"
-    assert not [event for event in motion_commands(seen) if event["stamp_s"] > arrived[0]]
+    assert_stopped(seen)
 
 
 def test_what_keeps_it_from_beginning(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:

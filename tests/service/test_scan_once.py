@@ -12,10 +12,9 @@ from pathlib import Path
 import pytest
 
 from cell.recording import read_recording, read_result
-from cell.simulation.controller.admin import AdminClient
 from service.workflow import recognise_recording
 from tests.cell.loopback import free_host
-from tests.cell.virtual_arm import motion_commands, stops
+from tests.service.signalled import assert_stopped, told_to_end
 
 pytestmark = pytest.mark.xdist_group("cell")  # one at a time: each is several busy processes
 
@@ -54,32 +53,25 @@ def test_the_model_goes_to_stdout_and_the_recording_gives_it_again(tmp_path: Pat
     assert again == model
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_a_signal_stops_the_arm_first_and_the_views_are_kept(tmp_path: Path, number: signal.Signals) -> None:
+@pytest.mark.parametrize(
+    ("number", "taken"),
+    [(signal.SIGINT, 1), (signal.SIGTERM, 1), (signal.SIGINT, 8)],  # with all taken, the arm is on its way home
+)
+def test_a_signal_stops_the_arm_first_and_the_views_are_kept(
+    tmp_path: Path, number: signal.Signals, taken: int
+) -> None:
     host = free_host()
-    with scanning(tmp_path, host, 2.0) as running:
+    with scanning(tmp_path, host, 2.0 if taken < 8 else 1.0) as running:  # the way home is short
         assert running.stderr is not None
-        while "recorded, 1 of 8" not in (line := running.stderr.readline()):
+        while f"recorded, {taken} of 8" not in (line := running.stderr.readline()):
             assert line, "it ended"
-        controller = AdminClient(host)
-        begin = controller.state().events
-        running.send_signal(number)
-        seen = []
-        try:  # until the scan lets the controller go
-            while running.poll() is None:
-                seen = controller.log(begin)
-        except OSError:
-            pass
-        controller.close()
-        out, said = running.communicate(timeout=LONGEST_S)
+        out, said, seen = told_to_end(running, host, number, LONGEST_S)
     assert running.returncode == 130, said
     assert json.loads(out)["error"]["type"] == "urn:pointchain:stopped", out
     assert f"the views taken until then are in {tmp_path / 'scan.mcap'}" in said
     views = read_recording(tmp_path / "scan.mcap").views
-    assert 1 <= len(views) < 8
-    arrived = stops(seen)
-    assert arrived, f"the arm was not stopped: {seen}"
-    assert not [event for event in motion_commands(seen) if event["stamp_s"] > arrived[0]]
+    assert taken <= len(views) <= max(taken, 7)
+    assert_stopped(seen)
 
 
 @pytest.mark.parametrize("after_s", [0.3, 2.0])
