@@ -31,6 +31,8 @@ class Adjusted:
     """(N, M) corners that fit."""
     linearised: Linearised
     """Around it."""
+    settled: bool
+    """False: the steps ran out while it still moved."""
 
     @property
     def shared_covariance(self) -> NDArray[np.float64]:
@@ -78,4 +80,6 @@ def adjust(
             system = weigh(problem, measured, used, noise)
         if still:
             break
-    return Adjusted(unknowns, noise, used, good, system)
+    else:
+        return Adjusted(unknowns, noise, used, good, system, settled=False)
+    return Adjusted(unknowns, noise, used, good, system, settled=True)

@@ -48,3 +48,5 @@ class Evidence:
     board_scale: float | None = None
     """The board's true size by the views, as a share of the told one."""
     board_scale_sigma: float | None = None
+    settled: bool = True
+    """False: the solution still moved when its steps ran out."""

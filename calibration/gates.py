@@ -4,6 +4,7 @@ A finding's code is one of
 
     too-few-views, pure-translation, parallel-axes    as in `calibration.input_check`, of the views that agree
     poses-shuffled, ..., inconsistent                 the views do not agree: why, by `calibration.diagnosis`
+    not-settled                                       no solution was reached
     uncertain-place, uncertain-direction              X's own standard deviation
     corner-noise                                      the corners are found too roughly
     robot-error                                       the arm was not where it said
@@ -49,8 +50,8 @@ LARGEST_SCALE_SIGMAS = 4.0
 LARGEST_SCALE_SIGMA = 0.0015
 """Standard deviation of the board's size from which on the views have not verified it: hardly below the prior's."""
 UNVERIFIED_SCALE_SIGMA = 0.005
-"""What is assumed of the board's size where the views have not verified it: 1 mm of 200 mm measured with a ruler, or a
-printer's usual fault."""
+"""What is assumed of the board's size where the views have not verified it: 1 mm of 200 mm measured with a ruler. A
+print that was scaled to fit its paper is farther off: its check line is there to be measured."""
 
 
 def gate(evidence: Evidence) -> tuple[Finding, ...]:
@@ -133,6 +134,14 @@ def _views(evidence: Evidence) -> tuple[Finding, ...]:
 
 def _accuracy(evidence: Evidence) -> tuple[Finding, ...]:
     findings = []
+    if not evidence.settled:
+        findings.append(
+            _refusal(
+                "not-settled",
+                "the solution still moved after the last step: check that each picture and its pose belong together, "
+                "and add views with more tilt and roll, from two distances",
+            )
+        )
     with np.errstate(invalid="ignore"):  # a covariance that is none is refused too: "not <="
         sigma_m = float(np.sqrt(np.trace(evidence.covariance[3:, 3:])))
         sigma_rad = float(np.sqrt(np.trace(evidence.covariance[:3, :3])))

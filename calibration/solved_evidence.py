@@ -46,6 +46,7 @@ def picture_evidence(
         k1_sigma=radial.sigma,
         board_scale=adjusted.board_scale,
         board_scale_sigma=adjusted.board_scale_sigma,
+        settled=adjusted.settled,
     )
 
 

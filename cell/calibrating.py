@@ -43,7 +43,8 @@ NOT_SEEN = (
 
 
 class CalibrationListener(ScanListener, Protocol):
-    """Who is told how it goes. `seen` and `unseen` come from the thread that calibrates, the others from the arm's."""
+    """Who is told how it goes. `seen`, `unseen` and `home` come from the thread that calibrates, the others from
+    the arm's."""
 
     def seen(self, index: int, corners: int, possible: int, coverage: float) -> None:
         """The board is in the picture from pose `index`, with so many of its `possible` corners.
@@ -54,6 +55,10 @@ class CalibrationListener(ScanListener, Protocol):
 
     def unseen(self, index: int, reason: str) -> None:
         """It is not, or cannot be made out."""
+        ...
+
+    def home(self) -> None:
+        """All views are taken and the arm stands at home; what they give is worked out now."""
         ...
 
 
@@ -211,6 +216,7 @@ def _look(
     with cell.calibrating(plan, looks, looks, least) as views:
         for view in views:
             looks.detect(view)
+    listener.home()
     return looks
 
 

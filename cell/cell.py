@@ -4,19 +4,13 @@ import contextlib
 import threading
 from collections.abc import Callable, Iterator
 from dataclasses import replace
-
-import numpy as np
-from numpy.typing import NDArray
+from typing import Literal
 
 from calibration.board import Board
 from calibration.storage import HandEye
-from cell.calibration_poses import HELD_OUT, POSES, plan_calibration, plan_verification
+from cell.calibration_poses import HELD_OUT, POSES
 from cell.camera import LiveCamera
 from cell.cell_calibration import (
-    hand_eye_in_use,
-    require_its_own,
-    require_still_verified,
-    require_unchanged,
     rough_hand_eyes,
     verifiable_hand_eye,
 )
@@ -33,10 +27,11 @@ from cell.errors import (
     StoppedError,
 )
 from cell.idle_watch import IdleWatch
+from cell.planning import Basis, Planning
 from cell.recording_header import RecordingHeader
 from cell.scan import BackgroundScan, ScanListener, ScanMeans, ViewWriter, attended
 from cell.settings import CellSettings
-from cell.viewpoints import ViewpointPlan, plan_viewpoints, require_enough
+from cell.viewpoints import ViewpointPlan, require_enough
 
 TURN_S = 1.0
 """How long a method waits for the arm and the camera; the watch has them for a moment only."""
@@ -60,9 +55,7 @@ class Cell:
         """Another one with every stop that somebody asks for ..."""
         self._stop_before = self._last_stop
         """... and the last before the scan that was prepared: it no longer counts."""
-        self._prepared: tuple[ViewpointPlan, HandEye, Callable[[], None]] | None = None
-        """The last plan to calibrate or verify, the mounting that it was made with, and what is checked before each of
-        its moves."""
+        self._planning = Planning(settings, self._equipment, lambda: self.status)
         self._closing = threading.Event()
         self._watch = IdleWatch(self._equipment, self._status, self._turn)
 
@@ -84,7 +77,7 @@ class Cell:
 
     def hand_eye(self) -> HandEye:
         """The calibration in use, as its file is now; asks no device anything. Raises CalibrationError."""
-        return self._calibration()
+        return self._planning.hand_eye()
 
     def connect(self) -> None:
         """Connects arm and camera, unless they are; nothing moves.
@@ -96,7 +89,7 @@ class Cell:
             StoppedError: a stop came meanwhile.
         """
         with self._using():
-            self._connect(self._calibration)
+            self._connect(self._planning.hand_eye)
 
     def plan(self, views: int | None = None) -> ViewpointPlan:
         """The viewpoints from where the arm stands, or stood last; asks no device anything, nothing moves.
@@ -105,7 +98,7 @@ class Cell:
             CalibrationError: without it nobody knows where the camera is.
             ViewpointsError: the arm stands where no path leads from.
         """
-        plan = plan_viewpoints(self._for_views(views), self._calibration().T_flange_camera, self._q_rad)
+        plan = self._planning.scan(views)
         self._status.change(plan=plan)
         return plan
 
@@ -117,10 +110,10 @@ class Cell:
 
         def planned() -> ViewpointPlan:
             plan = self.plan(views)
-            require_enough(plan, self._for_views(views).scan.min_views)
+            require_enough(plan, self.settings.for_views(views).scan.min_views)
             return plan
 
-        return self._prepare(None, self._calibration, planned)
+        return self._prepare(None, self._planning.hand_eye, planned)
 
     def prepare_calibration(self, board: Board, poses: int = POSES, held_out: int = HELD_OUT) -> ViewpointPlan:
         """The same for a calibration with the board; no calibration is needed, but about where the camera is.
@@ -131,14 +124,7 @@ class Cell:
         calibration in use; ViewpointsError when too few poses can be reached.
         """
         told = rough_hand_eyes(self.settings.hand_eye, self._equipment.world)
-
-        def planned() -> ViewpointPlan:
-            rough = told.of(*self._ids)
-            plan = plan_calibration(self.settings, board, rough.T_flange_camera, self._q_rad, poses, held_out)
-            self._prepared = plan, rough, lambda: None
-            return plan
-
-        return self._prepare(board, None, planned)
+        return self._prepare(board, None, lambda: self._planning.calibration(board, told, poses, held_out))
 
     def prepare_verification(self) -> ViewpointPlan:
         """The same for two looks at the board of the calibration in use, however old that is.
@@ -148,13 +134,7 @@ class Cell:
         hand_eye = verifiable_hand_eye(self.settings.hand_eye)
         board = hand_eye.board
         assert board is not None
-
-        def planned() -> ViewpointPlan:
-            plan = plan_verification(self.settings, board, hand_eye.T_flange_camera, self._q_rad)
-            self._prepared = plan, hand_eye, lambda: require_still_verified(hand_eye, self.settings.hand_eye)
-            return plan
-
-        return self._prepare(board, lambda: hand_eye, planned)
+        return self._prepare(board, lambda: hand_eye, lambda: self._planning.verification(board, hand_eye))
 
     def made_with(self, plan: ViewpointPlan) -> HandEye:
         """The calibration, maybe a rough one, by which a plan to calibrate or verify was made.
@@ -162,7 +142,16 @@ class Cell:
         Raises:
             CalibrationError: it is not the last plan of these.
         """
-        return self._prepared_for(plan)[0]
+        return self._planning.basis(plan).hand_eye
+
+    def calibration_changed(self) -> None:
+        """Another calibration is in use since a moment ago; asks no device anything."""
+        self._require_usable()
+        if self._status.now.slug == CalibrationError.slug:
+            with contextlib.suppress(CalibrationError):  # the reason why it is not ready holds as before
+                self._planning.require_usable()
+                reason = "another calibration is in use now: connect, or start a live scan"
+                self._status.change(slug="not-connected", reason=reason)
 
     def header(self, radius_m: float | None) -> RecordingHeader:
         """Of the recording of a scan that was prepared; `radius_m` None: not known."""
@@ -176,14 +165,8 @@ class Cell:
         Left by an exception, an arm that may still move is stopped; left in order, it is waited for until it is home.
         Raises what the scan does, CellBusyError, and StoppedError when a stop came since `prepare`.
         """
-
-        def means() -> ScanMeans:
-            hand_eye = self._status.now.hand_eye
-            assert hand_eye is not None
-            return self._means(hand_eye, self._unchanged(hand_eye))
-
         least = min(self.settings.scan.min_views, len(plan.viewpoints))
-        return self._moving(plan, writer, listener, least, means, "scan")
+        return self._moving(plan, writer, listener, least, self._planning.scan_basis, "scan")
 
     def calibrating(
         self, plan: ViewpointPlan, writer: ViewWriter, listener: ScanListener, least: int
@@ -192,11 +175,7 @@ class Cell:
         `T_flange_camera` is the one that the plan was made with. With fewer than `least` views it raises
         MissingViewsError. Afterwards the cell is ready only if there is a calibration that it can use.
         """
-
-        def means() -> ScanMeans:
-            return self._means(*self._prepared_for(plan), picture=True)
-
-        return self._moving(plan, writer, listener, least, means, "calibration")
+        return self._moving(plan, writer, listener, least, lambda: self._planning.basis(plan), "calibration")
 
     def stop(self) -> None:
         """Stops the arm, whatever goes on. The scan under way or being prepared, if any, ends with StoppedError."""
@@ -257,17 +236,17 @@ class Cell:
         writer: ViewWriter,
         listener: ScanListener,
         least: int,
-        means: Callable[[], ScanMeans],
-        what: str,
+        basis: Callable[[], Basis],
+        what: Literal["scan", "calibration"],
     ) -> Iterator[BackgroundScan]:
         with self._using():
             before = self._stop_before
             self._refuse_stopped_since(before)
-            used = means()
+            means = self._means(basis(), picture=what == "calibration")
             # Whatever else has happened to the arm since it was prepared, the scan's beginning tells.
             self._status.change(state="busy", slug="cell-busy", reason=f"a {what} is under way")
             going_home = f"all views of the last {what} are taken, the arm goes home"
-            scan = BackgroundScan(used, plan, writer, listener, least, lambda: self._status.change(reason=going_home))
+            scan = BackgroundScan(means, plan, writer, listener, least, lambda: self._status.change(reason=going_home))
             try:
                 with attended(scan, self._equipment.stop):
                     yield scan
@@ -315,48 +294,16 @@ class Cell:
         self._status.change(state="ready", reason=None, slug=None, hand_eye=known, **vars(seen))
         self._refuse_stopped_since(before)
 
-    def _calibration(self) -> HandEye:
-        return hand_eye_in_use(self.settings.hand_eye, self._equipment.world)
-
     def _require_usable(self) -> None:
         """A cell whose calibration a scan could not use is not ready."""
         try:
-            require_its_own(self._calibration(), *self._ids)
+            self._planning.require_usable()
         except CalibrationError as error:
             self._status.no_longer_ready(error.slug, str(error))
 
-    def _prepared_for(self, plan: ViewpointPlan) -> tuple[HandEye, Callable[[], None]]:
-        if self._prepared is None or self._prepared[0] is not plan:
-            raise CalibrationError("the calibration was not the last one to be prepared: begin anew")
-        return self._prepared[1:]
-
-    @property
-    def _ids(self) -> tuple[str | None, str | None]:
-        """Of the camera and the robot, as far as they are known."""
-        status = self._status.now
-        camera_id = None if status.camera is None else status.camera.device_id
-        return camera_id, None if status.arm is None else status.arm.serial
-
-    @property
-    def _q_rad(self) -> NDArray[np.float64] | None:
-        """Where the arm stands, or stood last."""
-        state = self.status.arm_state
-        return None if state is None else state.q_rad
-
-    def _means(self, hand_eye: HandEye, check: Callable[[], None], picture: bool = False) -> ScanMeans:
-        settle_s = self.settings.camera.settle_s
-        arm, camera = self._equipment.arm, self._equipment.camera
-        return ScanMeans(arm, camera, hand_eye.T_flange_camera, settle_s, check, picture)
-
-    def _unchanged(self, used: HandEye) -> Callable[[], None]:
-        return lambda: require_unchanged(used, self._calibration())
-
-    def _for_views(self, views: int | None) -> CellSettings:
-        if views is None:
-            return self.settings
-        least = min(views, self.settings.scan.min_views)
-        scan = self.settings.scan.model_copy(update={"views": views, "min_views": least})
-        return self.settings.model_copy(update={"scan": scan})
+    def _means(self, basis: Basis, picture: bool) -> ScanMeans:
+        arm, camera, settle_s = self._equipment.arm, self._equipment.camera, self.settings.camera.settle_s
+        return ScanMeans(arm, camera, basis.hand_eye.T_flange_camera, settle_s, basis.check, picture)
 
     @contextlib.contextmanager
     def _using(self, wait_s: float = TURN_S) -> Iterator[None]:

@@ -163,3 +163,10 @@ class CellSettings(StrictSettings):
         """The box in the base frame."""
         floor = self.mounting.table_z_m
         return self.workspace.x_m, self.workspace.y_m, (floor, floor + self.workspace.top_m)
+
+    def for_views(self, views: int | None) -> "CellSettings":
+        """For a scan of so many views; None: as many as are told here."""
+        if views is None:
+            return self
+        least = min(views, self.scan.min_views)
+        return self.model_copy(update={"scan": self.scan.model_copy(update={"views": views, "min_views": least})})

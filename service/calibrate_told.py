@@ -37,6 +37,10 @@ class ToldCalibration:
         """The board was not found in it."""
         self.say(f"pose {index} is left out: {reason}")
 
+    def home(self) -> None:
+        """The arm is home."""
+        self.say("the arm is home, working it out")
+
     def say(self, words: str) -> None:
         """To the person."""
         print(f"pointchain calibrate {self._command}: {words}", file=sys.stderr)

@@ -48,4 +48,5 @@ def activate_run(row: CalibrationRow, store: CalibrationStore, cell: Cell) -> No
             raise
         words = f"{active_file} cannot be written: {error.strerror or error}; the former calibration stays in use"
         raise ProblemError(409, "calibration", words) from error
+    cell.calibration_changed()
     store.update(row.id, ("succeeded",), activated_at=now())

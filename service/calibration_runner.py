@@ -25,7 +25,7 @@ from service.tables import CalibrationRow
 
 log = logging.getLogger(__name__)
 
-VIEWS_SHARE = 0.8
+VIEWS_SHARE = 0.9
 """Of a calibration's time, taking the views takes so much."""
 
 
@@ -58,12 +58,16 @@ class StoredCalibrationProgress:
         """The board was not found in the picture."""
         self._store.set_seen(self._id, index, 0, None, reason)
 
+    def home(self) -> None:
+        """The arm is home."""
+        self._store.update(self._id, ("scanning",), state="processing", stage="solving")
+
     def _advance(self) -> None:
         self._done += 1
         fraction = VIEWS_SHARE * self._done / self._views
         self._store.update(self._id, ("scanning",), stage="views", fraction=fraction)
         if self._done == self._views:
-            self._store.update(self._id, ("scanning",), state="processing", stage="solving")
+            self._store.update(self._id, ("scanning",), stage="going-home")
 
 
 @dataclass(frozen=True)
@@ -112,10 +116,13 @@ class CalibrationRunner:
         except (HandEyeError, BoardDetectionError) as error:
             return None, problem_document(422, error.slug, str(error))
         except OSError as error:
-            if error.errno not in (errno.ENOSPC, errno.EDQUOT):
+            if error.errno in (errno.ENOSPC, errno.EDQUOT):
+                detail = "no space is left in the data folder; the pictures taken before are kept"
+                return None, problem_document(507, "storage-full", detail)
+            if error.filename is None:  # of no file
                 raise
-            detail = "no space is left in the data folder; the pictures taken before are kept"
-            return None, problem_document(507, "storage-full", detail)
+            detail = f"{error.filename} cannot be written: {error.strerror}; the pictures taken before are kept"
+            return None, problem_document(507, "file", detail)
         return None, None
 
     def _done(self, running: Running[CalibrationRow]) -> _Done:

@@ -40,6 +40,7 @@ TITLES = {
     "calibration-not-found": "No such calibration",
     "calibration-refused": "The calibration must not be used",
     "cell-busy": "The cell is busy",
+    "file": "A file cannot be written",
     "insufficient-views": "There are too few usable views",
     "internal": "Internal error",
     "interrupted": "The service stopped meanwhile",

@@ -137,3 +137,11 @@ def test_a_step_to_where_there_is_no_cost_is_not_taken() -> None:
     pixels[3, np.flatnonzero(problem.corners.seen[3])[0]] = np.nan
     adjusted = adjusted_of(recorded, replace(problem, corners=replace(problem.corners, pixels=pixels)))
     np.testing.assert_array_equal(adjusted.unknowns.X, recorded.X)
+
+
+def test_whether_it_settled_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    recorded = record(3, 12, Noise())
+    problem = problem_of(recorded)
+    assert adjusted_of(recorded, problem).settled
+    monkeypatch.setattr("calibration.adjustment.STEPS", 1)
+    assert not adjusted_of(recorded, problem).settled

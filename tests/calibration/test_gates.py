@@ -63,6 +63,12 @@ def test_a_good_calibration_passes():
     assert gate(GOOD) == ()
 
 
+def test_a_solution_that_still_moved_is_refused():
+    finding = gate(replace(GOOD, settled=False))[0]
+    assert finding.code == "not-settled"
+    assert finding.refuses
+
+
 @pytest.mark.parametrize(
     ("evidence", "code", "measured", "limit"),
     [

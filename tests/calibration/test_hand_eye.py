@@ -198,7 +198,7 @@ def test_one_picture_for_all_poses() -> None:
 def test_poses_alone_of_a_mounting_that_is_none() -> None:
     recorded = record(0, 12)
     with pytest.raises(HandEyeInputError) as caught:
-        solve_poses(recorded.T_base_flange, recorded.T_camera_board, "on the wall")  # type: ignore[arg-type]
+        solve_poses(recorded.T_base_flange, recorded.T_camera_board, "on the wall")  # type: ignore[arg-type]  # that is the point
     assert caught.value.slug == "mounting"
 
 

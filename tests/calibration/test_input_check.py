@@ -19,7 +19,7 @@ GOOD = record(seed=1, count=12, plan=realistic_plan)
 
 def with_view(index: int, **changes: object) -> Observations:
     views = list(GOOD.observations.views)
-    views[index] = replace(views[index], **changes)  # type: ignore[arg-type]
+    views[index] = replace(views[index], **changes)  # type: ignore[arg-type]  # any field, also wrongly
     return replace(GOOD.observations, views=tuple(views))
 
 

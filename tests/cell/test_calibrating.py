@@ -66,6 +66,9 @@ class Told:
     def unseen(self, index: int, reason: str) -> None:
         self.reasons[index] = reason
 
+    def home(self) -> None:
+        self.events.append(("home", -1))
+
 
 def settings_with(folder: Path, **hand_eye: Any) -> CellSettings:
     """The usual simulated cell, in a hurry."""
@@ -112,7 +115,8 @@ def done(cell: Cell, folder: Path) -> tuple[CalibrationRun, Told, Path]:
     assert cell.status.state == "ready"
     assert reasons == {"a calibration is under way"}
     order = [leg.view for leg in plan.legs if leg.view is not None]
-    assert told.events == [event for index in order for event in (("moving", index), ("recorded", index))]
+    moves = [event for index in order for event in (("moving", index), ("recorded", index))]
+    assert told.events == [*moves, ("home", -1)]
     return run, told, run_folder
 
 

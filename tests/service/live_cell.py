@@ -8,6 +8,7 @@ from typing import Any
 from cell.arm_settings import SimulatedArm
 from cell.camera import LiveCamera
 from cell.camera_settings import SimulatedCamera
+from cell.settings import CellSettings
 from cell.simulation.controller.admin import AdminClient
 from tests.cell.loopback import free_host
 from tests.service.conftest import Serve, ServedClient, wait_until
@@ -22,6 +23,11 @@ class LiveCell:
     def __init__(self, client: ServedClient, host: str) -> None:
         self.client = client
         self.controller = AdminClient(host)
+
+    @property
+    def settings(self) -> CellSettings:
+        """The service's own."""
+        return self.client.app.state.context.cell.settings
 
     @property
     def camera(self) -> LiveCamera:

@@ -1,5 +1,6 @@
 """Calibrating over HTTP: the simulated cell looks at its board, and the result becomes the calibration in use."""
 
+import time
 from collections.abc import Callable, Iterator
 from typing import Any
 
@@ -105,3 +106,38 @@ def test_what_is_activated_is_in_use_and_verified(
     assert finished(cell.client, answer.headers["Location"])["state"] == "succeeded"
     assert cell.client.get("/api/calibration").json()["calibration"]["drift"]["scans"] == 1, "a replay is no scan"
     assert cell.state()["warnings"] == []
+
+
+def test_a_folder_that_cannot_be_made_is_told_before_anything_moves(cell: LiveCell, finished: Finished) -> None:
+    kept = cell.settings.hand_eye.folder
+    assert kept is not None
+    runs, aside = kept / "runs", kept / "aside"
+    before = time.monotonic()
+    if runs.exists():
+        runs.rename(aside)
+    runs.write_text("no folder")
+    try:
+        run = finished(cell.client, begin(cell, poses=12))
+    finally:
+        runs.unlink()
+        if aside.exists():
+            aside.rename(runs)
+    assert (run["state"], run["problem"]["type"], run["problem"]["status"]) == ("failed", "urn:pointchain:file", 507)
+    assert f"{runs}" in run["problem"]["detail"]
+    assert cell.events("motion_start", after_s=before) == []
+
+
+def test_a_cell_that_was_not_ready_for_want_of_a_calibration_tells_that_there_is_another(
+    cell: LiveCell, calibrated: dict[str, Any]
+) -> None:
+    active = cell.settings.hand_eye.active_file
+    assert active is not None
+    active.parent.mkdir(exist_ok=True)
+    active.write_text("{}")
+    assert cell.client.post("/api/cell/connect").status_code == 409
+    assert cell.state()["problem"] == "urn:pointchain:calibration"
+    assert cell.client.post(calibrated["links"]["activate"]).status_code == 200
+    state = cell.state()
+    assert (state["state"], state["problem"]) == ("not_ready", "urn:pointchain:not-connected")
+    assert "another calibration is in use now" in state["reason"]
+    cell.is_well()

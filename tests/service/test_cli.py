@@ -225,11 +225,14 @@ def test_simulate_into_a_folder_that_is_not_there(capsys: pytest.CaptureFixture[
 
 def test_demo_tells_the_truth_and_can_be_repeated(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     folder = tmp_path / "demo"
-    for _ in range(2):
-        assert main(["demo", str(folder)]) == 0
-        out = capsys.readouterr().out
-        assert "topology right" in out
-        assert str(folder / "scan.mcap") in out
+    for left in ("scan.mcap", "scan.truth.json", "result/old.json", "trace/old.png"):  # by an earlier one
+        (folder / left).parent.mkdir(parents=True, exist_ok=True)
+        (folder / left).write_text("old")
+    assert main(["demo", str(folder)]) == 0
+    out = capsys.readouterr().out
+    assert "topology right" in out
+    assert str(folder / "scan.mcap") in out
+    assert not list(folder.rglob("old.*"))
     model = json.loads((folder / "result" / "model.json").read_text())
     assert len(model["crossings"]) == 1
     (folder / "mine.txt").write_text("keep")

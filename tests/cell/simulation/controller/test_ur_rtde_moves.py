@@ -29,11 +29,12 @@ def test_an_asynchronous_move_takes_as_long_as_a_real_one_and_tells_its_progress
 before = control.getAsyncOperationProgressEx()
 assert control.moveJ(arguments["q"], 1.05, 1.4, True)
 stamps, angles, speeds, running, numbers = [], [], [], [], []
-while not running or running[-1] or len(stamps) < 20:
+# State and answers come over links of their own: until both tell that it stands.
+while not running or running[-1] or speeds[-1] or len(stamps) < 20:
     status = control.getAsyncOperationProgressEx()
     running.append(status.isAsyncOperationRunning()); numbers.append(status.operationId())
     stamps.append(receive.getTimestamp())
-    angles.append(receive.getActualQ()[0]); speeds.append(receive.getActualQd()[0])
+    speeds.append(receive.getActualQd()[0]); angles.append(receive.getActualQ()[0])
     time.sleep(0.01)
 answer(before=[before.isAsyncOperationRunning(), before.operationId()], stamps=stamps, angles=angles, speeds=speeds,
        running=running, numbers=numbers)
