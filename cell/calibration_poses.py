@@ -89,9 +89,14 @@ def plan_calibration(
     solved_from = [v for v in plan.viewpoints[:poses] if v.q_rad is not None]
     least = min(LEAST_POSES, poses)
     if len(solved_from) < least:
+        smaller = (
+            f"take a smaller board, as the camera sees all of this one from {distances.near_m:.2f} m on only, or "
+            if distances.near_m > sight.optics.working_m[1]
+            else ""
+        )
         raise ViewpointsError(
-            f"only {len(solved_from)} of {poses} calibration poses can be reached, {least} are needed: change x_m or "
-            f"y_m in [workspace] so that the arm reaches round its middle. Not reached are {told_missing(plan)}"
+            f"only {len(solved_from)} of {poses} calibration poses can be reached, {least} are needed: {smaller}change "
+            f"x_m or y_m in [workspace] so that the arm reaches round its middle. Not reached are {told_missing(plan)}"
         )
     held, warnings = tuple(range(poses, poses + held_out)), ()
     if held and all(v.q_rad is None for v in plan.viewpoints[poses:]):

@@ -150,6 +150,14 @@ def test_too_few_poses_are_refused_with_their_reasons() -> None:
     assert "0: out of the arm's reach" in str(told.value).split("Not reached are ")[1]
 
 
+def test_of_a_board_too_large_for_the_arm_a_smaller_one_is_asked_for() -> None:
+    board = Board(pitch_m=0.08, marker_m=0.056)
+    with pytest.raises(
+        ViewpointsError, match=r"take a smaller board, as the camera sees all of this one from 0\.\d\d m"
+    ):
+        plan_calibration(CellSettings(), board, T_FLANGE_CAMERA, None)
+
+
 def test_where_far_poses_are_out_of_reach_a_warning_says_what_goes_unnoticed() -> None:
     wide = CellSettings(camera=SimulatedCamera(working_m=(0.55, 1.0)))
     plan = plan_calibration(wide, BOARD, T_FLANGE_CAMERA, None)
