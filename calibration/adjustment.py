@@ -15,6 +15,8 @@ from calibration.normal_equations import Linearised, Problem, Unknowns, measure,
 from calibration.pose_stack import inverted, solved
 
 STEPS = 40
+MOST_DAMPED = 1e6
+"""Where so short a step still leads uphill, no step leads down."""
 SETTLED = 1e-3
 """No unknown moves any more by this share of its standard deviation, and no noise level by ten times as much."""
 
@@ -32,7 +34,7 @@ class Adjusted:
     linearised: Linearised
     """Around it."""
     settled: bool
-    """False: the steps ran out while it still moved."""
+    """False: the steps ran out while it still moved, or none led on."""
 
     @property
     def shared_covariance(self) -> NDArray[np.float64]:
@@ -68,18 +70,17 @@ def adjust(
         then = weigh(problem, measured, used, noise)
         if not then.cost <= system.cost * (1 + 1e-9) + 1e-9:  # worse, or no number
             damping *= 30
-            if damping > 1e6:
-                break
+            if damping > MOST_DAMPED:
+                return Adjusted(unknowns, noise, used, good, system, settled=False)
             continue
+        # A step that was held back says nothing of how far the solution is.
+        still = damping < 1.0 and float(np.sqrt(shared @ information @ shared)) < SETTLED
         damping = max(damping / 10, 1e-9)
-        still = float(np.sqrt(shared @ information @ shared)) < SETTLED
         unknowns, system = tried, then
         if problem.assumed.estimate_noise:
             former, noise = noise, estimated_noise(problem.assumed, noise, unknowns, system, used, good)
             still &= noise.is_near(former, 10 * SETTLED)
             system = weigh(problem, measured, used, noise)
         if still:
-            break
-    else:
-        return Adjusted(unknowns, noise, used, good, system, settled=False)
-    return Adjusted(unknowns, noise, used, good, system, settled=True)
+            return Adjusted(unknowns, noise, used, good, system, settled=True)
+    return Adjusted(unknowns, noise, used, good, system, settled=False)

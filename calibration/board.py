@@ -85,6 +85,9 @@ class Board:
         _check_length("pitch_m", self.pitch_m)
         if self.kind == "charuco":
             self._check_markers()
+        else:  # it has none: boards that are the same are equal
+            object.__setattr__(self, "marker_m", Board.marker_m)
+            object.__setattr__(self, "dictionary", Board.dictionary)
         if len(self.points) < FEWEST_CORNERS:
             raise BoardError(
                 f"a {self.kind} board of {self.columns} x {self.rows} has {len(self.points)} corners: "

@@ -2,11 +2,12 @@
 
 `{"schema_version": 1, "mounting": "eye-in-hand" | "eye-to-hand", "board": {"kind", "columns", "rows", "pitch_m",
 "marker_m", "dictionary"}, "camera": {"id": text or null, "width", "height", "K": 3x3, "distortion": []},
-"robot_serial": text or null}`; metres and pixels. `K` and the distortion (OpenCV's coefficients, empty for rectified
-images) are of images of this size.
+"robot_serial": text or null, "created": when the pictures were taken, ISO 8601 with a time zone, or null}`; metres and
+pixels. `K` and the distortion (OpenCV's coefficients, empty for rectified images) are of images of this size.
 """
 
 from dataclasses import dataclass, field
+from datetime import datetime
 from typing import Annotated, Any, Literal
 
 import numpy as np
@@ -14,7 +15,7 @@ from numpy.typing import NDArray
 from pydantic import AfterValidator, Field
 
 from calibration.board import Board
-from calibration.file_forms import BoardObject, Form, PinholeMatrix
+from calibration.file_forms import BoardObject, Form, PinholeMatrix, Time, time_document
 from calibration.observations import BoardView, Mounting, Observations
 
 __all__ = ["Setup", "SetupForm", "setup_document"]
@@ -40,6 +41,8 @@ class Setup:
     camera_id: str | None = None
     robot_serial: str | None = None
     mounting: Mounting = "eye-in-hand"
+    created: datetime | None = None
+    """When the pictures were taken, with a time zone; None: not known."""
 
     @staticmethod
     def of(observations: Observations) -> "Setup":
@@ -76,6 +79,7 @@ class SetupForm(Form, extra="forbid"):
     board: BoardObject
     camera: _Camera
     robot_serial: str | None = None
+    created: Time | None = None
 
     def setup(self) -> Setup:
         """What it tells."""
@@ -87,6 +91,7 @@ class SetupForm(Form, extra="forbid"):
             camera_id=self.camera.id,
             robot_serial=self.robot_serial,
             mounting=self.mounting,
+            created=self.created,
         )
 
 
@@ -105,4 +110,5 @@ def setup_document(setup: Setup) -> dict[str, Any]:
             "distortion": setup.distortion.tolist(),
         },
         "robot_serial": setup.robot_serial,
+        "created": time_document(setup.created),
     }

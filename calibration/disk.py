@@ -64,10 +64,11 @@ def replace_synced(path: Path, content: bytes) -> None:
         part.unlink(missing_ok=True)  # of a process of this number that was killed
         write_synced(part, content)
         part.replace(path)
-    except OSError:
+    except OSError as error:
         with suppress(OSError):
             part.unlink()
-        raise
+        # Of the same kind, by its number; the other file's name means nothing to anybody.
+        raise OSError(error.errno, error.strerror, str(path)) from error
     sync_folder(path.parent)
 
 

@@ -60,22 +60,35 @@ class Drift:
 
     @property
     def off_m(self) -> float:
-        """How far the camera seems to be from where the calibration puts it."""
+        """How far the camera seems to be from where the calibration has it, or `from_first` the first scans had it."""
         return float(np.linalg.norm(self.off[3:]))
 
     @property
     def off_rad(self) -> float:
-        """How far it seems to be turned."""
+        """How far it seems to be turned from that."""
         return float(np.linalg.norm(self.off[:3]))
 
     @property
     def words(self) -> str:
         """For a person at the cell."""
         seen = f"{self.off_m * 1000:.1f} mm and {np.degrees(self.off_rad):.2f} degrees"
+        scans = f"{self.scans} scans"
+        if not self.drifted and self.scans < LEAST:
+            there_are = f"there {'is' if self.scans == 1 else 'are'} {self.scans or 'none'}"
+            by_them = f", by which the camera is {seen} off" if self.scans else ""
+            return (
+                f"whether the calibration has drifted is not known: {LEAST} scans with it are needed, and {there_are}"
+                f"{by_them}"
+            )
+        if not self.drifted and self.chance < CHANCE:
+            return (
+                f"the last {scans} do not agree with the calibration: {seen} off, more than chance can explain, though "
+                "not without one of them, during which something may have been moved: scan again"
+            )
         if not self.drifted:
-            return f"the last {self.scans} scans agree with the calibration: {seen} off, as chance may have it"
+            return f"the last {scans} agree with the calibration: {seen} off, as chance may have it"
         return (
-            f"the calibration has drifted: the last {self.scans} scans agree best with the camera {seen} from where "
+            f"the calibration has drifted: the last {scans} agree best with the camera {seen} from where "
             f"{'the first scans with this' if self.from_first else 'the hand-eye'} calibration put it, more than "
             "chance can explain: check that camera and bracket are tight, then calibrate anew"
         )

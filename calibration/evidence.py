@@ -49,4 +49,4 @@ class Evidence:
     """The board's true size by the views, as a share of the told one."""
     board_scale_sigma: float | None = None
     settled: bool = True
-    """False: the solution still moved when its steps ran out."""
+    """False: the solution still moved when its steps ran out, or none led on; not asked of poses alone."""

@@ -2,6 +2,7 @@
 
 import json
 import reprlib
+from datetime import datetime
 from typing import Annotated, Any, TypeVar
 
 import numpy as np
@@ -62,6 +63,20 @@ def to_transform(value: object) -> NDArray[np.float64]:
 Transform = Annotated[NDArray[np.float64], PlainValidator(to_transform)]
 BoardObject = Annotated[Board, PlainValidator(Board.from_json)]
 
+
+def _to_time(value: Any) -> datetime:
+    try:
+        time = datetime.fromisoformat(value)
+    except (TypeError, ValueError):
+        raise ValueError(f'{str(value)[:40]!r} is no time; one as "2026-01-31T12:00:00+00:00" is needed') from None
+    if time.tzinfo is None:
+        raise ValueError(f"{value!r} lacks the time zone, as +00:00")
+    return time
+
+
+Time = Annotated[datetime, PlainValidator(_to_time)]
+"""ISO 8601 with a time zone."""
+
 _NEEDED = {
     "bool_type": "true or false",
     "finite_number": "a finite number",
@@ -111,6 +126,11 @@ def _first_fault(error: ValidationError, within: tuple[int | str, ...] = ()) -> 
         return f"{name}: {context['error']}"
     words = f"{_NEEDED[kind].format(**context)} is needed" if kind in _NEEDED else fault["msg"]
     return f"{name} is {reprlib.repr(fault['input'])}; {words}"
+
+
+def time_document(time: datetime | None) -> str | None:
+    """A time as JSON, to the second."""
+    return None if time is None else time.isoformat(timespec="seconds")
 
 
 def transform_document(T: NDArray[np.float64]) -> dict[str, list[float]]:

@@ -4,7 +4,7 @@ A finding's code is one of
 
     too-few-views, pure-translation, parallel-axes    as in `calibration.input_check`, of the views that agree
     poses-shuffled, ..., inconsistent                 the views do not agree: why, by `calibration.diagnosis`
-    not-settled                                       no solution was reached
+    not-settled                                       no solution was reached from the pictures
     uncertain-place, uncertain-direction              X's own standard deviation
     corner-noise                                      the corners are found too roughly
     robot-error                                       the arm was not where it said

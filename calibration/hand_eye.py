@@ -1,5 +1,7 @@
 """Hand-eye calibration: from pictures of a board, and where the robot said it was, to where the camera is."""
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -16,6 +18,7 @@ from calibration.normal_equations import Problem, Unknowns
 from calibration.observations import Mounting, Observations
 from calibration.pose_solution import Poses, solve_weighted
 from calibration.pose_stack import inverses
+from calibration.repeated_poses import stand_ins, stand_ins_of_poses, with_repeated
 from calibration.reprojection import LENS, camera_matrix, corners_of
 from calibration.robust_start import robust_start
 from calibration.solved_evidence import picture_evidence, pose_evidence
@@ -28,6 +31,8 @@ FEWEST_POSES = 3
 def solve_hand_eye(observations: Observations, assumed: Assumed | None = None) -> HandEyeResult:
     """Where the camera is on the flange (or in the cell), how surely, and whether to use it: see `verdict`.
 
+    Of several pictures from one pose of the arm one is solved from, as `calibration.repeated_poses` says.
+
     Raises:
         HandEyeInputError: observations that no calibration can be solved from, by `check_observations` or because
             most views do not fit one another at all; bad ones that can be solved give a result with the verdict
@@ -35,6 +40,8 @@ def solve_hand_eye(observations: Observations, assumed: Assumed | None = None) -
     """
     assumed = assumed or Assumed()
     check_observations(observations)
+    given, chosen = observations.views, stand_ins(observations)
+    observations = replace(observations, views=tuple(view for k, view in enumerate(given) if k == chosen[k]))
     T_base_flange = np.array([view.T_base_flange for view in observations.views], dtype=np.float64)
     problem = Problem(corners_of(observations), T_base_flange, observations.mounting, assumed)
     alone = board_poses(problem.corners)
@@ -54,7 +61,12 @@ def solve_hand_eye(observations: Observations, assumed: Assumed | None = None) -
         robot_sigma_rad=evidence.robot_sigma_rad,
         left_out_m=evidence.left_out_m,
         eight_views_m=eight_views_to_report(evidence),
-        views=view_reports(evidence.names, problem, alone, adjusted, left_out),
+        views=with_repeated(
+            view_reports(evidence.names, problem, alone, adjusted, left_out),
+            tuple(view.name for view in given),
+            chosen,
+            tuple(len(view.ids) for view in given),
+        ),
         findings=gate(evidence),
         joint_covariance=adjusted.shared_covariance,
     )
@@ -77,10 +89,14 @@ def solve_poses(
     assumed = assumed or Assumed()
     check_mounting(mounting)
     check_poses(T_base_flange, T_camera_board, names)
-    poses = Poses(np.asarray(T_base_flange, np.float64), np.asarray(T_camera_board, np.float64), mounting)
-    names = names or tuple(str(k) for k in range(len(poses.T_base_flange)))
+    T_base_flange, T_camera_board = np.asarray(T_base_flange, np.float64), np.asarray(T_camera_board, np.float64)
+    given = names or tuple(str(k) for k in range(len(T_base_flange)))
+    chosen = stand_ins_of_poses(T_base_flange, T_camera_board)
+    different = np.unique(chosen)
+    poses = Poses(T_base_flange[different], T_camera_board[different], mounting)
+    names = tuple(given[k] for k in different)
     start = robust_start(poses.A, poses.T_camera_board, None, assumed.robot_m, assumed.robot_rad)
-    solution = solve_weighted(poses, start.X, start.Y, start.inliers, assumed)
+    solution = solve_weighted(poses, start.X, start.Y, assumed)
     evidence = pose_evidence(names, poses, solution)
     return HandEyeResult(
         mounting=mounting,
@@ -95,7 +111,7 @@ def solve_poses(
         robot_sigma_rad=evidence.robot_sigma_rad,
         left_out_m=evidence.left_out_m,
         eight_views_m=eight_views_to_report(evidence),
-        views=pose_reports(names, poses, solution),
+        views=with_repeated(pose_reports(names, poses, solution), given, chosen, (0,) * len(given)),
         findings=gate(evidence),
         joint_covariance=solution.covariance,
     )

@@ -1,7 +1,6 @@
 """What the hand-eye file may hold; fields that are not named here are left to their writers."""
 
 import reprlib
-from datetime import datetime
 from typing import Annotated, Any, Literal, Self
 
 import numpy as np
@@ -9,7 +8,7 @@ from numpy.typing import NDArray
 from pydantic import AfterValidator, AliasPath, Field, PlainValidator, TypeAdapter, model_validator
 
 from calibration.board import Board
-from calibration.file_forms import STRICT, Form, Numbers6, PinholeMatrix, Transform
+from calibration.file_forms import STRICT, Form, Numbers6, PinholeMatrix, Time, Transform
 from calibration.hand_eye_result import Verdict
 from calibration.observations import Mounting
 from calibration.result_document import COVARIANCE
@@ -54,18 +53,6 @@ def _board(value: Any) -> Board | None:
     return None if value is None else Board.from_json(value)
 
 
-def _time(value: Any) -> datetime | None:
-    if value is None:
-        return None
-    try:
-        time = datetime.fromisoformat(value)
-    except (TypeError, ValueError):
-        raise ValueError(f'{str(value)[:40]!r} is no time; one as "2026-01-31T12:00:00+00:00" is needed') from None
-    if time.tzinfo is None:
-        raise ValueError(f"{value!r} lacks the time zone, as +00:00")
-    return time
-
-
 CovarianceMatrix = Annotated[list[Numbers6], Field(min_length=6, max_length=6), AfterValidator(_covariance)]
 
 
@@ -107,6 +94,7 @@ class Metrics(Form):
     robot_sigma_m: NotNegative | None = None
     robot_sigma_rad: NotNegative | None = None
     eight_views_m: NotNegative | None = None
+    views_used: Annotated[int, Field(ge=0)] | None = None
 
 
 class JudgedForm(Form):
@@ -135,7 +123,7 @@ class HandEyeForm(JudgedForm):
     """One that was not refused, of a camera on the flange."""
 
     T_flange_camera: Transform
-    created: Annotated[datetime | None, PlainValidator(_time)] = None
+    created: Time | None = None
     camera_id: str | None = None
     robot_serial: str | None = None
     covariance: _Covariance | None = None

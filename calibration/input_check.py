@@ -31,6 +31,7 @@ from calibration.board import FEWEST_CORNERS, Board
 from calibration.camera_check import check_camera, check_mounting
 from calibration.errors import HandEyeInputError
 from calibration.observations import BoardView, Observations
+from calibration.repeated_poses import pose_numbers
 from calibration.rotation_spread import PARALLEL_AXES_RAD, PURE_TRANSLATION_RAD, rotation_spread
 from calibration.transforms import NotRigidError, from_rotation_vector, rigid
 
@@ -38,9 +39,6 @@ FEWEST_VIEWS = 8
 """With fewer, an error in one view can neither be seen nor be averaged away."""
 FARTHEST_M = 5.0
 """No flange is farther from its base, and no board that can be read from the camera; larger numbers are millimetres."""
-SAME_PLACE_M = 1e-3
-"""Flange poses closer than this and than `SAME_DIRECTION_RAD` are one: ten times an arm's repeatability."""
-SAME_DIRECTION_RAD = np.radians(0.2)
 CAMERA_STILL_RAD = PURE_TRANSLATION_RAD / 3
 """A camera that turned less than this against the board, while the robot turned enough, was not moved by it: no other
 mistake makes it a third."""
@@ -213,7 +211,7 @@ def _check_corners(view: BoardView, observations: Observations) -> None:
 
 
 def _check_spread(T_base_flange: NDArray[np.float64]) -> None:
-    different = _different_places(T_base_flange)
+    different = len(np.unique(pose_numbers(T_base_flange)))
     if different < FEWEST_VIEWS:
         raise HandEyeInputError(
             "duplicate-views",
@@ -225,22 +223,6 @@ def _check_spread(T_base_flange: NDArray[np.float64]) -> None:
         raise HandEyeInputError("pure-translation", spread.too_little_words())
     if spread.second_axis_rad < PARALLEL_AXES_RAD:
         raise HandEyeInputError("parallel-axes", spread.parallel_words())
-
-
-def _different_places(poses: NDArray[np.float64]) -> int:
-    """How many of the poses (N, 4, 4) are left when those that are the same as an earlier one are dropped."""
-    kept: list[NDArray[np.float64]] = []
-    for pose in poses:
-        if not any(_same(pose, other) for other in kept):
-            kept.append(pose)
-    return len(kept)
-
-
-def _same(first: NDArray[np.float64], second: NDArray[np.float64]) -> bool:
-    apart = float(np.linalg.norm(first[:3, 3] - second[:3, 3]))
-    # |R1 - R2| is 2 sqrt(2) sin(angle / 2).
-    turned = float(np.linalg.norm(first[:3, :3] - second[:3, :3])) / np.sqrt(2.0)
-    return apart < SAME_PLACE_M and turned < SAME_DIRECTION_RAD
 
 
 def _too_few_views(count: int) -> HandEyeInputError:

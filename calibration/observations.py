@@ -1,6 +1,7 @@
 """What a hand-eye calibration is solved from: where the robot said it was, and which corners the camera saw there."""
 
 from dataclasses import dataclass, field
+from datetime import datetime
 from typing import Literal
 
 import numpy as np
@@ -44,3 +45,5 @@ class Observations:
     camera_id: str | None = None
     """Device id; None: not known."""
     robot_serial: str | None = None
+    created: datetime | None = None
+    """When the pictures were taken, with a time zone; None: not known."""

@@ -1,8 +1,9 @@
 """The raw observations of a calibration on disk, `observations.json`: with them it can be solved again.
 
-`schema_version` 1, `mounting`, `board` and `camera` as in the folder form's `setup.json`, `robot_serial`, and `views`:
-for each its name, `T_base_flange` (4x4), the corners' `ids` and `pixels`, `corner_sigma_px` (null: not told), and
-whether it was `held_out`, to verify by. Numbers are written in full: what is solved again gives the same result.
+What the folder form's `setup.json` holds, and `views`: for each its name, `T_base_flange` (4x4), the corners' `ids` and
+`pixels`, `corner_sigma_px`, and whether it was `held_out`, to verify by. Numbers are written in full: what is solved
+again gives the same result. `corner_sigma_px`, how exactly the detector says it found the corners (null: not told), is
+for people who look for a bad picture; the solver estimates the noise by itself.
 """
 
 import hashlib
@@ -20,7 +21,7 @@ from calibration.errors import CalibrationFolderError
 from calibration.file_forms import Form, Transform, read_form
 from calibration.observations import BoardView, Observations
 
-__all__ = ["OBSERVATIONS", "KeptObservations", "load_kept_observations", "load_observations", "write_observations"]
+__all__ = ["OBSERVATIONS", "KeptObservations", "load_kept_observations", "write_observations"]
 
 OBSERVATIONS = "observations.json"
 LARGEST_BYTES = 64 << 20
@@ -50,11 +51,6 @@ class KeptObservations:
     """To verify by; often without views."""
     sha256: str
     """Of the file's content, hexadecimal."""
-
-
-def load_observations(path: Path) -> Observations:
-    """What a calibration was solved from, without the views that were held out. Raises CalibrationFolderError."""
-    return load_kept_observations(path).observations
 
 
 def load_kept_observations(path: Path) -> KeptObservations:

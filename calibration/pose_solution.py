@@ -70,7 +70,9 @@ class PoseSolution:
     """X and Y, and how sure they are."""
 
     X: NDArray[np.float64]
+    """(4, 4) as in `HandEyeResult`."""
     Y: NDArray[np.float64]
+    """(4, 4) as in `HandEyeResult`."""
     covariance: NDArray[np.float64]
     """(12, 12) of small motions of X, then of Y, from the right."""
     sigmas: NDArray[np.float64]
@@ -85,20 +87,18 @@ class PoseSolution:
     """(N,) how far off the board's origin is in this view by the other views' solution."""
 
 
-def solve_weighted(
-    poses: Poses, X: NDArray[np.float64], Y: NDArray[np.float64], used: NDArray[np.bool_], assumed: Assumed
-) -> PoseSolution:
-    """The solution from rough `X` and `Y` (4, 4) and the views `used` (N,) on."""
+def solve_weighted(poses: Poses, X: NDArray[np.float64], Y: NDArray[np.float64], assumed: Assumed) -> PoseSolution:
+    """The solution from rough `X` and `Y` (4, 4) on; it may still move when the steps are used up, as noise levels do
+    that hardly matter."""
     camera = [CAMERA_TILT_RAD, CAMERA_SPIN_RAD, CAMERA_ACROSS_M, CAMERA_ALONG_M]
     told = np.array([assumed.robot_rad, assumed.robot_m, *camera]) ** 2
     variances = told.copy()
-    weights = np.ones(len(used))
+    weights = np.ones(len(poses.T_base_flange))
     for _ in range(STEPS):
         r, J, parts = _residuals(poses, X, Y)
         W = inverted(np.tensordot(variances, parts, axes=1))
         squares = (r * (W @ r[..., None])[..., 0]).sum(axis=1)
-        used = _within(squares, used)
-        weights = np.where(used, (TAIL + 6) / (TAIL + squares), 0.0)
+        weights = np.where(_within(squares), (TAIL + 6) / (TAIL + squares), 0.0)
         W *= weights[:, None, None]
         JtW = J.swapaxes(1, 2) @ W
         information = (JtW @ J).sum(axis=0)
@@ -160,13 +160,13 @@ def _residuals(
     return r, J, np.array([source @ source.swapaxes(1, 2) for source in sources])
 
 
-def _within(squares: NDArray[np.float64], used: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def _within(squares: NDArray[np.float64]) -> NDArray[np.bool_]:
     """Which views are no farther off than the tail explains; at least half of them, and three, stay."""
     from scipy.special import fdtri
 
     limit = 6 * float(fdtri(6, TAIL, 1 - LEAVES))
-    fewest = max(len(used) // 2, 3)
-    return squares <= max(limit, float(np.sort(squares)[min(fewest, len(used)) - 1]))
+    fewest = max(len(squares) // 2, 3)
+    return squares <= max(limit, float(np.sort(squares)[min(fewest, len(squares)) - 1]))
 
 
 def _variances(

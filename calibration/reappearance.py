@@ -10,6 +10,7 @@ from calibration.board import Board
 from calibration.board_pose import board_poses
 from calibration.errors import HandEyeInvalidError, HandEyeMismatchError
 from calibration.hand_eye_result import HandEyeResult
+from calibration.input_check import FEWEST_VIEWS
 from calibration.number_alike import number_nearest
 from calibration.observations import Observations
 from calibration.pose_stack import cross_matrix, inverses
@@ -25,13 +26,22 @@ class Claim:
     """What a calibration says."""
 
     X: NDArray[np.float64]
+    """(4, 4) `T_flange_camera`; `T_base_camera` where the camera stands in the cell (eye-to-hand)."""
     Y: NDArray[np.float64]
+    """(4, 4) where the board lay: `T_base_board`, or `T_flange_board`."""
     covariance: NDArray[np.float64]
-    """(C, C) of X, or also of Y and the lens, as `HandEyeResult.joint_covariance`."""
+    """(C, C) of X (C = 6), or also of Y (12) and the lens and the board's scale (17), as
+    `HandEyeResult.joint_covariance`."""
     K: NDArray[np.float64]
+    """(3, 3) as fitted, pixels."""
     board_scale: float
+    """The board's true size as a share of the told one."""
     robot_sigma_m: float
+    """Noise of the robot's poses along one axis."""
     robot_sigma_rad: float
+    """The same about one axis."""
+    views_used: int
+    """It was solved from so many, and its noise estimated from them."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,6 +72,7 @@ def claim_of(hand_eye: HandEye | HandEyeResult) -> Claim:
             hand_eye.board_scale,
             hand_eye.robot_sigma_m,
             hand_eye.robot_sigma_rad,
+            sum(view.used for view in hand_eye.views),
         )
     told = (hand_eye.T_base_board, hand_eye.covariance, hand_eye.K)
     Y, covariance, K = told
@@ -79,6 +90,7 @@ def claim_of(hand_eye: HandEye | HandEyeResult) -> Claim:
         1.0 if hand_eye.board_scale is None else hand_eye.board_scale,
         assumed.robot_m if hand_eye.robot_sigma_m is None else hand_eye.robot_sigma_m,
         assumed.robot_rad if hand_eye.robot_sigma_rad is None else hand_eye.robot_sigma_rad,
+        FEWEST_VIEWS if hand_eye.views_used is None else hand_eye.views_used,
     )
 
 

@@ -10,6 +10,8 @@ from calibration.observations import Observations
 LENS = 5
 """Numbers that all views share besides the two poses: shares of fx and fy, shifts of cx and cy in focal lengths, and
 the logarithm of the board's scale."""
+UNDISTORTING_STEPS, UNDISTORTED_PX = 1000, 1e-9
+"""A pixel is straightened until, distorted again, it is as near as this to where it was, in so many steps at most."""
 NEAREST_M = 1e-3
 """Corners nearer than this, or behind the camera, are taken to be here: the first steps may lead there."""
 
@@ -119,7 +121,10 @@ def _undistorted(pixels: NDArray[np.float64], observations: Observations) -> NDA
         return pixels
     import cv2
 
-    flat = cv2.undistortPoints(
-        np.ascontiguousarray(pixels).reshape(-1, 1, 2), observations.K, observations.distortion, P=observations.K
+    # Its usual five steps leave pixels of error at the edge of a strongly distorted picture.
+    to_the_end = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, UNDISTORTING_STEPS, UNDISTORTED_PX)
+    corners = np.ascontiguousarray(pixels, dtype=np.float64).reshape(-1, 1, 2)
+    flat = cv2.undistortPointsIter(
+        corners, observations.K, observations.distortion, np.eye(3), observations.K, to_the_end
     )
     return flat.reshape(-1, 2).astype(np.float64)

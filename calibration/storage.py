@@ -31,7 +31,6 @@ from calibration.errors import (
 from calibration.file_forms import read_form
 from calibration.hand_eye_form import HandEyeForm, JudgedForm, Metrics
 from calibration.hand_eye_result import Finding, Verdict
-from calibration.observations_file import load_observations
 from calibration.storage_write import check_place, write_hand_eye, write_result
 
 __all__ = [
@@ -39,7 +38,6 @@ __all__ = [
     "HandEyeError",
     "activate",
     "load_hand_eye",
-    "load_observations",
     "require_match",
     "write_hand_eye",
     "write_result",
@@ -86,6 +84,8 @@ class HandEye:
     robot_sigma_rad: float | None = None
     eight_views_m: float | None = None
     """Predicted: 95 % of the time, no two of eight views of a scan disagree by more."""
+    views_used: int | None = None
+    """It was solved from so many."""
     verdict: Verdict | None = None
     findings: tuple[Finding, ...] = ()
     """What speaks against it, though not enough to refuse it; their words are among the warnings."""
@@ -100,21 +100,27 @@ def load_hand_eye(path: Path, max_age_days: float, now: datetime | None = None) 
         HandEyeRefusedError: it was solved and found not good enough.
         HandEyeStaleError, HandEyeOfTheFutureError: its date.
     """
-    return _parsed(path, _read(path), max_age_days, now or datetime.now(UTC))
+    content = _read(
+        path, "calibrate, or name another file in hand_eye.file", "hand_eye.file names the JSON file itself"
+    )
+    return _parsed(path, content, max_age_days, now or datetime.now(UTC))
 
 
 def activate(run_file: Path, active_file: Path) -> HandEye:
     """Makes a calibration that was solved the one in use, in one step; the former is kept as `*.previous.json`.
 
-    Raises: as `load_hand_eye`, whatever the age, and OSError when it cannot be written; the former then stays.
+    Raises: as `load_hand_eye`, whatever the age, and OSError when it, or the former one, cannot be written; the former
+    then stays in use.
     """
-    content = _read(run_file)
+    which = "name the file of a solved calibration, or the folder of its run"
+    content = _read(run_file, which, which)
     hand_eye = _parsed(run_file, content, float("inf"), datetime.now(UTC))
     active_file.parent.mkdir(parents=True, exist_ok=True)
+    former = None
     with contextlib.suppress(FileNotFoundError, IsADirectoryError, TooLargeError):
         former = read_limited(active_file, LARGEST_BYTES)
-        if former != content:  # activated twice, it is not its own former one
-            replace_synced(previous_of(active_file), former)
+    if former not in (None, content):  # activated twice, it is not its own former one
+        replace_synced(previous_of(active_file), former)
     replace_synced(active_file, content)
     return hand_eye
 
@@ -141,15 +147,14 @@ def require_match(hand_eye: HandEye, camera_id: str | None, robot_serial: str | 
             )
 
 
-def _read(path: Path) -> bytes:
+def _read(path: Path, missing: str, no_file: str) -> bytes:
+    """The file's content; `missing` and `no_file` say what to do when there is none, or something else."""
     try:
         return read_limited(path, LARGEST_BYTES)
     except FileNotFoundError as error:
-        raise HandEyeMissingError(
-            f"there is no hand-eye calibration {path}: calibrate, or name another file in hand_eye.file"
-        ) from error
+        raise HandEyeMissingError(f"there is no hand-eye calibration {path}: {missing}") from error
     except IsADirectoryError as error:
-        raise HandEyeUnreadableError(f"{error}: hand_eye.file names the JSON file itself") from error
+        raise HandEyeUnreadableError(f"{error}: {no_file}") from error
     except TooLargeError as error:
         raise HandEyeUnreadableError(f"{error}; it is no calibration") from error
     except OSError as error:

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from calibration.disk import replace_synced
 from calibration.errors import HandEyeInvalidError
-from calibration.file_forms import transform_document
+from calibration.file_forms import time_document, transform_document
 from calibration.hand_eye_result import HandEyeResult
 from calibration.observations import Observations
 from calibration.observations_file import OBSERVATIONS, write_observations
@@ -39,32 +39,31 @@ def write_hand_eye(
     """
     T = rigid(T_flange_camera, "T_flange_camera")
     check_place(path, T)
-    _write(path, created, camera_id, robot_serial, {"T_flange_camera": transform_document(T)})
+    _write(path, _head(path, created, camera_id, robot_serial) | {"T_flange_camera": transform_document(T)})
 
 
 def write_result(
     path: Path,
     result: HandEyeResult,
     observations: Observations,
-    created: datetime,
     held_out: Observations | None = None,
     verification: dict[str, Any] | None = None,
 ) -> None:
     """Writes a solved calibration, whatever its verdict, and `observations.json` beside it; each in one step.
 
-    `held_out` are the views that it was verified on, `verification` how that went, as JSON's
-    values.
+    It is as old as the observations. `held_out` are the views that it was verified on, `verification` how that went, as
+    JSON's values.
 
     Raises:
-        HandEyeInvalidError: `created` has no time zone, or a result that is not refused puts the camera farther from
-            the flange than it can be.
+        HandEyeInvalidError: the observations' `created` has no time zone, or a result that is not refused puts the
+            camera farther from the flange than it can be.
         OSError: a file cannot be written.
     """
     if result.verdict != "refuse" and result.mounting == "eye-in-hand":
         check_place(path, result.X)
+    head = _head(path, observations.created, observations.camera_id, observations.robot_serial)
     sha256 = write_observations(path.with_name(OBSERVATIONS), observations, held_out)
-    document = result_document(result, observations, verification) | {"observations_sha256": sha256}
-    _write(path, created, observations.camera_id, observations.robot_serial, document)
+    _write(path, head | result_document(result, observations, verification) | {"observations_sha256": sha256})
 
 
 def check_place(path: Path, T_flange_camera: NDArray[np.float64]) -> None:
@@ -77,15 +76,16 @@ def check_place(path: Path, T_flange_camera: NDArray[np.float64]) -> None:
         )
 
 
-def _write(
-    path: Path, created: datetime, camera_id: str | None, robot_serial: str | None, document: dict[str, Any]
-) -> None:
-    if created.tzinfo is None:
+def _head(path: Path, created: datetime | None, camera_id: str | None, robot_serial: str | None) -> dict[str, Any]:
+    if created is not None and created.tzinfo is None:
         raise HandEyeInvalidError(f"{path}: created is {created.isoformat()}; a time zone is needed")
-    head = {
+    return {
         "schema_version": SCHEMA_VERSION,
-        "created": created.isoformat(timespec="seconds"),
+        "created": time_document(created),
         "camera_id": camera_id,
         "robot_serial": robot_serial,
     }
-    replace_synced(path, (json.dumps(head | document, indent=2, allow_nan=False) + "\n").encode())
+
+
+def _write(path: Path, document: dict[str, Any]) -> None:
+    replace_synced(path, (json.dumps(document, indent=2, allow_nan=False) + "\n").encode())

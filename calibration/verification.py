@@ -1,10 +1,9 @@
 """Whether a calibration holds for views that it was not solved from: does the board appear where it lay?
 
 It may appear elsewhere because it was moved, or because the camera was. Seen from two sides, a board that was moved
-appears in one place, and one seen by a camera that was moved in two.
+appears in one place on the table, and one seen by a camera that was moved in two, or off the table.
 """
 
-import itertools
 import math
 from dataclasses import dataclass, replace
 from typing import Any
@@ -12,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration.board_or_camera import NewPlace, new_place
 from calibration.hand_eye_result import HandEyeResult
 from calibration.input_check import check_each
 from calibration.observations import Observations
@@ -23,13 +23,11 @@ NOTABLE_M = 0.001
 """What is less off is good enough, however exact arm and camera are ..."""
 NOTABLE_RAD = np.radians(0.2)
 """... and what is turned by less: 1 mm in 0.3 m."""
-CHI2_LIMIT = 16.27
-"""Of three numbers: 99.9 % of what chance brings about is less."""
-SLIDING_LIMIT = 3.0
-"""Standard deviations along the board's normal, along which a board on a table is not moved."""
-UNCLEAR = 0.5
-"""Views that put the board farther apart than this share of what it appears to be moved by do not agree on that. From
-opposite sides, a camera that was moved along the table puts it apart by more than that by far."""
+CHANCE = 0.001
+"""So often chance is taken for something else, all that is looked at together."""
+LIKELIER = 6.0
+"""Where twice the logarithm of by how much likelier it is that the board was moved than that the camera was is less, it
+cannot be told: 20 times likelier."""
 SIDES_RAD = np.radians(20.0)
 """Cameras that look from directions this far apart look from two sides: one that was moved by 3 mm puts the board
 1 mm apart, which is notable."""
@@ -46,6 +44,8 @@ class VerifiedView:
     """By how much it appears turned."""
     expected_m: float
     """Root mean square of `off_m` by the calibration's covariance and the robot's and corners' noise."""
+    expected_rad: float
+    """The same of `off_rad`."""
 
 
 @dataclass(frozen=True)
@@ -58,8 +58,15 @@ class Verification:
     """Largest `off_m`; NaN without views."""
     expected_m: float
     """Largest `expected_m`; NaN without views."""
+    worst_rad: float
+    """Largest `off_rad`; NaN without views."""
+    expected_rad: float
+    """Largest `expected_rad`; NaN without views."""
     board_moved_m: float | None
-    """The views agree that the board was moved so far; None where it was not, or where they do not agree."""
+    """The views agree that the board was moved, its middle so far; None where it was not, or where they do not
+    agree."""
+    board_turned_rad: float | None
+    """By how much it was turned thereby about its normal; None where `board_moved_m` is."""
     passed: bool
     """Nothing contradicts where the camera is said to be. A board that was moved does not."""
     words: str
@@ -72,7 +79,10 @@ class Verification:
             "words": self.words,
             "worst_m": _finite(self.worst_m),
             "expected_m": _finite(self.expected_m),
+            "worst_rad": _finite(self.worst_rad),
+            "expected_rad": _finite(self.expected_rad),
             "board_moved_m": self.board_moved_m,
+            "board_turned_rad": self.board_turned_rad,
             "views": [vars(view) for view in self.views],
         }
 
@@ -105,60 +115,86 @@ def verify(hand_eye: HandEye | HandEyeResult, views: Observations) -> Verificati
             float(np.linalg.norm(each.off[3:])),
             float(np.linalg.norm(each.off[:3])),
             float(np.sqrt(np.trace(covariance[3:, 3:]))),
+            float(np.sqrt(np.trace(covariance[:3, :3]))),
         )
         for name, each, covariance in zip(names, seen, covariances, strict=True)
     )
-    worst, expected = max(row.off_m for row in rows), max(row.expected_m for row in rows)
-    off = any(_beyond(each.off, covariance) for each, covariance in zip(seen, covariances, strict=True))
-    verification = Verification(rows, worst, expected, None, not off, "")
-    if not off:
-        words = (
-            f"the board appears where it lay, {_mm(worst)} off at most, where up to about {_mm(2 * expected)} is chance"
-        )
-        return replace(verification, words=words)
-    return _judged(verification, seen, covariances, claim)
+    place = new_place(claim, seen)
+    off = _is_elsewhere(seen, covariances, place, claim)
+    expected = max(row.expected_m for row in rows)
+    verification = Verification(
+        views=rows,
+        worst_m=max(row.off_m for row in rows),
+        expected_m=expected,
+        worst_rad=max(row.off_rad for row in rows),
+        expected_rad=max(row.expected_rad for row in rows),
+        board_moved_m=None,
+        board_turned_rad=None,
+        passed=not off,
+        words=f"the board appears where it lay, {_mm(max(row.off_m for row in rows))} off at most, where up to about "
+        f"{_mm(np.sqrt(_limit(3, claim, 2 * len(rows) + 1) / 3) * expected)} is chance",
+    )
+    return _judged(verification, seen, place, claim) if off else verification
 
 
-def _judged(
-    verification: Verification, seen: list[Appearance], covariances: list[NDArray[np.float64]], claim: Claim
-) -> Verification:
+def _is_elsewhere(
+    seen: list[Appearance], covariances: list[NDArray[np.float64]], place: NewPlace, claim: Claim
+) -> bool:
+    """Whether the board is notably elsewhere, and not by chance: in a view by itself, or as far as a motion of the
+    camera explains it in all of them together, which shows smaller ones."""
+    tests = 2 * len(seen) + 1
+    limit = _limit(3, claim, tests)
+    if any(_is_off(each.off, covariance, limit) for each, covariance in zip(seen, covariances, strict=True)):
+        return True
+    shift, turn = (float(np.linalg.norm(place.by_camera[:, part], axis=1).max()) for part in (slice(3, 6), slice(3)))
+    return (shift > NOTABLE_M or turn > NOTABLE_RAD) and place.camera_squares > _limit(6, claim, tests)
+
+
+def _judged(verification: Verification, seen: list[Appearance], place: NewPlace, claim: Claim) -> Verification:
     """The board does not appear where it lay: why?"""
-    apart, disagree = 0.0, False
-    for one, other in itertools.combinations(seen, 2):
-        difference, by_claim = one.off - other.off, one.by_claim - other.by_claim
-        apart = max(apart, float(np.linalg.norm(difference[3:])))
-        disagree |= _beyond(difference, one.own + other.own + by_claim @ claim.covariance @ by_claim.T)
+    limit = _limit(3, claim, 2 * max(len(place.apart), 1))
     anew = "check that camera and bracket are tight and that the tool is the same, then calibrate anew"
-    if disagree:
-        words = f"views from different sides put the board {_mm(apart)} apart, more than chance does: {anew}"
+    if any(_is_off(*pair, limit) for pair in zip(place.apart, place.apart_covariances, strict=True)):
+        turns, shifts = place.apart[:, :3], place.apart[:, 3:]
+        apart = _both(np.linalg.norm(shifts, axis=1).max(), np.linalg.norm(turns, axis=1).max())
+        words = f"views from different sides put the board {apart} apart, more than chance does: {anew}"
         return replace(verification, words=words)
+    appears = f"the board appears {_both(verification.worst_m, verification.worst_rad)} from where it lay"
     if not _from_two_sides(seen):
         words = (
-            f"the board appears {_mm(verification.worst_m)} from where it lay: look from two sides, "
-            f"{np.degrees(SIDES_RAD):.0f} degrees apart or more, to tell whether it was moved or the camera"
+            f"{appears}: look from two sides, {np.degrees(SIDES_RAD):.0f} degrees apart or more, to tell whether it "
+            "was moved or the camera"
         )
         return replace(verification, words=words)
-    shift = np.mean([each.off for each in seen], axis=0)[3:]
-    normal = claim.Y[:3, 2]
-    rise, sigma = abs(float(shift @ normal)), max(float(np.sqrt(normal @ c[3:, 3:] @ normal)) for c in covariances)
-    if rise > max(NOTABLE_M, SLIDING_LIMIT * sigma):
+    how = _off_the_table(place, claim)
+    if how is not None:
         words = (
-            f"the board appears {_mm(rise)} above or below where it lay: unless something was laid under it, the "
-            f"camera was moved along its view; {anew}"
+            f"the board appears {how} where it lay: unless something was laid under it, the camera was moved; {anew}"
         )
         return replace(verification, words=words)
-    moved = float(np.linalg.norm(shift))
-    if apart > UNCLEAR * moved:
-        words = (
-            f"the board appears {_mm(verification.worst_m)} from where it lay, and by such a little it cannot be told "
-            f"whether it was moved or the camera: {anew}"
-        )
+    if not place.board_likelier >= LIKELIER:
+        words = f"{appears}, and by such a little it cannot be told whether it was moved or the camera: {anew}"
         return replace(verification, words=words)
+    moved, turned = float(np.linalg.norm(place.off[3:])), abs(float(place.off[:3] @ claim.Y[:3, 2]))
+    told = [f"moved by {_mm(moved)}"] if moved > NOTABLE_M or turned <= NOTABLE_RAD else []
+    told += [f"turned by {_degrees(turned)}"] if turned > NOTABLE_RAD else []
     words = (
-        f"the board was moved by {_mm(moved)} since the calibration. The views agree on where it is now, so nothing "
+        f"the board was {' and '.join(told)} since the calibration. The views agree on where it is now, so nothing "
         "speaks against the calibration"
     )
-    return replace(verification, board_moved_m=moved, passed=True, words=words)
+    return replace(verification, board_moved_m=moved, board_turned_rad=turned, passed=True, words=words)
+
+
+def _off_the_table(place: NewPlace, claim: Claim) -> str | None:
+    """How a board is off the plane in which it lay, in words; None: it is not."""
+    along, normal = claim.Y[:3, :2], claim.Y[:3, 2:3]
+    rise, tilt = place.off[3:] @ normal, place.off[:3] @ along
+    covariance = place.covariance
+    if _beyond(rise, normal.T @ covariance[3:, 3:] @ normal, NOTABLE_M, _limit(1, claim, 2)):
+        return f"{_mm(abs(float(rise[0])))} above or below"
+    if _beyond(tilt, along.T @ covariance[:3, :3] @ along, NOTABLE_RAD, _limit(2, claim, 2)):
+        return f"tilted by {_degrees(float(np.linalg.norm(tilt)))} against how"
+    return None
 
 
 def _from_two_sides(seen: list[Appearance]) -> bool:
@@ -166,19 +202,33 @@ def _from_two_sides(seen: list[Appearance]) -> bool:
     return bool(rotation_angles(turns[:, None].swapaxes(-1, -2) @ turns).max() >= SIDES_RAD)
 
 
-def _beyond(off: NDArray[np.float64], covariance: NDArray[np.float64]) -> bool:
-    """Whether a difference (6,) is notable and not chance."""
+def _is_off(off: NDArray[np.float64], covariance: NDArray[np.float64], limit: float) -> bool:
+    """Whether a difference (6,) is notable and not chance, in turn or shift, whose squares chance keeps below
+    `limit`."""
+    return _beyond(off[3:], covariance[3:, 3:], NOTABLE_M, limit) or _beyond(
+        off[:3], covariance[:3, :3], NOTABLE_RAD, limit
+    )
 
-    def unlikely(part: slice) -> bool:
-        return not float(off[part] @ np.linalg.solve(covariance[part, part], off[part])) <= CHI2_LIMIT
 
-    turned, shifted = slice(0, 3), slice(3, 6)
-    notable = ((shifted, NOTABLE_M), (turned, NOTABLE_RAD))
-    return any(not float(np.linalg.norm(off[part])) <= least and unlikely(part) for part, least in notable)
+def _beyond(off: NDArray[np.float64], covariance: NDArray[np.float64], least: float, limit: float) -> bool:
+    """Whether numbers (D,) are more than the `least` that is notable, and in standard deviations than the `limit`."""
+    squares = float(off @ np.linalg.solve(covariance, off))
+    return not float(np.linalg.norm(off)) <= least and not squares <= limit
+
+
+def _limit(numbers: int, claim: Claim, tests: int) -> float:
+    """Squares in standard deviations below which chance keeps so many numbers in each of so many tests, but for a
+    share `CHANCE` of verifications."""
+    from scipy.special import fdtri
+
+    # The noise of turns and that of shifts are each estimated from three errors of each of few views: Snedecor's
+    # distribution, not the normal one.
+    errors = 3.0 * max(claim.views_used - 3, 1)
+    return numbers * float(fdtri(numbers, errors, 1 - CHANCE / tests))
 
 
 def _nothing(words: str) -> Verification:
-    return Verification((), math.nan, math.nan, None, False, words)
+    return Verification((), math.nan, math.nan, math.nan, math.nan, None, None, False, words)
 
 
 def _finite(value: float) -> float | None:
@@ -187,3 +237,11 @@ def _finite(value: float) -> float | None:
 
 def _mm(metres: float) -> str:
     return f"{1000 * metres:.1f} mm"
+
+
+def _degrees(radians: float) -> str:
+    return f"{math.degrees(radians):.2f} degrees"
+
+
+def _both(metres: float, radians: float) -> str:
+    return f"{_mm(metres)} and {_degrees(radians)}"

@@ -1,5 +1,7 @@
 """What speaks against a calibration that was just solved, by the views that were held out."""
 
+import math
+
 from calibration.hand_eye_result import Finding
 from calibration.verification import Verification
 
@@ -12,8 +14,12 @@ def verification_findings(verification: Verification) -> tuple[Finding, ...]:
     if verification.passed and verification.board_moved_m is None:
         return ()
     words = (
-        f"on poses that were held out the board appears {1000 * verification.worst_m:.1f} mm off, where about "
-        f"{1000 * verification.expected_m:.1f} mm is expected: see that board, camera and bracket are firm, and "
-        "calibrate anew"
+        f"on poses that were held out the board appears {_both(verification.worst_m, verification.worst_rad)} off, "
+        f"where about {_both(verification.expected_m, verification.expected_rad)} are expected: see that board, camera "
+        "and bracket are firm, and calibrate anew"
     )
     return (Finding("verification-failed", words, refuses=True),)
+
+
+def _both(metres: float, radians: float) -> str:
+    return f"{1000 * metres:.1f} mm and {math.degrees(radians):.2f} degrees"

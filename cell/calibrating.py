@@ -19,6 +19,7 @@ from calibration.disk import replace_synced
 from calibration.errors import BoardDetectionError, CalibrationFolderError, HandEyeError
 from calibration.folder import HAND_EYE, SETUP, write_setup, write_view
 from calibration.hand_eye_result import HandEyeResult
+from calibration.input_check import FEWEST_VIEWS
 from calibration.observations import BoardView
 from calibration.observe import numbered_alike
 from calibration.storage import write_result
@@ -30,8 +31,6 @@ from cell.errors import CalibrationError, MissingViewsError
 from cell.scan import ScanListener
 from cell.viewpoints import ViewpointPlan
 
-LEAST_VIEWS = 8
-"""No calibration is solved from fewer views of the board."""
 PICTURE_BYTES = 1 << 20
 """No picture takes more on the disk."""
 CELLS = (8, 5)
@@ -88,17 +87,16 @@ def run_calibration(
     """
     from calibration.hand_eye import solve_hand_eye
 
-    looks = _look(cell, plan, folder, board, listener, LEAST_VIEWS)
+    looks = _look(cell, plan, folder, board, listener, FEWEST_VIEWS)
     observations, held_out = numbered_alike(
         looks.setup, tuple(looks.views.values()), looks.certain, {view.name for view in looks.of(plan.held_out)}
     )
-    if len(observations.views) < LEAST_VIEWS:
-        raise _too_few(len(observations.views), LEAST_VIEWS, looks)
+    if len(observations.views) < FEWEST_VIEWS:
+        raise _too_few(len(observations.views), FEWEST_VIEWS, looks)
     result = solve_hand_eye(observations)
     verification = verify(result, held_out)
     result = replace(result, findings=(*result.findings, *verification_findings(verification)))
-    now = datetime.now(UTC)
-    write_result(folder / HAND_EYE, result, observations, now, held_out, verification.to_json())
+    write_result(folder / HAND_EYE, result, observations, held_out, verification.to_json())
     return CalibrationRun(result, verification, tuple(looks.unseen))
 
 
@@ -166,7 +164,12 @@ class _Looks:
         if self._setup is None:
             height, width = view.image.shape[:2]
             self._setup = Setup(
-                self.board, view.K, (width, height), camera_id=self.camera_id, robot_serial=self.robot_serial
+                self.board,
+                view.K,
+                (width, height),
+                camera_id=self.camera_id,
+                robot_serial=self.robot_serial,
+                created=datetime.now(UTC),
             )
             write_setup(self.folder, self._setup)
         # By name the views lie in the order in which they were taken: a board that was moved midway shows by it.
@@ -235,7 +238,9 @@ def _require_room(folder: Path, views: int) -> None:
 
 
 def _too_few(seen: int, least: int, looks: _Looks) -> MissingViewsError:
-    reasons = "; ".join(f"{name}: {reason}" for name, reason in looks.unseen[:3])
+    # First why the board was not seen in pictures, and then which poses gave none.
+    by_picture = sorted(looks.unseen, key=lambda each: each[0].startswith("pose"))
+    reasons = "; ".join(f"{name}: {reason}" for name, reason in by_picture[:3])
     return MissingViewsError(
         f"the board was seen in {seen} views, {least} are needed: {NOT_SEEN}. Among the others, {reasons}"
     )

@@ -41,8 +41,10 @@ STOPPED = "stopped by request: connect, or start a live scan"
 
 
 class Cell:
-    """Connects, watches, scans and stops. Safe to use from any thread; `stop` and `give_up_connecting` wait for no
-    other method."""
+    """Connects, watches, scans, calibrates and stops.
+
+    Safe to use from any thread; `stop` and `give_up_connecting` wait for no other method.
+    """
 
     def __init__(self, settings: CellSettings) -> None:
         """Touches no device: that is for `connect`."""

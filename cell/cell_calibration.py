@@ -82,7 +82,7 @@ def rough_hand_eyes(settings: HandEyeSettings, world: SimulatedWorld | None) -> 
     """What is known of the mounting before a calibration; asks no device anything.
 
     Raises:
-        CalibrationError: nothing.
+        CalibrationError: nothing is known.
     """
     file, by_file, why = file_in_use(settings), None, ""
     if file is not None:

@@ -72,5 +72,5 @@ class KeptStatus:
         elif isinstance(error, CellError):
             self.change(state="not_ready", slug=error.slug, reason=str(error))
         else:
-            reason = "the last scan ended in an error: connect, or start a live scan"
+            reason = "the last scan or calibration ended in an error: connect, or start a live scan"
             self.change(state="not_ready", slug="stopped", reason=reason)

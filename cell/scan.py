@@ -83,7 +83,7 @@ def take_views(
         if viewpoint.reason is not None:
             listener.missing(viewpoint.index, viewpoint.reason)
     if np.abs(means.arm.state().q_rad - plan.start_q_rad).max() > START_RAD:
-        raise RobotNotReadyError("the arm was moved after this scan was planned: start another")
+        raise RobotNotReadyError("the arm was moved after its way was planned: begin anew")
     taken, failed = 0, ""
     for leg in plan.legs:
         if leg.view is None:

@@ -30,8 +30,8 @@ def with_signals(work: Callable[[], Result], at_signal: Callable[[], None]) -> R
         def once() -> None:
             nonlocal told
             if not told:
-                told = True
                 at_signal()
+                told = True  # one that failed is tried again by the next signal
 
         signal.pthread_sigmask(signal.SIG_UNBLOCK, SIGNALS)
         for number in SIGNALS:

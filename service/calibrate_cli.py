@@ -46,7 +46,9 @@ def _add_run(kinds: "argparse._SubParsersAction[argparse.ArgumentParser]") -> No
     run.add_argument("--config", type=Path, metavar="TOML", help="configuration file: the cell")
     run.add_argument("--poses", type=_poses, default=15, metavar="N", help="to solve from (%(default)s); 2 more verify")
     run.add_argument("--folder", type=Path, metavar="DIR", help="keep images and result in this new or empty folder")
-    run.add_argument("--yes", action="store_true", help="use the result without asking, unless it is refused")
+    run.add_argument(
+        "--yes", action="store_true", help="use the result without asking, if it is verified and not refused"
+    )
     run.add_argument("--json", action="store_true", help="the result as one JSON document")
     _add_board_options(run)
     run.set_defaults(run=_run)

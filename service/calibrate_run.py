@@ -6,7 +6,7 @@ import threading
 from dataclasses import dataclass, field
 from datetime import datetime
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from calibration.board import Board, BoardError, usual_board
 from calibration.errors import HandEyeError
@@ -24,6 +24,9 @@ from service.config import ConfigError, load_config
 from service.moving_cell import EndedEarlyError, with_moving_cell
 from service.new_folder import require_new_folder
 from service.problems import problem_document
+
+Use = Literal["active", "unused", "failed"]
+"""Of a result: the calibration in use; not, as somebody wanted it; not, though somebody wanted it."""
 
 
 @dataclass(frozen=True)
@@ -43,7 +46,8 @@ class WantedRun:
 def calibrate_run(config_file: Path | None, wanted: WantedRun) -> int:
     """Calibrates the configured cell; the result as words, or JSON, on stdout.
 
-    0 when it may be used, 1 when it is refused or there is none, 130 after a signal, which stops the arm.
+    0 when it may be used, 1 when it is refused, there is none, or it was to be used and could not be put in use; 130
+    after a signal, which stops the arm.
     """
     try:
         board = usual_board(wanted.board)
@@ -70,16 +74,16 @@ def calibrate_run(config_file: Path | None, wanted: WantedRun) -> int:
         print(result_words(run.result, run.unseen))
         print(verification_words(run.verification), flush=True)  # before anything is asked
     _say(f"images and result are in {folder}")
-    is_active = _asked_and_activated(run, settings, folder, wanted.yes)
+    use = _asked_and_activated(run, settings, folder, wanted.yes)
     if wanted.as_json:
         document = json.loads((folder / HAND_EYE).read_bytes())
         document |= {
             "unseen": [{"name": name, "reason": reason} for name, reason in run.unseen],
             "folder": str(folder),
-            "activated": is_active,
+            "activated": use == "active",
         }
         print(json.dumps(document, allow_nan=False), flush=True)
-    return 1 if run.result.verdict == "refuse" else 0
+    return 1 if run.result.verdict == "refuse" or use == "failed" else 0
 
 
 def _calibrated(cell: Cell, stop_asked: threading.Event, board: Board, poses: int, folder: Path) -> CalibrationRun:
@@ -92,34 +96,34 @@ def _calibrated(cell: Cell, stop_asked: threading.Event, board: Board, poses: in
     return run_calibration(cell, plan, folder, board, told)
 
 
-def _asked_and_activated(run: CalibrationRun, settings: CellSettings, folder: Path, yes: bool) -> bool:
-    """Whether the result is in use now. A refused one is not even asked about; --yes is no word for an unverified."""
+def _asked_and_activated(run: CalibrationRun, settings: CellSettings, folder: Path, yes: bool) -> Use:
+    """What became of the result. A refused one is not even asked about; --yes is no word for an unverified."""
     if run.result.verdict == "refuse":
         _say("it is refused, and what was in use stays in use")
-        return False
+        return "unused"
     active_file = settings.hand_eye.active_file
     if active_file is None:
         _say(f"it is not in use: name {folder / HAND_EYE} in hand_eye.file")
-        return False
+        return "unused"
     by_hand = f"to use it: pointchain calibrate activate {folder}"
     verified = bool(run.verification.views)
     if yes and not verified:
         _say(f"it is not verified, and so not in use without somebody who decides it; {by_hand}")
-        return False
+        return "unused"
     doubt = "" if verified else ", though it is not verified"
     if not yes and not agreed(f"use it from now on{doubt}, as {active_file}?"):
         _say(f"it is not in use; {by_hand}")
-        return False
+        return "unused"
     try:
         hand_eye = activate(folder / HAND_EYE, active_file)
     except HandEyeError as error:
         _say(f"it cannot be used: {error}")
-        return False
+        return "failed"
     except OSError as error:
         _say(f"{active_file} cannot be written: {error.strerror or error}; it is not in use")
-        return False
+        return "failed"
     _say(activated(hand_eye, active_file))
-    return True
+    return "active"
 
 
 def _new_folder(settings: CellSettings) -> Path:

@@ -3,8 +3,8 @@
 import json
 import sys
 from dataclasses import dataclass, replace
-from datetime import UTC, datetime
 from pathlib import Path
+from typing import Any
 
 from calibration.detection import BoardSighting
 from calibration.errors import BoardDetectionError, HandEyeError
@@ -36,25 +36,29 @@ class Seen:
 def calibrate_solve(folder: Path, again: bool, out: Path | None, as_json: bool) -> int:
     """Solves from the folder and writes the result there, or to `out`; the result as words, or JSON, on stdout.
 
-    0 when it may be used, 1 when it is refused or cannot be solved.
+    0 when it may be used, 1 when it is refused, cannot be solved, or cannot be written: it is told all the same.
     """
     path = out or folder / HAND_EYE
     try:
         seen = _kept(folder) if again else _found(folder)
         result, verification = _solved(seen)
-        told = None if verification is None else verification.to_json()
-        write_result(path, result, seen.observations, datetime.now(UTC), seen.held_out, told)
     except (HandEyeError, BoardDetectionError) as error:
-        return _failed(error.slug, str(error), as_json)
-    except OSError as error:
-        return _failed("file", f"{error.filename or path} cannot be written: {error.strerror or error}", as_json)
+        return _failed(problem_document(422, error.slug, str(error)), as_json)
+    told = verification.to_json()
+    problem = _written(path, result, seen, told)
+    # It is told even where it cannot be kept.
     if as_json:
-        unseen = [{"name": name, "reason": reason} for name, reason in seen.unseen]
-        document = result_document(result, seen.observations, told)
-        print(json.dumps(document | {"unseen": unseen}, allow_nan=False))
+        document = result_document(result, seen.observations, told) if problem else json.loads(path.read_bytes())
+        document |= {"unseen": [{"name": name, "reason": reason} for name, reason in seen.unseen]}
+        print(json.dumps(document | ({"error": problem} if problem else {}), allow_nan=False))
     else:
         print(result_words(result, seen.unseen))
-        print(verification_words(verification))
+        print(verification_words(verification), flush=True)
+    if problem:
+        say(problem["detail"])
+        return 1
+    if not seen.held_out.views:
+        say('to verify by views that are not solved from, write "held_out": true in the JSON files of two or more')
     say(f"wrote {path} and {path.with_name(OBSERVATIONS)}")
     return 1 if result.verdict == "refuse" else 0
 
@@ -91,17 +95,28 @@ def _kept(folder: Path) -> Seen:
     return Seen(kept.observations, kept.held_out, ())
 
 
-def _solved(seen: Seen) -> tuple[HandEyeResult, Verification | None]:
-    """The result, refused where the views that were held out contradict it. Raises HandEyeError."""
+def _solved(seen: Seen) -> tuple[HandEyeResult, Verification]:
+    """The result, refused where the views that were held out contradict it, and warned of where there are none. Raises
+    HandEyeError."""
     result = solve_hand_eye(seen.observations)
-    if not seen.held_out.views:
-        return result, None
     verification = verify(result, seen.held_out)
     return replace(result, findings=(*result.findings, *verification_findings(verification))), verification
 
 
-def _failed(slug: str, words: str, as_json: bool) -> int:
+def _written(path: Path, result: HandEyeResult, seen: Seen, verification: dict[str, Any]) -> dict[str, Any] | None:
+    """Writes the result; the problem where it cannot be written."""
+    try:
+        write_result(path, result, seen.observations, seen.held_out, verification)
+    except HandEyeError as error:
+        return problem_document(422, error.slug, str(error))
+    except OSError as error:
+        words = f"{error.filename or path} cannot be written: {error.strerror or error}"
+        return problem_document(507, "file", words)
+    return None
+
+
+def _failed(problem: dict[str, Any], as_json: bool) -> int:
     if as_json:
-        print(json.dumps({"error": problem_document(422, slug, words)}))
-    say(words)
+        print(json.dumps({"error": problem}))
+    say(problem["detail"])
     return 1

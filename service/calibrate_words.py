@@ -46,16 +46,14 @@ def result_words(result: HandEyeResult, unseen: Sequence[tuple[str, str]] = ()) 
     return "\n".join(lines)
 
 
-def verification_words(verification: Verification | None) -> str:
-    """How it did on views that it was not solved from; None: there were none."""
-    if verification is None:
-        return _line("Not verified", 'no views were held out for that: "held_out": true in a view\'s JSON file does')
+def verification_words(verification: Verification) -> str:
+    """How it did on views that it was not solved from."""
     return "\n".join(
         [
             _line("Verified" if verification.passed else "Not verified", verification.words),
             *(
                 f"  {view.name}: the board appears {_mm(view.off_m)} mm and {_degrees(view.off_rad)} degrees off, "
-                f"{_mm(view.expected_m)} mm are expected"
+                f"{_mm(view.expected_m)} mm and {_degrees(view.expected_rad)} degrees are expected"
                 for view in verification.views
             ),
         ]

@@ -76,6 +76,7 @@ def in_use(hand_eye: HandEye, drift: Drift) -> CalibrationInUse:
             scans=drift.scans,
             off_m=drift.off_m,
             off_rad=drift.off_rad,
+            off_from="first-scans" if drift.from_first else "calibration",
             chance=drift.chance,
             drifted=drift.drifted,
             words=drift.words,

@@ -92,6 +92,8 @@ class VerifiedView(BaseModel):
     """By how much it appears turned."""
     expected_m: float
     """Root mean square of `off_m` by the calibration's covariance and the noise."""
+    expected_rad: float | None = None
+    """The same of `off_rad`; null in verifications of before it was told."""
 
 
 class VerificationResource(BaseModel):
@@ -105,6 +107,12 @@ class VerificationResource(BaseModel):
     """Largest `off_m` of the views; null without any."""
     expected_m: float | None
     """Largest `expected_m`."""
+    worst_rad: float | None = None
+    """Largest `off_rad`; this and the other angles are null, too, in verifications of before they were told."""
+    expected_rad: float | None = None
+    """Largest `expected_rad`."""
     board_moved_m: float | None
-    """The views agree that the board was moved so far; null where it was not, or they do not agree."""
+    """The views agree that the board was moved, its middle so far; null where it was not, or they do not agree."""
+    board_turned_rad: float | None = None
+    """By how much it was turned thereby about its normal."""
     views: list[VerifiedView]

@@ -129,10 +129,13 @@ class DriftResource(BaseModel):
     scans: int
     """How many were judged."""
     off_m: float
-    """How far the camera seems to be from where the calibration puts it."""
+    """How far the camera seems to be from where it was, which is said by `off_from`."""
     off_rad: float
+    """How far it seems to be turned from that."""
+    off_from: Literal["calibration", "first-scans"]
+    """From where the calibration puts it, or from where the first scans with this calibration had it."""
     chance: float
-    """How likely so much is without a drift."""
+    """How likely so much is without a drift. One that is small, and no drift, is of too few scans, or of one alone."""
     drifted: bool
     words: str
 

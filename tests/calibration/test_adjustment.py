@@ -1,15 +1,16 @@
 """The adjustment's derivatives, noise levels and predictions of each view by the others."""
 
+import itertools
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from calibration.adjustment import Adjusted, adjust
-from calibration.assumed import Assumed
+from calibration.assumed import Assumed, NoiseLevel
 from calibration.board_pose import board_poses
 from calibration.leave_one_out import leave_one_out
-from calibration.normal_equations import SHARED, Problem, Unknowns, measure
+from calibration.normal_equations import SHARED, Linearised, Measured, Problem, Unknowns, measure, weigh
 from calibration.observations import Mounting
 from calibration.reprojection import LENS, corners_of, reprojection
 from tests.calibration.board_views import Noise, Recorded, error_of, record
@@ -144,4 +145,17 @@ def test_whether_it_settled_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
     problem = problem_of(recorded)
     assert adjusted_of(recorded, problem).settled
     monkeypatch.setattr("calibration.adjustment.STEPS", 1)
+    assert not adjusted_of(recorded, problem).settled
+
+
+def test_where_no_step_leads_on_it_is_not_settled(monkeypatch: pytest.MonkeyPatch) -> None:
+    recorded = record(3, 12, Noise())
+    problem = problem_of(recorded)
+
+    costs = itertools.count(1.0)
+
+    def worse(problem: Problem, measured: Measured, used: np.ndarray, noise: NoiseLevel) -> Linearised:
+        return replace(weigh(problem, measured, used, noise), cost=next(costs))
+
+    monkeypatch.setattr("calibration.adjustment.weigh", worse)
     assert not adjusted_of(recorded, problem).settled

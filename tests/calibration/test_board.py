@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from calibration.board import MARKERS, Board, BoardError
+from calibration.board import MARKERS, Board, BoardError, usual_board
 from calibration.board_picture import board_picture
 
 BOARDS = [
@@ -91,3 +91,10 @@ def test_z_points_into_the_paper():
     K = np.array([[1000.0, 0, 150], [0, 1000.0, 120], [0, 0, 1]])
     _, rotation, _ = cv2.solvePnP(board.points[np.asarray(ids, dtype=int).ravel()], corners, K, np.zeros(0))
     np.testing.assert_allclose(cv2.Rodrigues(rotation)[0], np.eye(3), atol=0.01)
+
+
+@pytest.mark.parametrize("kind", ["checkerboard", "circles"])
+def test_what_a_board_without_markers_is_told_of_them_makes_no_other_board(kind: str) -> None:
+    board = usual_board({"kind": kind, "pitch_m": 0.03, "marker_m": 0.02, "dictionary": "DICT_5X5_50"})
+    assert board == usual_board({"kind": kind, "pitch_m": 0.03})
+    assert board == Board.from_json(board.to_json())

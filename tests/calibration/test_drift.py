@@ -87,6 +87,21 @@ def test_one_scan_that_is_wrong_raises_nothing() -> None:
     assert judge_drift([wrong] * LEAST, CALIBRATION).drifted
 
 
+@pytest.mark.parametrize(("count", "told"), [(0, "there are none"), (1, "there is 1, by"), (2, "there are 2, by")])
+def test_too_few_scans_agree_with_nothing(count: int, told: str) -> None:
+    words = judge_drift([scan(np.zeros(6))] * count, CALIBRATION).words
+    assert f"is not known: {LEAST} scans with it are needed, and {told}" in words
+    assert "agree" not in words
+    assert "agree with the calibration" in judge_drift([scan(np.zeros(6))] * LEAST, CALIBRATION).words
+
+
+def test_scans_of_which_one_is_wrong_do_not_agree() -> None:
+    drift = judge_drift([scan(np.zeros(6))] * 2 + [scan(np.full(6, 0.02))], CALIBRATION)
+    assert (drift.chance < CHANCE, drift.drifted) == (True, False)
+    assert "do not agree with the calibration" in drift.words
+    assert "not without one of them" in drift.words
+
+
 def test_only_recent_scans_count() -> None:
     drifted, mended = [scan(np.full(6, 0.01))] * 5, [scan(np.zeros(6))] * RECENT
     drift = judge_drift(drifted + mended, CALIBRATION)

@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Callable
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +17,8 @@ from calibration.folder import read_folder, write_setup, write_view
 from calibration.transforms import NotRigidError, from_rotation_vector
 
 K = np.array([[402.0, 0.0, 319.5], [0.0, 402.0, 199.5], [0.0, 0.0, 1.0]])
-SETUP = Setup(Board(), K, (640, 400), camera_id="19443010", robot_serial="20225500123")
+TAKEN = datetime(2026, 1, 31, 12, 0, 30, tzinfo=UTC)
+SETUP = Setup(Board(), K, (640, 400), camera_id="19443010", robot_serial="20225500123", created=TAKEN)
 POSE = from_rotation_vector((0.4, 0.1, 0.5), (2.2, -2.0, 0.3))
 GREY = np.full((400, 640), 127, dtype=np.uint8)
 
@@ -36,7 +38,7 @@ def test_what_was_written_is_read(tmp_path: Path) -> None:
     content = read_folder(folder)
     assert (content.setup.board, content.setup.image_size) == (Board(), (640, 400))
     assert (content.setup.camera_id, content.setup.robot_serial) == ("19443010", "20225500123")
-    assert (content.setup.mounting, content.left_out) == ("eye-in-hand", ())
+    assert (content.setup.mounting, content.setup.created, content.left_out) == ("eye-in-hand", TAKEN, ())
     np.testing.assert_array_equal(content.setup.K, K)
     assert [(view.name, view.held_out) for view in content.views] == [("9", False), ("10", False), ("verify", True)]
     for view in content.views:
@@ -181,6 +183,8 @@ def change(part: str | None, **changes: Any) -> Callable[[dict[str, Any]], objec
         (change(None, robot_serial=""), "robot_serial is ''"),
         (change(None, mounting="on the flange"), "'eye-in-hand' or 'eye-to-hand' is needed"),
         (change(None, robot="20225500123"), "robot is not known here"),
+        (change(None, created="2026-01-31T12:00:00"), "created: '2026-01-31T12:00:00' lacks the time zone"),
+        (change(None, created="yesterday"), "created: 'yesterday' is no time"),
         (change("camera", distorsion=[0.1] * 5), "camera.distorsion is not known here"),
         (lambda document: document.pop("camera"), "camera is missing"),
         (lambda document: document["camera"].pop("K"), "K is missing"),

@@ -21,7 +21,7 @@ from calibration.errors import (
 from calibration.hand_eye_result import Finding, HandEyeResult, ViewReport
 from calibration.observations import BoardView, Observations
 from calibration.observations_file import load_kept_observations
-from calibration.storage import HandEye, activate, load_hand_eye, load_observations, write_hand_eye, write_result
+from calibration.storage import HandEye, activate, load_hand_eye, write_hand_eye, write_result
 from calibration.transforms import from_rotation_vector
 
 NOW = datetime(2026, 3, 1, 12, 0, 0, tzinfo=UTC)
@@ -66,7 +66,7 @@ def seen(*names: str) -> Observations:
         BoardView(name, from_rotation_vector(rng.normal(size=3), rng.normal(size=3)), ids, rng.normal(size=(6, 2)))
         for name in names
     )
-    return Observations(BOARD, K, (1280, 800), views, camera_id="19443010", robot_serial="20225500123")
+    return Observations(BOARD, K, (1280, 800), views, camera_id="19443010", robot_serial="20225500123", created=NOW)
 
 
 def load(path: Path) -> HandEye:
@@ -76,14 +76,14 @@ def load(path: Path) -> HandEye:
 def written(folder: Path, solved: HandEyeResult, **changes: Any) -> Path:
     """A solved calibration's file with some of its fields changed."""
     path = folder / "hand_eye.json"
-    write_result(path, solved, seen("one", "two"), NOW)
+    write_result(path, solved, seen("one", "two"))
     path.write_text(json.dumps(json.loads(path.read_text()) | changes))
     return path
 
 
 def test_a_solved_calibration_is_read_again(tmp_path: Path) -> None:
     path = tmp_path / "hand_eye.json"
-    write_result(path, result(), seen("one", "two"), NOW)
+    write_result(path, result(), seen("one", "two"))
     got = load(path)
     # Only the rotations' way through unit quaternions rounds.
     np.testing.assert_allclose(got.T_flange_camera, X, rtol=0, atol=1e-15)
@@ -119,7 +119,7 @@ def test_a_refused_calibration_is_written_and_never_loaded(tmp_path: Path) -> No
     nothing = np.full((4, 4), np.nan)
     path = tmp_path / "hand_eye.json"
     bad = result(WARNING, REFUSAL, X=nothing, covariance=np.full((6, 6), np.nan), eight_views_m=float("inf"))
-    write_result(path, bad, seen("one"), NOW)
+    write_result(path, bad, seen("one"))
     assert json.loads(path.read_text())["T_flange_camera"] is None
     with pytest.raises(HandEyeRefusedError, match=r"was refused when it was solved: views disagree by 4 mm") as refused:
         load(path)
@@ -152,7 +152,7 @@ def test_an_age_without_a_limit_that_is_a_number_is_no_age(tmp_path: Path) -> No
 def test_a_camera_in_the_cell_is_none_on_the_flange(tmp_path: Path) -> None:
     far = from_rotation_vector((1.8, 0.4, 1.2), (2.5, 0, 0))
     path = tmp_path / "hand_eye.json"
-    write_result(path, result(mounting="eye-to-hand", X=far), replace(seen("one"), mounting="eye-to-hand"), NOW)
+    write_result(path, result(mounting="eye-to-hand", X=far), replace(seen("one"), mounting="eye-to-hand"))
     document = json.loads(path.read_text())
     assert document["T_base_camera"]["xyz_m"] == [1.8, 0.4, 1.2]
     assert "T_flange_camera" not in document
@@ -218,18 +218,20 @@ def test_a_solution_without_a_covariance_is_not_used(tmp_path: Path) -> None:
 
 def test_a_good_solution_far_from_the_flange_is_not_written(tmp_path: Path) -> None:
     with pytest.raises(HandEyeInvalidError, match="look like millimetres"):
-        write_result(tmp_path / "h.json", result(X=from_rotation_vector((57, 0, 0), (0, 0, 0))), seen("one"), NOW)
+        write_result(tmp_path / "h.json", result(X=from_rotation_vector((57, 0, 0), (0, 0, 0))), seen("one"))
     with pytest.raises(HandEyeInvalidError, match="a time zone is needed"):
-        write_result(tmp_path / "h.json", result(), seen("one"), NOW.replace(tzinfo=None))
+        write_result(tmp_path / "h.json", result(), replace(seen("one"), created=NOW.replace(tzinfo=None)))
+    assert not list(tmp_path.iterdir())
 
 
 def test_observations_are_read_again_to_the_last_digit(tmp_path: Path) -> None:
     path, given, held_out = tmp_path / "hand_eye.json", seen("one", "two"), seen("three")
-    write_result(path, result(), given, NOW, held_out)
-    got = load_observations(tmp_path / "observations.json")
+    write_result(path, result(), given, held_out)
+    kept = load_kept_observations(tmp_path / "observations.json")
+    got = kept.observations
     assert [view.name for view in got.views] == ["one", "two"]
     assert (got.board, got.image_size, got.mounting) == (BOARD, (1280, 800), "eye-in-hand")
-    assert (got.camera_id, got.robot_serial) == ("19443010", "20225500123")
+    assert (got.camera_id, got.robot_serial, got.created) == ("19443010", "20225500123", NOW)
     np.testing.assert_array_equal(got.K, K)
     assert got.distortion.shape == (0,)
     for view, before in zip(got.views, given.views, strict=True):
@@ -238,7 +240,6 @@ def test_observations_are_read_again_to_the_last_digit(tmp_path: Path) -> None:
         np.testing.assert_array_equal(view.pixels, before.pixels)
         np.testing.assert_array_equal(view.T_base_flange, before.T_base_flange)
         assert view.corner_sigma_px is None
-    kept = load_kept_observations(tmp_path / "observations.json")
     assert [view.name for view in kept.held_out.views] == ["three"]
     assert kept.sha256 == json.loads(path.read_text())["observations_sha256"]
 
@@ -266,14 +267,14 @@ def test_senseless_observations_are_refused(tmp_path: Path, changes: dict[str, A
     document["views"][0] |= changes
     path.write_text(json.dumps(document))
     with pytest.raises(CalibrationFolderError) as refused:
-        load_observations(path)
+        load_kept_observations(path)
     assert told in str(refused.value)
     assert str(path) in str(refused.value)
 
 
 def test_observations_that_are_not_there(tmp_path: Path) -> None:
     with pytest.raises(CalibrationFolderError, match=r"there is no .*solve from the images first"):
-        load_observations(tmp_path / "observations.json")
+        load_kept_observations(tmp_path / "observations.json")
 
 
 def test_activation_keeps_the_former_one(tmp_path: Path) -> None:
@@ -290,6 +291,19 @@ def test_activation_keeps_the_former_one(tmp_path: Path) -> None:
         assert active.read_bytes() == run_file.read_bytes()
         assert (active.parent / "hand_eye.previous.json").read_bytes() == first
     assert load(active).findings == (WARNING,)
+
+
+def test_the_former_one_is_not_lost_where_it_cannot_be_kept(tmp_path: Path) -> None:
+    (tmp_path / "run").mkdir()
+    active = tmp_path / "hand_eye.json"
+    write_hand_eye(active, X, created=NOW)
+    before = active.read_bytes()
+    previous = tmp_path / "hand_eye.previous.json"
+    previous.mkdir()
+    with pytest.raises(IsADirectoryError) as failed:
+        activate(written(tmp_path / "run", result()), active)
+    assert failed.value.filename == str(previous)
+    assert active.read_bytes() == before
 
 
 def test_what_cannot_be_used_is_not_activated(tmp_path: Path) -> None:

@@ -158,6 +158,10 @@ def test_what_is_in_the_folder_gives_the_same_again(cell: Cell, done: tuple[Cali
     np.testing.assert_allclose(solve_hand_eye(observed.observations).X, run.result.X, atol=1e-9)
     document = json.loads((folder / HAND_EYE).read_text())
     assert (document["verdict"], document["verification"]["passed"]) == ("accept", True)
+    # All of it is as old as the pictures.
+    assert setup.created is not None
+    assert setup.created == observed.observations.created
+    assert document["created"] == setup.created.isoformat()
 
 
 def test_a_calibration_is_never_written_over(cell: Cell, done: tuple[CalibrationRun, Told, Path]) -> None:

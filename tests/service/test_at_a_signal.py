@@ -70,3 +70,25 @@ def test_signals_that_the_parent_blocked_are_met_all_the_same() -> None:
         assert with_signals(work, met.set)
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def test_what_failed_at_one_signal_is_tried_again_at_the_next(caplog: pytest.LogCaptureFixture) -> None:
+    tried: list[bool] = []
+    met = threading.Event()
+
+    def at_signal() -> None:
+        tried.append(True)
+        if len(tried) == 1:
+            raise OSError("no way to the arm")
+        met.set()
+
+    def work() -> bool:
+        signal.raise_signal(signal.SIGTERM)
+        while not tried:
+            time.sleep(0.01)
+        signal.raise_signal(signal.SIGTERM)
+        return met.wait(LONG_S)
+
+    assert with_signals(work, at_signal)
+    assert len(tried) == 2
+    assert "no way to the arm" in caplog.text

@@ -2,12 +2,15 @@
 
 import json
 import shutil
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 
+from calibration.errors import HandEyeStaleError
 from calibration.observations_file import write_observations
 from calibration.storage import load_hand_eye
 from calibration.transforms import from_rotation_vector
@@ -88,6 +91,49 @@ def test_a_folder_is_solved_and_solved_again(capsys: pytest.CaptureFixture[str],
     assert document["verdict"] == "accept"
     assert len(document["views"]) == 11
     assert document["verification"]["passed"] is True
+    assert document == json.loads((folder / "again.json").read_text()) | {"unseen": []}
+
+
+def test_it_is_as_old_as_the_pictures(capsys: pytest.CaptureFixture[str], folder: Path, tmp_path: Path) -> None:
+    setup = json.loads((folder / "setup.json").read_text())
+    taken = datetime.now(UTC).replace(microsecond=0) - timedelta(days=100)
+    (folder / "setup.json").write_text(json.dumps(setup | {"created": taken.isoformat()}))
+    for again in ((), ("--again",)):
+        code, _, err = calibrate(capsys, "solve", folder, *again)
+        assert code == 0, err
+        assert load_hand_eye(folder / "hand_eye.json", 101.0).created == taken
+        with pytest.raises(HandEyeStaleError):
+            load_hand_eye(folder / "hand_eye.json", 99.0)
+    document = json.loads((folder / "observations.json").read_text())
+    del document["created"]
+    (folder / "observations.json").write_text(json.dumps(document))
+    code, _, err = calibrate(capsys, "solve", folder, "--again")
+    assert code == 0, err
+    solved = load_hand_eye(folder / "hand_eye.json", 1.0)
+    assert solved.created is None
+    assert "does not say when it was made" in solved.warnings[0]
+
+
+@pytest.mark.parametrize("held_out", [True, False], ids=["without the board", "none"])
+def test_one_that_is_not_verified_is_warned_of(
+    capsys: pytest.CaptureFixture[str], folder: Path, held_out: bool
+) -> None:
+    for name in ("13", "14"):
+        if held_out:
+            cv2.imwrite(str(folder / f"{name}.png"), np.full((400, 640), 120, dtype=np.uint8))
+        else:
+            (folder / f"{name}.png").unlink()
+            (folder / f"{name}.json").unlink()
+    for again in ((), ("--again",)):
+        code, out, err = calibrate(capsys, "solve", folder, *again)
+        assert code == 0, err
+        assert out.startswith("Verdict         warn")
+        assert "so that it is not verified" in out
+        assert "Not verified    there is no view of the board that the calibration was not solved from" in out
+        assert "were held out" not in out + err
+        assert '"held_out": true' in err
+        document = json.loads((folder / "hand_eye.json").read_text())
+        assert [finding["code"] for finding in document["findings"]] == ["not-verified"]
 
 
 def test_json_names_what_was_left_out(capsys: pytest.CaptureFixture[str], folder: Path) -> None:
@@ -159,7 +205,8 @@ def test_activation(
     assert (tmp_path / "data" / "calibration" / "hand_eye.json").is_file()
     code, _, err = calibrate(capsys, "activate", tmp_path / "none.json")
     assert code == 1
-    assert "there is no hand-eye calibration" in err
+    assert f"there is no hand-eye calibration {tmp_path / 'none.json'}: name the file of a solved calibration" in err
+    assert "hand_eye.file" not in err
 
 
 def test_a_camera_that_stands_in_the_cell(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
@@ -168,7 +215,7 @@ def test_a_camera_that_stands_in_the_cell(capsys: pytest.CaptureFixture[str], tm
     code, out, err = calibrate(capsys, "solve", tmp_path, "--again")
     assert code == 0, out + err
     assert "T_base_camera: " in out
-    assert "no views were held out" in out
+    assert "so that it is not verified" in out
     document = json.loads((tmp_path / "hand_eye.json").read_text())
     # Fifteen views by a robot that errs by 0.1 mm and 0.02 degrees along each axis: about three standard deviations.
     assert document["T_base_camera"]["xyz_m"] == pytest.approx(recorded.X[:3, 3], abs=1e-3)
@@ -224,6 +271,15 @@ def test_there_is_nothing_to_solve_again(capsys: pytest.CaptureFixture[str], tmp
 
 
 def test_where_nothing_can_be_written(capsys: pytest.CaptureFixture[str], solved: Path, tmp_path: Path) -> None:
-    code, _, err = calibrate(capsys, "solve", solved, "--again", "--out", tmp_path / "none" / "hand_eye.json")
+    out_file = tmp_path / "none" / "hand_eye.json"
+    code, out, err = calibrate(capsys, "solve", solved, "--again", "--out", out_file)
     assert code == 1
-    assert "cannot be written" in err
+    assert "Verdict         accept" in out
+    assert "Verified        the board appears where it lay" in out
+    assert f"{tmp_path / 'none' / 'observations.json'} cannot be written: No such file or directory" in err
+    assert "wrote" not in err
+    code, out, err = calibrate(capsys, "solve", solved, "--again", "--json", "--out", out_file)
+    assert code == 1
+    document = json.loads(out)
+    assert (document["error"]["status"], document["error"]["type"]) == (507, "urn:pointchain:file")
+    assert (document["verdict"], document["verification"]["passed"]) == ("accept", True)

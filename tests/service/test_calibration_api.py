@@ -155,6 +155,7 @@ def test_a_drift_is_warned_of_wherever_one_looks(client: httpx.Client) -> None:
     assert (drift["scans"], drift["drifted"]) == (3, True)
     # 3.97 of the 4 mm: what the scans do not tell of counts little here.
     assert drift["off_m"] == pytest.approx(0.004, rel=0.02)
+    assert drift["off_from"] == "calibration"
     for warnings in (status["warnings"], client.get("/api/cell").json()["warnings"]):
         (warning,) = warnings
         assert warning["code"] == "calibration-drift"
