@@ -156,10 +156,10 @@ def _judged(verification: Verification, seen: list[Appearance], place: NewPlace,
     anew = "check that camera and bracket are tight and that the tool is the same, then calibrate anew"
     if any(_is_off(*pair, limit) for pair in zip(place.apart, place.apart_covariances, strict=True)):
         turns, shifts = place.apart[:, :3], place.apart[:, 3:]
-        apart = _both(np.linalg.norm(shifts, axis=1).max(), np.linalg.norm(turns, axis=1).max())
+        apart = apart_words(np.linalg.norm(shifts, axis=1).max(), np.linalg.norm(turns, axis=1).max())
         words = f"views from different sides put the board {apart} apart, more than chance does: {anew}"
         return replace(verification, words=words)
-    appears = f"the board appears {_both(verification.worst_m, verification.worst_rad)} from where it lay"
+    appears = f"the board appears {apart_words(verification.worst_m, verification.worst_rad)} from where it lay"
     if not _from_two_sides(seen):
         words = (
             f"{appears}: look from two sides, {np.degrees(SIDES_RAD):.0f} degrees apart or more, to tell whether it "
@@ -243,5 +243,6 @@ def _degrees(radians: float) -> str:
     return f"{math.degrees(radians):.2f} degrees"
 
 
-def _both(metres: float, radians: float) -> str:
+def apart_words(metres: float, radians: float) -> str:
+    """How far two poses are apart, for people."""
     return f"{_mm(metres)} and {_degrees(radians)}"

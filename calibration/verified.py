@@ -1,9 +1,7 @@
 """What speaks against a calibration that was just solved, by the views that were held out."""
 
-import math
-
 from calibration.hand_eye_result import Finding
-from calibration.verification import Verification
+from calibration.verification import Verification, apart_words
 
 
 def verification_findings(verification: Verification) -> tuple[Finding, ...]:
@@ -13,13 +11,10 @@ def verification_findings(verification: Verification) -> tuple[Finding, ...]:
         return (Finding("not-verified", words, refuses=False),)
     if verification.passed and verification.board_moved_m is None:
         return ()
+    off = apart_words(verification.worst_m, verification.worst_rad)
+    expected = apart_words(verification.expected_m, verification.expected_rad)
     words = (
-        f"on poses that were held out the board appears {_both(verification.worst_m, verification.worst_rad)} off, "
-        f"where about {_both(verification.expected_m, verification.expected_rad)} are expected: see that board, camera "
-        "and bracket are firm, and calibrate anew"
+        f"on poses that were held out the board appears {off} off, where about {expected} are expected: see that "
+        "board, camera and bracket are firm, and calibrate anew"
     )
     return (Finding("verification-failed", words, refuses=True),)
-
-
-def _both(metres: float, radians: float) -> str:
-    return f"{1000 * metres:.1f} mm and {math.degrees(radians):.2f} degrees"
