@@ -248,7 +248,7 @@ def test_an_arm_that_was_moved_since_the_scan_was_planned_is_not_sent_that_way(t
             time.sleep(0.02)
         cell.connect()
         begin = admin.state().events
-        with pytest.raises(RobotNotReadyError, match="moved after this scan was planned"):
+        with pytest.raises(RobotNotReadyError, match="moved after its way was planned"):
             scan(cell, tmp_path / "scan.mcap", Told(), plan)
         assert not [event for event in admin.log(begin) if event["kind"] == "motion_start"]
         admin.close()
