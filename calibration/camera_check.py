@@ -8,6 +8,8 @@ from numpy.typing import NDArray
 from calibration.errors import HandEyeInputError
 from calibration.observations import Mounting
 
+AXIS_SHARES = (0.2, 0.8)
+"""Of the image's width and height: where the optical axis may be. Farther out, K is of another resolution."""
 FOCAL_SHARES = (0.1, 20.0)
 """Focal length as a share of the image's width: from a fish-eye lens to a telescope."""
 LARGEST_SKEW = 1e-6
@@ -40,12 +42,17 @@ def check_camera(K: NDArray[np.float64], distortion: NDArray[np.float64], image_
         to_do = "calibrate the camera without skew, or take the K that it tells itself"
     elif not all(FOCAL_SHARES[0] * width < focal < FOCAL_SHARES[1] * width for focal in (K[0, 0], K[1, 1])):
         wrong = f"a focal length of {K[0, 0]:.5g}, {K[1, 1]:.5g} pixels does not go with a width of {width}"
-    elif not (0 < K[0, 2] < width and 0 < K[1, 2] < height):
-        wrong = f"the optical axis at ({K[0, 2]:.5g}, {K[1, 2]:.5g}) is not within {width} x {height} pixels"
+    elif not (_is_middle(K[0, 2], width) and _is_middle(K[1, 2], height)):
+        axis = f"({K[0, 2]:.5g}, {K[1, 2]:.5g})"
+        wrong = f"the optical axis at {axis} is not near the middle of {width} x {height} pixels"
     elif distortion.size not in (0, 4, 5, 8, 12, 14):
         wrong = f"the distortion has {distortion.size} coefficients; OpenCV's 0, 4, 5, 8, 12 or 14 are taken"
     if wrong is not None:
         raise HandEyeInputError("intrinsics", f"the camera's matrix cannot be: {wrong}: {to_do}")
+
+
+def _is_middle(at_px: float, size_px: int) -> bool:
+    return AXIS_SHARES[0] * size_px < at_px < AXIS_SHARES[1] * size_px
 
 
 def check_mounting(mounting: str) -> None:

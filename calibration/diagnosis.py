@@ -119,8 +119,9 @@ def _inverted(A: NDArray[np.float64], B: NDArray[np.float64], mounting: Mounting
     other = "eye-to-hand" if mounting == "eye-in-hand" else "eye-in-hand"
     return _mistake(
         "poses-inverted",
-        "the views fit one another when the flange poses are inverted: give T_base_flange, which maps flange points to "
-        f"the base (or T_camera_board, where board poses are given), and check that the mounting is not {other}",
+        f"the views fit one another when the flange poses are inverted: check first that the mounting is not {other}; "
+        "if it is as told, give T_base_flange, which maps flange points to the base (where board poses are given, "
+        "T_camera_board)",
     )
 
 

@@ -102,7 +102,8 @@ def read_form(form: type[AnyForm], content: bytes, where: object, error: type[Ha
     try:
         document = json.loads(content)
     except (ValueError, RecursionError) as wrong:
-        raise error(f"{where} is not JSON: {wrong}") from wrong
+        why = str(wrong).replace(": ", ", ")  # what comes after a colon is what to do
+        raise error(f"{where} is not JSON ({why}): write it anew, or take the former one") from wrong
     if not isinstance(document, dict):
         raise error(f"{where} holds something else: it is not a JSON object")
     try:

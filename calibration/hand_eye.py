@@ -7,8 +7,8 @@ from numpy.typing import NDArray
 
 from calibration.assumed import Assumed
 from calibration.board_pose import BoardPoses, board_poses
+from calibration.board_size import adjust_with_size
 from calibration.camera_check import check_mounting
-from calibration.consistency import adjust_consistent
 from calibration.diagnosis import check_not_mirrored, check_together
 from calibration.errors import HandEyeInputError
 from calibration.gates import covariance_to_report, eight_views_to_report, gate
@@ -46,7 +46,7 @@ def solve_hand_eye(observations: Observations, assumed: Assumed | None = None) -
     problem = Problem(corners_of(observations), T_base_flange, observations.mounting, assumed)
     alone = board_poses(problem.corners)
     start, agreeing = _start(problem, alone, tuple(view.name for view in observations.views))
-    adjusted, left_out = adjust_consistent(problem, alone, start, agreeing)
+    adjusted, left_out = adjust_with_size(problem, alone, start, agreeing)
     evidence = picture_evidence(observations, problem, alone, adjusted, left_out)
     return HandEyeResult(
         mounting=observations.mounting,

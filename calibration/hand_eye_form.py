@@ -115,7 +115,7 @@ class JudgedForm(Form):
         if self.verification is not None and self.verification.views and not self.verification.passed and not words:
             words = [f"on views that were held out, {self.verification.words}"]
         if self.verdict == "refuse" and not words:
-            words = ["the file does not say why"]
+            words = ["calibrate anew; the file does not say why"]
         return tuple(words)
 
 

@@ -59,7 +59,8 @@ def calibrate_solve(folder: Path, again: bool, out: Path | None, as_json: bool) 
         return 1
     if not seen.held_out.views:
         say('to verify by views that are not solved from, write "held_out": true in the JSON files of two or more')
-    say(f"wrote {path} and {path.with_name(OBSERVATIONS)}")
+    use = "" if result.verdict == "refuse" else f"; to use it: pointchain calibrate activate {path}"
+    say(f"wrote {path} and {path.with_name(OBSERVATIONS)}{use}")
     return 1 if result.verdict == "refuse" else 0
 
 

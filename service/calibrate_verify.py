@@ -9,6 +9,7 @@ from tempfile import TemporaryDirectory
 from calibration.verification import Verification
 from cell.calibrating import run_verification
 from cell.cell import Cell
+from cell.errors import CellError
 from service.calibrate_told import ToldCalibration
 from service.calibrate_words import verification_words
 from service.config import ConfigError, load_config
@@ -44,7 +45,12 @@ def _verified(cell: Cell, stop_asked: threading.Event, folder: Path) -> Verifica
     _say("the arm will move to two poses; the board must lie on the table; Ctrl-C stops the arm")
     _say("connecting, planning")
     plan = cell.prepare_verification()
-    return run_verification(cell, plan, folder, ToldCalibration(plan, stop_asked, "verify"))
+    found = run_verification(cell, plan, folder, ToldCalibration(plan, stop_asked, "verify"))
+    try:
+        cell.hand_eye()
+    except CellError as error:  # as for its age, which makes it no worse for this
+        _say(f"whatever the verification says, no scan uses it: {error}")
+    return found
 
 
 def _failed(problem: dict[str, object], code: int, as_json: bool) -> int:

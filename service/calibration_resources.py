@@ -23,6 +23,7 @@ from service.calibration_schemas import (
     RunLinks,
     RunResource,
 )
+from service.calibration_store import CalibrationStore
 from service.drift_watch import DriftWatch
 from service.schemas import ACTIVE_STATES, Problem
 from service.tables import CalibrationRow, CalibrationViewRow
@@ -49,9 +50,25 @@ def recent_drift(hand_eye: HandEye, watch: DriftWatch) -> Drift | None:
         return None
 
 
-def drift_warnings(drift: Drift | None) -> list[CellWarning]:
-    """What speaks against the calibration in use."""
-    return [CellWarning(code="calibration-drift", words=drift.words)] if drift is not None and drift.drifted else []
+def calibration_warnings(hand_eye: HandEye | None, drift: Drift | None, store: CalibrationStore) -> list[CellWarning]:
+    """What speaks against the calibration in use: its last verification, and recent scans."""
+    warnings = []
+    verified = None if hand_eye is None else _last_verification(hand_eye, store)
+    if verified is not None and verified.verification is not None and not verified.verification["passed"]:
+        words = f"the verification of {verified.ended_at} failed: {verified.verification['words']}"
+        warnings.append(CellWarning(code="verification-failed", words=words))
+    if drift is not None and drift.drifted:
+        warnings.append(CellWarning(code="calibration-drift", words=drift.words))
+    return warnings
+
+
+def _last_verification(hand_eye: HandEye, store: CalibrationStore) -> CalibrationRow | None:
+    """None too where the database does not answer."""
+    try:
+        return store.last_verification(hand_eye.sha256)
+    except sqlite3.Error:
+        log.exception("whether the calibration was verified is not known")
+        return None
 
 
 def in_use(hand_eye: HandEye, drift: Drift) -> CalibrationInUse:

@@ -41,6 +41,14 @@ class CalibrationStore:
         sql = f"SELECT * FROM {TABLE} WHERE id < ? ORDER BY id DESC LIMIT ?"
         return self._database.all(to_calibration, sql, before or "~", limit)
 
+    def last_verification(self, calibration_sha256: str) -> CalibrationRow | None:
+        """The newest that came to an end of the calibration in use of this hash."""
+        sql = (
+            f"SELECT * FROM {TABLE} WHERE kind = 'verification' AND state = 'succeeded' AND calibration_sha256 = ? "
+            "ORDER BY id DESC LIMIT 1"
+        )
+        return self._database.one(to_calibration, sql, calibration_sha256)
+
     def update(self, calibration_id: str, only_in: Sequence[ScanState] = ACTIVE_STATES, **values: Any) -> bool:
         """Sets columns, unless the state is not one of `only_in`; says whether it did."""
         with self._database.transaction() as db:

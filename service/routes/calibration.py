@@ -9,7 +9,7 @@ from fastapi.responses import FileResponse
 from calibration.board import BoardError
 from cell.errors import CellError
 from service.calibration_activation import activate_run
-from service.calibration_resources import RUNS, drift_warnings, in_use, run_resource
+from service.calibration_resources import RUNS, calibration_warnings, in_use, run_resource
 from service.calibration_runner import picture_file, run_folder
 from service.calibration_schemas import BoardRequest, CalibrationRequest, CalibrationStatus, RunList, RunResource
 from service.context import Before, Id, Limit, Service
@@ -37,7 +37,7 @@ Index = Annotated[int, Path(ge=0, le=999)]
 def get_calibration(service: Service) -> CalibrationStatus:
     """The calibration in use: how sure it is, how old, and what recent scans tell of it. Asks no device anything."""
     running = service.jobs.calibration
-    calibration, reason, drift = None, None, None
+    calibration, reason, hand_eye, drift = None, None, None, None
     try:
         hand_eye = service.cell.hand_eye()
         drift = service.jobs.drift.drift(hand_eye)
@@ -47,7 +47,7 @@ def get_calibration(service: Service) -> CalibrationStatus:
     return CalibrationStatus(
         calibration=calibration,
         reason=reason,
-        warnings=drift_warnings(drift),
+        warnings=calibration_warnings(hand_eye, drift, service.store.calibrations),
         under_way=None if running is None else f"{RUNS}/{running}",
     )
 

@@ -7,8 +7,9 @@ from anyio import to_thread
 from fastapi import APIRouter, Response
 
 from calibration.drift import Drift
+from calibration.storage import HandEye
 from cell.cell_status import CellStatus
-from service.calibration_resources import drift_warnings, recent_drift, usable_hand_eye
+from service.calibration_resources import calibration_warnings, recent_drift, usable_hand_eye
 from service.cell_schemas import CellResource, PlanRequest, cell_resource
 from service.context import Context, Service, ViewCount
 from service.problems import problem_responses
@@ -36,7 +37,7 @@ async def stop_cell(service: Service) -> CellResource:
     stop."""
     await to_thread.run_sync(service.jobs.stop_arm, limiter=service.stopping)
     # From memory alone: neither a locked database nor a slow disk may keep the next stop waiting.
-    return _told(service, service.cell.status, service.jobs.drift.latest)
+    return _told(service, service.cell.status, None, service.jobs.drift.latest)
 
 
 @router.post("/cell/release", responses=problem_responses(409, 503))
@@ -76,8 +77,10 @@ def _resource(service: Context) -> CellResource:
     status, drift = service.cell.status, None
     if (hand_eye := usable_hand_eye(service.cell)) is not None:
         status, drift = replace(status, hand_eye=hand_eye), recent_drift(hand_eye, service.jobs.drift)
-    return _told(service, status, drift)
+    return _told(service, status, hand_eye, drift)
 
 
-def _told(service: Context, status: CellStatus, drift: Drift | None) -> CellResource:
-    return cell_resource(status, service.cell.settings, service.jobs.using_arm, drift_warnings(drift))
+def _told(service: Context, status: CellStatus, hand_eye: HandEye | None, drift: Drift | None) -> CellResource:
+    """`hand_eye` None: from memory alone, without asking the database."""
+    warnings = calibration_warnings(hand_eye, drift, service.store.calibrations)
+    return cell_resource(status, service.cell.settings, service.jobs.using_arm, warnings)

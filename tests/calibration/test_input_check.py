@@ -157,6 +157,7 @@ def test_the_spread_of_known_turns():
     [
         (np.diag([0.0, 800.0, 1.0]), "focal"),
         (np.array([[800.0, 0, 5000], [0, 800, 400], [0, 0, 1]]), "optical axis"),
+        (np.array([[1600.0, 0, 1279], [0, 1600, 799], [0, 0, 1]]), "not near the middle of 1280 x 800"),
         (np.array([[800.0, 0, 640], [0, 800, 400], [0, 0, 2]]), "numbers where"),
         (np.array([[800.0, 0, 0], [0, 800, 0], [640, 400, 1]]), "numbers where"),
         (np.eye(4), "shape"),

@@ -1,5 +1,6 @@
 """Calibrating over HTTP: the simulated cell looks at its board, and the result becomes the calibration in use."""
 
+import json
 import time
 from collections.abc import Callable, Iterator
 from typing import Any
@@ -105,6 +106,25 @@ def test_what_is_activated_is_in_use_and_verified(
     answer = cell.client.post("/api/scans", json={"mode": "replay", "recording": scan["recording"]})
     assert finished(cell.client, answer.headers["Location"])["state"] == "succeeded"
     assert cell.client.get("/api/calibration").json()["calibration"]["drift"]["scans"] == 1, "a replay is no scan"
+    assert cell.state()["warnings"] == []
+
+
+def test_a_verification_that_fails_is_told_of_until_there_is_another(
+    cell: LiveCell, calibrated: dict[str, Any], finished: Finished
+) -> None:
+    assert cell.client.post(calibrated["links"]["activate"]).status_code == 200
+    active = cell.settings.hand_eye.active_file
+    assert active is not None
+    document = json.loads(active.read_text())
+    document["T_flange_camera"]["xyz_m"][0] += 0.008
+    active.write_text(json.dumps(document))
+    check = finished(cell.client, begin(cell, "/api/calibration/verify"))
+    assert (check["state"], check["verification"]["passed"]) == ("succeeded", False)
+    for warnings in (cell.state()["warnings"], cell.client.get("/api/calibration").json()["warnings"]):
+        (warning,) = warnings
+        assert warning["code"] == "verification-failed"
+        assert check["verification"]["words"] in warning["words"]
+    assert cell.client.post(calibrated["links"]["activate"]).status_code == 200
     assert cell.state()["warnings"] == []
 
 
