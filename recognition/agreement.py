@@ -66,9 +66,9 @@ def strangers(
         i, j = divmod(int(against.argmax()), len(clouds))
         raise ContradictingViewsError(
             f"views {clouds[i].view} and {clouds[j].view} contradict one another ({against[i, j]:.0%} of the surface "
-            "that one sees is where the other sees the table behind), and no majority of views agrees: see that "
-            "nothing moved during the scan; where it comes again, verify the hand-eye calibration, as the camera may "
-            "have been moved on the flange"
+            "that one sees is where the other sees the table behind), and no majority of views agrees: check that "
+            "nothing moved during the scan, and where it comes again the hand-eye calibration: the camera may have "
+            "been moved on the flange"
         )
     usual = float(np.median(robot_sigma[kept]))
     for k in kept if len(kept) > 2 else []:
