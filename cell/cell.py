@@ -10,10 +10,7 @@ from calibration.board import Board
 from calibration.storage import HandEye
 from cell.calibration_poses import HELD_OUT, POSES
 from cell.camera import LiveCamera
-from cell.cell_calibration import (
-    rough_hand_eyes,
-    verifiable_hand_eye,
-)
+from cell.cell_calibration import rough_hand_eyes, verifiable_hand_eye
 from cell.cell_header import scan_header
 from cell.cell_status import FAULTS, CellStatus, KeptStatus
 from cell.connecting import connect_equipment
@@ -148,12 +145,9 @@ class Cell:
 
     def calibration_changed(self) -> None:
         """Another calibration is in use since a moment ago; asks no device anything."""
-        self._require_usable()
-        if self._status.now.slug == CalibrationError.slug:
-            with contextlib.suppress(CalibrationError):  # the reason why it is not ready holds as before
-                self._planning.require_usable()
-                reason = "another calibration is in use now: connect, or start a live scan"
-                self._status.change(slug="not-connected", reason=reason)
+        if self._require_usable() and self._status.now.slug == CalibrationError.slug:
+            reason = "another calibration is in use now: connect, or start a live scan"
+            self._status.change(slug="not-connected", reason=reason)
 
     def header(self, radius_m: float | None) -> RecordingHeader:
         """Of the recording of a scan that was prepared; `radius_m` None: not known."""
@@ -296,12 +290,14 @@ class Cell:
         self._status.change(state="ready", reason=None, slug=None, hand_eye=known, **vars(seen))
         self._refuse_stopped_since(before)
 
-    def _require_usable(self) -> None:
-        """A cell whose calibration a scan could not use is not ready."""
+    def _require_usable(self) -> bool:
+        """A cell whose calibration a scan could not use is not ready. Whether it could."""
         try:
             self._planning.require_usable()
         except CalibrationError as error:
             self._status.no_longer_ready(error.slug, str(error))
+            return False
+        return True
 
     def _means(self, basis: Basis, picture: bool) -> ScanMeans:
         arm, camera, settle_s = self._equipment.arm, self._equipment.camera, self.settings.camera.settle_s

@@ -1,6 +1,7 @@
 """What no calibration is solved from, each with its own code and words that name the view."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -17,9 +18,9 @@ from tests.calibration.board_views import BOARD, orbit_plan, realistic_plan, rec
 GOOD = record(seed=1, count=12, plan=realistic_plan)
 
 
-def with_view(index: int, **changes: object) -> Observations:
+def with_view(index: int, **changes: Any) -> Observations:
     views = list(GOOD.observations.views)
-    views[index] = replace(views[index], **changes)  # type: ignore[arg-type]  # any field, also wrongly
+    views[index] = replace(views[index], **changes)
     return replace(GOOD.observations, views=tuple(views))
 
 
@@ -257,6 +258,7 @@ def test_names_of_another_number_than_poses():
 
 
 def test_a_mounting_that_is_none():
-    error = refused(replace(GOOD.observations, mounting="on the wall"))  # type: ignore[arg-type]
+    told: Any = "on the wall"
+    error = refused(replace(GOOD.observations, mounting=told))
     assert error.slug == "mounting"
     assert "'eye-in-hand' or 'eye-to-hand'" in str(error)
