@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import platformdirs
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
+from pydantic import Field, ValidationError, field_validator
 from pydantic.fields import FieldInfo
 from pydantic_settings import (
     BaseSettings,
@@ -31,7 +31,7 @@ from cell.settings import (
     ScanSettings,
     WorkspaceSettings,
 )
-from recognition.gripper import Gripper
+from service.config_sections import GripperConfig, LimitsConfig, LogConfig, RetentionConfig, SecurityConfig
 from service.config_words import explain, meant
 
 PREFIX = "POINTCHAIN_"
@@ -43,45 +43,6 @@ class ConfigError(ValueError):
     """A configuration that cannot be used; the message names each key."""
 
     slug = "config"
-
-
-class LimitsConfig(BaseModel):
-    """What one request or one scan may use."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-    upload_bytes: int = Field(default=512 * 2**20, gt=0)
-    """Largest recording that is taken, bytes."""
-    request_bytes: int = Field(default=64 * 2**10, gt=0)
-    """Largest body of any other request, bytes."""
-    recognition_s: float = Field(default=120.0, gt=0, allow_inf_nan=False)
-    """Recognition of one scan is stopped after so many seconds."""
-
-
-class GripperConfig(BaseModel):
-    """The gripper that grasps are found for; each key as in `recognition.gripper.Gripper`, metres."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-    finger_width_m: float = Gripper.finger_width_m
-    finger_thickness_m: float = Gripper.finger_thickness_m
-    finger_depth_m: float = Gripper.finger_depth_m
-    stroke_m: float = Gripper.stroke_m
-    palm_width_m: float = Gripper.palm_width_m
-    opening_margin_m: float = Gripper.opening_margin_m
-    clearance_m: float = Gripper.clearance_m
-    table_clearance_m: float = Gripper.table_clearance_m
-
-    @property
-    def value(self) -> Gripper:
-        """What recognition takes."""
-        return Gripper(**self.model_dump())
-
-    @model_validator(mode="after")
-    def _possible(self) -> "GripperConfig":
-        # Gripper's own conditions; its error is a ValueError, and names the key.
-        _ = self.value
-        return self
 
 
 class ServiceConfig(BaseSettings):
@@ -99,6 +60,9 @@ class ServiceConfig(BaseSettings):
     port: int = Field(default=8000, ge=0, le=65535)
     """TCP port; 0 takes a free one."""
     limits: LimitsConfig = LimitsConfig()
+    security: SecurityConfig = SecurityConfig()
+    retention: RetentionConfig = RetentionConfig()
+    log: LogConfig = LogConfig()
     gripper: GripperConfig = GripperConfig()
     arm: AnyArm = SimulatedArm()
     camera: AnyCamera = SimulatedCamera()

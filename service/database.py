@@ -105,9 +105,19 @@ class Database:
                     "use a later release, or another data_dir"
                 )
             for migration in MIGRATIONS[version:]:
-                for statement in migration.split(";"):
+                for statement in _statements(migration):
                     db.execute(statement)
             db.execute(f"PRAGMA user_version = {VERSION}")
+
+
+def _statements(script: str) -> Iterator[str]:
+    """One by one: sqlite3's own `executescript` would end the transaction. A trigger has semicolons inside."""
+    statement = ""
+    for line in script.splitlines(keepends=True):
+        statement += line
+        if sqlite3.complete_statement(statement):
+            yield statement
+            statement = ""
 
 
 def update(db: sqlite3.Connection, table: str, row_id: str, only_in: Sequence[str], values: dict[str, Any]) -> bool:

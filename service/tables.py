@@ -45,6 +45,39 @@ CREATE TABLE scan_errors (
 );
 CREATE INDEX scan_errors_of ON scan_errors (calibration_sha256, scan);
 """,
+    """
+ALTER TABLE scans ADD COLUMN source TEXT;
+ALTER TABLE scans ADD COLUMN asked_by TEXT;
+ALTER TABLE scans ADD COLUMN kept INTEGER NOT NULL DEFAULT 0;
+ALTER TABLE scans ADD COLUMN calibration_sha256 TEXT;
+ALTER TABLE scans ADD COLUMN inputs TEXT;
+ALTER TABLE scans ADD COLUMN files TEXT;
+ALTER TABLE views ADD COLUMN offset_bytes BIGINT;
+ALTER TABLE views ADD COLUMN size_bytes BIGINT;
+ALTER TABLE views ADD COLUMN sha256 TEXT;
+CREATE INDEX scans_of ON scans (recording);
+CREATE TABLE idempotency_keys (
+    caller TEXT NOT NULL, idempotency_key TEXT NOT NULL, body_sha256 TEXT NOT NULL,
+    scan TEXT NOT NULL REFERENCES scans (id), created_at TEXT NOT NULL, PRIMARY KEY (caller, idempotency_key)
+);
+CREATE INDEX idempotency_keys_of ON idempotency_keys (scan);
+CREATE TABLE events (
+    id INTEGER PRIMARY KEY AUTOINCREMENT, scan TEXT NOT NULL REFERENCES scans (id), at TEXT NOT NULL,
+    kind TEXT NOT NULL, data TEXT NOT NULL
+);
+CREATE INDEX events_of ON events (scan, id);
+CREATE TABLE cell_fault (id INTEGER PRIMARY KEY CHECK (id = 1), slug TEXT NOT NULL, reason TEXT NOT NULL,
+    at TEXT NOT NULL
+);
+CREATE TABLE audit (
+    id INTEGER PRIMARY KEY AUTOINCREMENT, at TEXT NOT NULL, who TEXT NOT NULL, role TEXT NOT NULL, what TEXT NOT NULL,
+    scan TEXT, cell TEXT NOT NULL, status INTEGER NOT NULL, result TEXT
+);
+CREATE TRIGGER audit_is_not_changed BEFORE UPDATE ON audit
+    BEGIN SELECT RAISE(ABORT, 'the audit log is only ever added to'); END;
+CREATE TRIGGER audit_is_not_deleted BEFORE DELETE ON audit
+    BEGIN SELECT RAISE(ABORT, 'the audit log is only ever added to'); END;
+""",
 )
 """What makes the tables, and what later versions added: the database's user_version tells how many of these it has."""
 VERSION = len(MIGRATIONS)
@@ -82,6 +115,18 @@ class ScanRow:
     ended_at: str | None
     summary: dict[str, Any] | None
     problem: dict[str, Any] | None
+    source: str | None = None
+    """The scan that it does again from its recording."""
+    asked_by: str | None = None
+    """Name of the token that it was started with; None: nobody had to say who he is."""
+    kept: bool = False
+    """A person wants it kept for ever."""
+    calibration_sha256: str | None = None
+    """Of the hand-eye calibration that a live scan was accepted with."""
+    inputs: dict[str, Any] | None = None
+    """What recognition was begun with."""
+    files: dict[str, Any] | None = None
+    """The result's files: name to SHA-256 and size."""
 
 
 @dataclass(frozen=True)
@@ -93,6 +138,12 @@ class ViewRow:
     state: ViewState
     reason: str | None
     changed_at: str
+    offset_bytes: int | None = None
+    """Where the view begins in its recording ..."""
+    size_bytes: int | None = None
+    """... how many bytes it has there ..."""
+    sha256: str | None = None
+    """... and their hash."""
 
 
 @dataclass(frozen=True)
@@ -170,7 +221,8 @@ def to_recording(row: sqlite3.Row) -> RecordingRow:
 
 def to_scan(row: sqlite3.Row) -> ScanRow:
     """A row of `scans`."""
-    return ScanRow(**_parsed(row, "summary", "problem"))
+    values = _parsed(row, "summary", "problem", "inputs", "files")
+    return ScanRow(**values | {"kept": bool(values["kept"])})
 
 
 def to_calibration(row: sqlite3.Row) -> CalibrationRow:
