@@ -24,7 +24,7 @@ from cell.simulation.benchmark.tables import table
 from cell.simulation.controller.admin import AdminClient
 from cell.simulation.controller.process import start_controller
 from recognition.gripper import Gripper
-from service.config import LimitsConfig
+from service.config_sections import LimitsConfig
 from service.data_folder import DataFolder
 from service.jobs import Jobs
 from service.schemas import ACTIVE_STATES

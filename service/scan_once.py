@@ -20,7 +20,7 @@ from cell.viewpoints import ViewpointPlan
 from recognition.gripper import Gripper
 from recognition.model import SCHEMA, Method
 from service.at_a_signal import STOPPED_CODE
-from service.config import LimitsConfig
+from service.config_sections import LimitsConfig
 from service.data_folder import MODEL, PREVIEW
 from service.moving_cell import EndedEarlyError, with_moving_cell
 from service.worker import RecognitionWorker
