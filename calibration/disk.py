@@ -2,6 +2,7 @@
 
 import os
 from contextlib import suppress
+from functools import partial
 from pathlib import Path
 
 from calibration.errors import CalibrationFolderError
@@ -41,20 +42,21 @@ def read_in_folder(path: Path, most_bytes: int, missing: str) -> bytes:
         raise CalibrationFolderError(f"{path} cannot be read: {error.strerror or error}") from error
 
 
-def write_synced(path: Path, content: bytes) -> None:
-    """Writes a new file and makes sure that its content is on the disk; its name is after `sync_folder`.
+def write_synced(path: Path, content: bytes, mode: int = 0o666) -> None:
+    """Writes a new file and makes sure that its content is on the disk; its name is after `sync_folder`. `mode` says
+    who may read and write it, as far as the process's umask lets it.
 
     Raises:
         OSError: it cannot be written, or there is one of that name.
     """
-    with path.open("xb") as file:
+    with open(path, "xb", opener=partial(os.open, mode=mode)) as file:
         file.write(content)
         file.flush()
         os.fsync(file.fileno())
 
 
-def replace_synced(path: Path, content: bytes) -> None:
-    """Writes a file; one of that name is replaced in one step. On return it is on the disk.
+def replace_synced(path: Path, content: bytes, mode: int = 0o666) -> None:
+    """Writes a file; one of that name is replaced in one step. On return it is on the disk. `mode` as above.
 
     Raises:
         OSError: it cannot be written; what was there before is left alone.
@@ -62,7 +64,7 @@ def replace_synced(path: Path, content: bytes) -> None:
     part = path.with_name(f".{path.name}.{os.getpid()}.part")
     try:
         part.unlink(missing_ok=True)  # of a process of this number that was killed
-        write_synced(part, content)
+        write_synced(part, content, mode)
         part.replace(path)
     except OSError as error:
         with suppress(OSError):

@@ -12,7 +12,7 @@ from cell.calibration_poses import HELD_OUT, POSES
 from cell.camera import LiveCamera
 from cell.cell_calibration import rough_hand_eyes, verifiable_hand_eye
 from cell.cell_header import scan_header
-from cell.cell_status import FAULTS, CellStatus, KeptStatus
+from cell.cell_status import FAULTS, CellStatus, KeptStatus, Listener
 from cell.connecting import connect_equipment
 from cell.equipment import Equipment
 from cell.errors import (
@@ -63,6 +63,11 @@ class Cell:
         """The cell as last seen."""
         status, latest = self._status.now, self._equipment.latest_arm_state
         return status if latest is None else replace(status, arm_state=latest)
+
+    def on_status(self, listener: Listener) -> None:
+        """`listener` is told of each change of the status from now on, in order, by the thread that made it or another
+        one that did. It must not wait: a stop may be behind it."""
+        self._status.tell(listener)
 
     @property
     def controller_host(self) -> str | None:
@@ -210,6 +215,10 @@ class Cell:
             reason = "acknowledged: connect, or start a live scan"
             self._status.change(state="not_ready", slug="not-connected", reason=reason)
 
+    def restore_fault(self, slug: str, reason: str) -> None:
+        """Before the first use: a fault that nobody has acknowledged since the cell was last used. Asks no device."""
+        self._status.change(state="fault", slug=slug, reason=reason)
+
     def give_up_connecting(self) -> None:
         """Before `close`, for good: nobody waits any more for a camera that is not connected yet."""
         self._equipment.give_up_connecting()
@@ -223,7 +232,8 @@ class Cell:
         self._watch.end()
         with self._turn:
             self._equipment.close()
-            self._status.change(state="not_ready", slug="not-ready", reason="the service is ending")
+            if self._status.now.state != "fault":  # that nobody has looked at: it is not over with this
+                self._status.change(state="not_ready", slug="not-ready", reason="the service is ending")
 
     @contextlib.contextmanager
     def _moving(

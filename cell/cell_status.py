@@ -2,6 +2,8 @@
 
 import logging
 import threading
+from collections import deque
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
@@ -38,28 +40,42 @@ class CellStatus:
     """The last one."""
 
 
+Listener = Callable[[CellStatus], None]
+"""Is told each new status, in order and one at a time, by whichever thread has changed it: it must not wait."""
+
+
 class KeptStatus:
     """The status as several threads change it: no change of one gets lost by another's."""
 
     def __init__(self) -> None:
         self._status = CellStatus()
         self._lock = threading.Lock()
+        self._listeners: tuple[Listener, ...] = ()
+        self._untold: deque[CellStatus] = deque()
+        self._telling = threading.Lock()
 
     @property
     def now(self) -> CellStatus:
         """The status at this moment."""
         return self._status
 
+    def tell(self, listener: Listener) -> None:
+        """From the next change on, `listener` is told of each."""
+        with self._lock:
+            self._listeners = (*self._listeners, listener)
+
     def change(self, **values: Any) -> None:
         """Sets fields of the status."""
         with self._lock:
-            self._status = replace(self._status, **values)
+            self._set(values)
+        self._tell()
 
     def no_longer_ready(self, slug: str, reason: str) -> None:
         """Makes a ready cell one that is not; any other state stays."""
         with self._lock:
             if self._status.state == "ready":
-                self._status = replace(self._status, state="not_ready", slug=slug, reason=reason)
+                self._set({"state": "not_ready", "slug": slug, "reason": reason})
+        self._tell()
 
     def after(self, error: BaseException | None, faults: tuple[type[CellError], ...] = SAFETY_STOPS) -> None:
         """The state that follows from how something ended; `faults` are what a person must acknowledge."""
@@ -74,3 +90,23 @@ class KeptStatus:
         else:
             reason = "the last scan or calibration ended in an error: connect, or start a live scan"
             self.change(state="not_ready", slug="stopped", reason=reason)
+
+    def _set(self, values: dict[str, Any]) -> None:
+        self._status = replace(self._status, **values)
+        self._untold.append(self._status)
+
+    def _tell(self) -> None:
+        """Waits for nobody: who finds another one telling leaves his own change to him."""
+        while self._untold and self._telling.acquire(blocking=False):
+            try:
+                while self._untold:
+                    self._tell_one(self._untold.popleft())
+            finally:
+                self._telling.release()
+
+    def _tell_one(self, status: CellStatus) -> None:
+        for listener in self._listeners:
+            try:
+                listener(status)
+            except Exception:  # neither the cell nor the other listeners may suffer from it
+                log.exception("a listener to the cell's status failed")

@@ -25,6 +25,7 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
 
+from cell.child_log import child_set_up
 from cell.errors import CellError
 
 log = logging.getLogger(__name__)
@@ -64,7 +65,7 @@ class Child:
 
         `make_driver` is named to the child by its module, and so cannot be one of a script.
         """
-        first = pickle.dumps((make_driver, arguments))
+        first = pickle.dumps((child_set_up(), name, make_driver, arguments))
         self.name = name
         self._turn = threading.Lock()
         self._pipe, theirs = Pipe()
@@ -176,7 +177,9 @@ def serve(pipe_number: int) -> None:
     threading.Thread(target=_end_with_parent, daemon=True).start()
     made: list[Any] = []
     with contextlib.suppress(EOFError, OSError), Connection(pipe_number) as pipe:
-        make_driver, arguments = pickle.loads(pipe.recv_bytes())
+        set_up_log, name, make_driver, arguments = pickle.loads(pipe.recv_bytes())
+        if set_up_log is not None:
+            set_up_log(name)
         _answer_calls(pipe, make_driver, arguments, made)
     # A driver that nobody has closed is not taken apart: a vendor library's destructor may wait for a thread that in
     # turn waits for Python.

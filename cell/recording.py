@@ -5,14 +5,13 @@ takes whole, unfinished and cut off files, uses every complete view, and says wh
 """
 
 import json
-import os
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Self
+from typing import IO, Any, Self, cast
 
 import numpy as np
 from google.protobuf.timestamp_pb2 import Timestamp
@@ -21,6 +20,7 @@ from mcap_protobuf.schema import build_file_descriptor_set
 
 from calibration.disk import sync_folder
 from cell.devices import View
+from cell.hashed_file import HashedFile, Written
 from cell.recording_errors import (
     NotMcapError,
     RecordingContentError,
@@ -57,16 +57,18 @@ class RecordingWriter:
         """
         self._path, self._header = path, header
         self._channels: dict[str, int] = {}
-        self._indices: set[int] = set()
+        self._written: dict[int, Written] = {}
+        """Of each view, by its index."""
         self._content_bytes = 0
         self._log_time_ns = 0
         self._failed = False
         try:
-            self._file = path.open("xb")
+            self._file = HashedFile(path)
         except FileExistsError as error:
             raise RecordingExistsError(f"{path.name} exists; recordings are never overwritten") from error
         # The checksum over all data is what tells that a finished recording was changed afterwards.
-        self._writer = Writer(self._file, compression=CompressionType.ZSTD, enable_data_crcs=True)
+        # The writer writes, tells and flushes, and nothing else.
+        self._writer = Writer(cast(IO[bytes], self._file), compression=CompressionType.ZSTD, enable_data_crcs=True)
         try:
             self._writer.start(library="pointchain")
             self._writer.add_metadata(METADATA, to_metadata(header))
@@ -74,7 +76,7 @@ class RecordingWriter:
             self._sync()
             sync_folder(path.parent)
         except BaseException:
-            self._abandon()
+            self._file.abandon()
             path.unlink()
             raise
 
@@ -91,7 +93,7 @@ class RecordingWriter:
         """
         where = f"view {view.index}"
         self._check_open()
-        if view.index in self._indices:
+        if view.index in self._written:
             raise RecordingContentError(f"{where} is in the recording already")
         if not 0 <= view.index < DEFAULT_LIMITS.views:
             raise RecordingTooLargeError(f"{where}: views go from 0 to {DEFAULT_LIMITS.views - 1}")
@@ -112,13 +114,16 @@ class RecordingWriter:
         with self._writing():
             for topic, message in messages:
                 self._add(topic, message, log_time_ns, sequence=view.index)
-            self._sync()
-        self._indices.add(view.index)
+            self._written[view.index] = self._sync()
         self._content_bytes += content_bytes
         self._log_time_ns = max(self._log_time_ns, log_time_ns)
         T_base_flange = decode_pose(dict(messages)[POSE].SerializeToString(), where)
         assert T_base_flange is not None
         return replace(view, T_base_flange=T_base_flange)
+
+    def written(self, index: int) -> Written:
+        """The bytes that a view added to the file. Raises KeyError: it was not written."""
+        return self._written[index]
 
     def write_result(self, model: Mapping[str, Any]) -> None:
         """Writes a model document (schema `pointchain/1`) as `/result/model`, and as a scene for viewers.
@@ -152,9 +157,9 @@ class RecordingWriter:
             if not (self._failed or self._file.closed):
                 with self._writing():
                     self._writer.finish()
-                    self._sync_file()
+                    self._file.sync()
         finally:
-            self._abandon()
+            self._file.abandon()
 
     def __enter__(self) -> Self:
         return self
@@ -202,17 +207,10 @@ class RecordingWriter:
         if self._content_bytes + content_bytes > DEFAULT_LIMITS.content_bytes - MIB:
             raise RecordingTooLargeError(f"{where}: the recording is full, it holds {self._content_bytes} bytes")
 
-    def _abandon(self) -> None:
-        # Not through the buffer: after a failed write it would try, and fail, to write its rest again.
-        self._file.raw.close()
-
-    def _sync(self) -> None:
+    def _sync(self) -> Written:
+        """Ends the chunk; what was added since the last one."""
         self._writer.flush()
-        self._sync_file()
-
-    def _sync_file(self) -> None:
-        self._file.flush()
-        os.fsync(self._file.fileno())
+        return self._file.sync()
 
 
 def _nanoseconds(stamp_s: float, where: str) -> int:

@@ -1,6 +1,7 @@
 """The scan loop: move, settle, read the flange pose, capture, record, next."""
 
 import contextlib
+import contextvars
 import queue
 import threading
 import time
@@ -164,7 +165,9 @@ class BackgroundScan:
         self._ended = threading.Event()
         """Not the thread's own: a signal that interrupts who joins a thread makes it look ended."""
         self._ended.set()
-        self._thread = threading.Thread(target=self._run, args=(taking,), name="motion", daemon=True)
+        # In the context of whoever begins it: what the log says of whose scan a line is.
+        run = contextvars.copy_context().run
+        self._thread = threading.Thread(target=run, args=(self._run, taking), name="motion", daemon=True)
 
     def start(self) -> None:
         """The arm may move from here on, even when this raises."""

@@ -1,5 +1,6 @@
 """The HTTP service as an ASGI application."""
 
+import asyncio
 import json
 import sys
 from collections.abc import AsyncIterator
@@ -10,14 +11,27 @@ from fastapi import FastAPI
 from fastapi_offline import FastAPIOffline
 
 from cell.cell import Cell
-from service.body_limit import BodyLimit
+from service.cell_event import publish_changes
 from service.config import ServiceConfig, load_config
 from service.context import Context
 from service.data_folder import DataFolder
+from service.fault_memory import FaultMemory
+from service.idempotency import IdempotencyKeys
 from service.jobs import Jobs
+from service.loop_watch import LoopWatch
+from service.metrics import Metrics
 from service.problems import install_problem_handlers
-from service.routes import calibration, cell, health, recordings, scans
+from service.request_watch import RequestWatch
+from service.retention import Retention
+from service.routes import calibration, cell, docs, events, health, recordings, results, scans
+from service.routes import metrics as metrics_route
+from service.scan_metrics import ScanMetrics
+from service.security.audit import SERVICE, AuditLog
+from service.security.install import install_security
+from service.security.roles import DOCS_FILES
+from service.state_metrics import StateMetrics
 from service.store import Store
+from service.stream_slots import StreamSlots
 
 API_VERSION = "1"
 
@@ -37,12 +51,24 @@ STOPS = 100
 def create_app(config: ServiceConfig) -> FastAPI:
     """The application; the data folder and the recognition process are taken when it starts, not here."""
 
+    metrics, audit = Metrics(), AuditLog()
+
     @asynccontextmanager
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
-        app.state.context = context = await to_thread.run_sync(_open, config)
+        app.state.context = context = await to_thread.run_sync(_open, config, metrics.scans, audit)
+        jobs, streams = context.jobs, context.streams
+        metrics.watch(
+            StateMetrics(context.cell, context.store.folder, lambda: jobs.recognition_starts, lambda: streams.open)
+        )
+        audit.start(context.store.folder.database, lambda: context.cell.status.state)
+        audit.note(SERVICE, "start")
+        watch = LoopWatch(asyncio.get_running_loop(), jobs.stop_unattended)
         try:
             yield
         finally:
+            watch.close()
+            audit.note(SERVICE, "end")
+            await to_thread.run_sync(audit.close, limiter=CapacityLimiter(1))
             # A thread of its own: requests that were given up may still hold all others.
             await to_thread.run_sync(_close, context, limiter=CapacityLimiter(1))
 
@@ -51,22 +77,21 @@ def create_app(config: ServiceConfig) -> FastAPI:
         version=API_VERSION,
         description=DESCRIPTION,
         lifespan=lifespan,
+        docs_url=None,  # the page is ours, its files are the library's
         redoc_url=None,
-        swagger_ui_parameters={"tryItOutEnabled": True},
+        static_url=DOCS_FILES,
     )
-    app.add_middleware(
-        BodyLimit,
-        request_bytes=config.limits.request_bytes,
-        upload_bytes=config.limits.upload_bytes,
-        upload_path=recordings.PATH,
-    )
+    app.state.audit = audit
+    install_security(app, config, audit, upload_path=recordings.PATH)
+    app.state.metrics = metrics
+    app.add_middleware(RequestWatch, metrics=metrics.requests)  # added last, it is outside of all others
     install_problem_handlers(app)
-    for router in (cell.router, calibration.router, recordings.router, scans.router, health.router):
-        app.include_router(router)
+    for resource in (cell, calibration, recordings, scans, results, events, health, metrics_route, docs):
+        app.include_router(resource.router)
     return app
 
 
-def _open(config: ServiceConfig) -> Context:
+def _open(config: ServiceConfig, metrics: ScanMetrics, audit: AuditLog) -> Context:
     with ExitStack() as if_it_fails:
         folder = DataFolder(config.data_dir)
         if_it_fails.callback(folder.close)
@@ -74,15 +99,31 @@ def _open(config: ServiceConfig) -> Context:
         if_it_fails.callback(store.close)
         own = Cell(config.cell)
         if_it_fails.callback(own.close)
-        jobs = Jobs(store, own, config.limits.recognition_s, config.gripper.value)
+        publish_changes(own, store.events.hub)
+        fault = FaultMemory(store.database, own, lambda slug: audit.note(SERVICE, "fault", result=slug))
+        if_it_fails.callback(fault.close)
+        jobs = Jobs(store, own, config.limits.recognition_s, config.gripper.value, metrics)
+        if_it_fails.callback(jobs.close)
+        retention = Retention(store, config.retention, lambda: jobs.idle)
         if_it_fails.pop_all()
-    return Context(config, store, own, jobs, parsing=CapacityLimiter(1), stopping=CapacityLimiter(STOPS))
+    return Context(
+        config,
+        store,
+        own,
+        jobs,
+        parsing=CapacityLimiter(1),
+        stopping=CapacityLimiter(STOPS),
+        keys=IdempotencyKeys(store),
+        retention=retention,
+        streams=StreamSlots(config.limits.event_streams, config.limits.event_streams_each),
+        fault=fault,
+    )
 
 
 def _close(context: Context) -> None:
     """Closes all, the last to be opened first; what one of them raises keeps none of the others open."""
     with ExitStack() as opened:
-        for part in (context.store.folder, context.store, context.cell, context.jobs):
+        for part in (context.store.folder, context.store, context.fault, context.cell, context.jobs, context.retention):
             opened.callback(part.close)
 
 

@@ -29,7 +29,7 @@ def check(config_file: Path | None, as_json: bool) -> int:
     for step in _steps(config_file):
         steps.append(step)
         if not as_json:
-            print(_told(step), flush=True)
+            print(told_step(step), flush=True)
     passed = all(step.outcome != "failed" for step in steps)
     if as_json:
         print(json.dumps({"passed": passed, "steps": [asdict(step) for step in steps]}, allow_nan=False))
@@ -76,7 +76,8 @@ def _steps(config_file: Path | None) -> Iterator[Step]:
     yield data_folder(config)
 
 
-def _told(step: Step) -> str:
+def told_step(step: Step) -> str:
+    """A step for people: how it went, what it was, in words, and what to do."""
     outcome = f"{step.outcome:{OUTCOME_WIDTH}}"
     if sys.stdout.isatty() and "NO_COLOR" not in os.environ:
         outcome = f"\033[{COLOURS[step.outcome]}m{outcome}\033[0m"

@@ -9,7 +9,10 @@ from collections.abc import Sequence
 from importlib.metadata import version
 from pathlib import Path
 
+from service.audit_cli import add_audit_command
 from service.calibrate_cli import add_calibrate_commands
+from service.doctor_cli import add_doctor_command
+from service.token_cli import add_token_commands
 
 METHODS = ("matching", "enhanced", "graph")
 
@@ -84,12 +87,22 @@ def _parser() -> argparse.ArgumentParser:
     simulate.add_argument("--resolution", type=_resolution, metavar="WxH", help="of the depth image (the camera's)")
     simulate.set_defaults(run=_simulate)
 
-    serve = commands.add_parser("serve", help="the HTTP service")
+    serve = commands.add_parser(
+        "serve",
+        help="the HTTP service",
+        description="Serves until Ctrl-C or SIGTERM. A small process beside the service starts it again should it die "
+        "or hang.",
+    )
     serve.add_argument("--config", type=Path, metavar="TOML", help="configuration file")
     serve.add_argument("--host", help="address to listen on (loopback)")
     serve.add_argument("--port", type=int, help="TCP port (8000)")
     serve.add_argument("--data-dir", type=Path, metavar="DIR", help="where recordings and results are kept")
+    serve.add_argument("--unsupervised", action="store_true", help="by itself: something else starts it again")
+    serve.add_argument("--supervised", type=int, metavar="N", help=argparse.SUPPRESS)  # the supervisor's own
     serve.set_defaults(run=_serve)
+    add_token_commands(commands)
+    add_audit_command(commands)
+    add_doctor_command(commands)
 
     bench = commands.add_parser(
         "bench",
@@ -244,6 +257,12 @@ def _simulate(options: argparse.Namespace) -> int:
 
 
 def _serve(options: argparse.Namespace) -> int:
+    if options.supervised is None and not options.unsupervised:
+        from service.supervisor import supervise
+
+        given = {"config": options.config, "host": options.host, "port": options.port, "data-dir": options.data_dir}
+        return supervise([f"--{name}={value}" for name, value in given.items() if value is not None])
+
     from service.config import ConfigError, load_config
 
     try:
@@ -253,7 +272,7 @@ def _serve(options: argparse.Namespace) -> int:
         return 1
     from service.serve import serve
 
-    return serve(config)
+    return serve(config, options.supervised)
 
 
 def _bench(options: argparse.Namespace) -> int:

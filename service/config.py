@@ -56,7 +56,7 @@ class ServiceConfig(BaseSettings):
     """Folder of recordings, results and the database. Relative to the working directory; the platform's
     folder for application data unless set."""
     host: str = Field(default="127.0.0.1", min_length=1)
-    """Address to listen on. Loopback unless set: there is no authentication yet."""
+    """Address to listen on. Loopback unless set; elsewhere only with a token, see `pointchain token`."""
     port: int = Field(default=8000, ge=0, le=65535)
     """TCP port; 0 takes a free one."""
     limits: LimitsConfig = LimitsConfig()

@@ -22,8 +22,9 @@ class LimitsConfig(BaseModel):
     """So many clients may follow events at a time ..."""
     event_streams_each: int = Field(default=4, ge=1, le=1000)
     """... and so many with one token."""
-    min_free_bytes: int = Field(default=2**30, ge=0)
-    """With less free space in the data folder nothing is begun that would take more of it, bytes."""
+    min_free_bytes: int = Field(default=256 * 2**20, ge=0)
+    """With less free space in the data folder nothing is begun that would take more of it, bytes. A scan takes about
+    10 MB; the database needs room to tell how it ended."""
 
 
 class SecurityConfig(BaseModel):

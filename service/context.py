@@ -8,10 +8,15 @@ from fastapi import Depends, Path, Query, Request
 
 from cell.cell import Cell
 from service.config import ServiceConfig
+from service.fault_memory import FaultMemory
+from service.free_space import require_space
+from service.idempotency import IdempotencyKeys
 from service.jobs import Jobs
 from service.problems import ProblemError
+from service.retention import Retention
 from service.schemas import ID_PATTERN
 from service.store import Store
+from service.stream_slots import StreamSlots
 from service.tables import RecordingRow, ScanRow
 
 
@@ -28,6 +33,15 @@ class Context:
     stopping: CapacityLimiter
     """The threads of stops and cancels. Those of all other requests may all be waiting for a robot that does not
     answer, and a stop would wait for them."""
+    keys: IdempotencyKeys
+    retention: Retention
+    streams: StreamSlots
+    """Of those who follow events."""
+    fault: FaultMemory
+
+    def require_space(self, coming_bytes: int = 0) -> None:
+        """Lets pass what takes space in the data folder. Raises ProblemError, 507 `storage-full`; may block."""
+        require_space(self.store.folder.root, self.config.limits.min_free_bytes, coming_bytes)
 
 
 async def _context(request: Request) -> Context:
@@ -36,6 +50,13 @@ async def _context(request: Request) -> Context:
 
 Service = Annotated[Context, Depends(_context)]
 
+
+def _require_space(service: Service) -> None:
+    service.require_space()
+
+
+SPACE = Depends(_require_space)
+"""Of an operation that takes space in the data folder: refused with 507 when there is too little."""
 
 Id = Annotated[str, Path(pattern=ID_PATTERN)]
 

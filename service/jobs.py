@@ -8,25 +8,25 @@ import logging
 import queue
 import sqlite3
 import threading
-from collections.abc import Iterator
-from contextlib import contextmanager
+import time
+from contextlib import AbstractContextManager
 from typing import Any
 
-from calibration.board import Board
 from cell.cell import Cell
 from recognition.gripper import Gripper
-from recognition.model import Method
+from service.arrival import arrived_s
 from service.calibration_runner import CalibrationRunner
 from service.drift_watch import DriftWatch
 from service.live import keep_recording
-from service.new_rows import new_calibration, new_scan
 from service.place import Place
 from service.problems import ProblemError
 from service.running import Running
+from service.scan_metrics import ScanMetrics
 from service.scan_runner import ScanRunner
 from service.schemas import ScanState
 from service.store import Store
-from service.tables import CalibrationRow, RecordingRow, ScanRow
+from service.submissions import Submissions
+from service.tables import CalibrationRow, ScanRow
 from service.worker import RecognitionWorker
 
 log = logging.getLogger(__name__)
@@ -42,20 +42,30 @@ IDLE_CHECK_S = 1.0
 class Jobs:
     """Runs scans and calibrations. Every method may be called from any thread and may block for a moment."""
 
-    def __init__(self, store: Store, cell: Cell, recognition_limit_s: float, gripper: Gripper) -> None:
+    def __init__(
+        self,
+        store: Store,
+        cell: Cell,
+        recognition_limit_s: float,
+        gripper: Gripper,
+        metrics: ScanMetrics | None = None,
+    ) -> None:
         """Marks what an earlier service left unfinished as interrupted, keeps what earlier ones had recorded, and
         starts the recognition process."""
         self._store = store
         self._cell = cell
         self._worker = RecognitionWorker()
+        self._metrics = metrics or ScanMetrics()
         self._place = Place()
         self.drift = DriftWatch(store.calibrations)
         """What recent scans tell of the calibration in use."""
         self._scans = ScanRunner(
-            store, cell, self._worker, recognition_limit_s, gripper, self._place.leaving, self.drift
+            store, cell, self._worker, recognition_limit_s, gripper, self._place.leaving, self.drift, self._metrics
         )
         self._calibrations = CalibrationRunner(store, cell, self._place.leaving)
         self._accepted: queue.SimpleQueue[Running[Any] | None] = queue.SimpleQueue()
+        self.submit = Submissions(store, cell, self._place, self._accepted.put)
+        """Where scans and calibrations are asked for."""
         store.interrupt_unfinished()
         store.calibrations.interrupt_unfinished()
         # Not only of those: an earlier start may have been killed at this point, or the database was locked before.
@@ -69,14 +79,14 @@ class Jobs:
 
     def wind_up(self) -> None:
         """Takes no more scans or calibrations, and stops the one under way, if any: it becomes `interrupted`."""
-        running = self._place.close()
+        self._place.refuse_more()
+        # Whoever leaves the place may be waiting for the database; the arm is not to wait with him.
+        running = self._place.running
         if running is not None or self._cell.status.state == "busy":  # an arm at rest is let go, and no program ended
-            again = (
-                "start it again from its recording"
-                if running and isinstance(running.row, ScanRow)
-                else "start it again"
-            )
-            self._stop(running, "interrupted", f"the service was stopped; {again}")
+            self._interrupt(running)
+        accepted_last = self._place.close()
+        if accepted_last is not None and accepted_last is not running:
+            self._interrupt(accepted_last)
         self._cell.give_up_connecting()
 
     def close(self) -> None:
@@ -94,59 +104,13 @@ class Jobs:
         """Why no scan can be done now, or None: a busy service is ready."""
         return self._worker.not_ready
 
-    def submit_replay(self, recording: RecordingRow, method: Method, radius_m: float | None) -> ScanRow:
-        """Accepts a scan from a recording; on return it is on the disk.
-
-        Raises:
-            ProblemError: `cell-busy`, with the Location of what is under way.
-        """
-        with self._place.taken():
-            scan = new_scan("replay", method, radius_m, recording.id)
-            self._accept(Running(scan, None))
-            return scan
-
-    def submit_live(self, views: int | None, method: Method, radius_m: float | None) -> ScanRow:
-        """Accepts a scan by the cell once the cell is ready and the scan is planned; on return it is on the disk.
-
-        Takes seconds where the cell has to be connected first. Nothing moves before the scan is accepted.
-
-        Raises:
-            ProblemError: `cell-busy`, with the Location of what is under way.
-            CellError: why the cell cannot do it.
-        """
-        with self._place.taken():
-            plan = self._cell.prepare(views)
-            scan = new_scan("live", method, radius_m, None)
-            self._accept(Running(scan, plan))
-            return scan
-
-    def submit_calibration(self, board: Board, poses: int) -> CalibrationRow:
-        """Accepts a calibration with the board on the table, as `submit_live` does a scan. Raises as that."""
-        with self._place.taken():
-            plan = self._cell.prepare_calibration(board, poses)
-            row = new_calibration("calibration", board, poses, warnings=plan.warnings)
-            self._accept(Running(row, plan))
-            return row
-
-    def submit_verification(self) -> CalibrationRow:
-        """Accepts a look at the board, where it was left, from two poses. Raises as `submit_live`."""
-        with self._place.taken():
-            plan = self._cell.prepare_verification()
-            hand_eye = self._cell.status.hand_eye  # loaded just now
-            sha256 = None if hand_eye is None else hand_eye.sha256
-            row = new_calibration("verification", None, len(plan.viewpoints), sha256)
-            self._accept(Running(row, plan))
-            return row
-
-    @contextmanager
-    def nothing_else(self) -> Iterator[None]:
+    def nothing_else(self) -> AbstractContextManager[None]:
         """A moment in which nothing is under way or begins.
 
         Raises:
             ProblemError: `cell-busy`, with the Location of what is under way.
         """
-        with self._place.taken():
-            yield
+        return self._place.taken()
 
     def wait_for_preview(self, scan_id: str) -> None:
         """Returns when the picture of a scan that has a result is there, or will not be."""
@@ -167,11 +131,16 @@ class Jobs:
         elif row.state != "aborted":
             raise ProblemError(409, "not-cancellable", f"the {kind} is {row.state} already")
 
-    def stop_arm(self) -> None:
+    def stop_arm(self, reason: str = "the arm was stopped by request") -> None:
         """Stops the arm, whatever goes on, and aborts the live scan or calibration under way, if any."""
         running = self._place.running
         live = running is not None and running.plan is not None
-        self._stop(running if live else None, "aborted", "the arm was stopped by request")
+        self._stop(running if live else None, "aborted", reason)
+
+    def stop_unattended(self) -> None:
+        """Stops an arm that may be moving, because the service does not answer: nobody else could stop it."""
+        if self._cell.status.state == "busy":
+            self.stop_arm("the service did not answer for more than a second, so nobody could have stopped the arm")
 
     def release_arm(self) -> None:
         """Lets the arm go, once it is home.
@@ -182,6 +151,21 @@ class Jobs:
         """
         with self._place.taken():
             self._cell.release()
+
+    @property
+    def closed(self) -> bool:
+        """Nothing more begins: the service is stopping."""
+        return self._place.closed
+
+    @property
+    def recognition_starts(self) -> int:
+        """How many recognition processes were started so far."""
+        return self._worker.starts
+
+    @property
+    def idle(self) -> bool:
+        """Nothing is accepted that has not ended."""
+        return self._place.running is None
 
     @property
     def using_arm(self) -> str | None:
@@ -195,17 +179,19 @@ class Jobs:
         running = self._place.running
         return running.row.id if running is not None and isinstance(running.row, CalibrationRow) else None
 
-    def _accept(self, running: Running[Any]) -> None:
-        """Writes the row of a scan or calibration for which the place is taken, and begins it."""
-        add = self._store.add_scan if isinstance(running.row, ScanRow) else self._store.calibrations.add
-        self._place.accept(running, lambda: add(running.row), lambda: self._accepted.put(running))
+    def _interrupt(self, running: Running[Any] | None) -> None:
+        of_scan = running is not None and isinstance(running.row, ScanRow)
+        again = "what was recorded is kept: reprocess it" if of_scan else "start it again"
+        self._stop(running, "interrupted", f"the service was stopped; {again}")
 
     def _stop(self, running: Running[Any] | None, state: ScanState, detail: str, arm: bool = True) -> None:
         """Stops the arm and what is under way, if anything is, and waits for its end."""
         # First the deed, then its record; the wish is only noted, so that a scan that the stop ends knows why.
         asked = running is not None and running.ask_to_stop(state, detail)
         if arm:
+            since = arrived_s()
             self._cell.stop()
+            self._metrics.stopped(time.monotonic() - since)
         if running is None:
             return
         of_scan = isinstance(running.row, ScanRow)
@@ -215,7 +201,7 @@ class Jobs:
             if running.stop is not None:
                 update = self._store.update_scan if of_scan else self._store.calibrations.update
                 update(running.row.id, state="stopping")
-        except sqlite3.OperationalError:
+        except sqlite3.Error:
             log.exception("that %s is being stopped could not be written", running.words)
         running.ended.wait(SETTLE_S)
 

@@ -14,6 +14,8 @@ from cell.scan import BackgroundScan, missing_view
 from cell.viewpoints import ViewpointPlan
 from service.data_folder import MODEL
 from service.recording_rows import describe_recording
+from service.scan_inputs import recognition_inputs
+from service.scan_metrics import ScanMetrics
 from service.store import Store
 from service.tables import ScanRow
 from service.worker import RecognitionWorker, TaskFailedError
@@ -29,24 +31,30 @@ SCANNING_SHARE = 0.95
 class StoredProgress:
     """Writes down how a scan goes: the intent before each move, and what became of each view."""
 
-    def __init__(self, store: Store, scan_id: str, views: int) -> None:
+    def __init__(self, store: Store, scan_id: str, views: int, writer: RecordingWriter, metrics: ScanMetrics) -> None:
         self.reasons: list[str] = []
         """Which views are missing, and why; they become warnings of the model."""
         self._store, self._scan_id, self._views, self._done = store, scan_id, views, 0
+        self._writer, self._metrics = writer, metrics
+        self._on_its_way: int | None = None
 
     def moving(self, index: int) -> None:
         """The arm moves when this is on the disk."""
+        self._on_its_way = index
         self._store.set_view(self._scan_id, index, "moving")
 
     def recorded(self, index: int) -> None:
-        """The view itself is on the disk."""
-        self._store.set_view(self._scan_id, index, "recorded")
+        """The view itself is on the disk; which bytes it is there is kept with it."""
+        self._store.set_view(self._scan_id, index, "recorded", written=self._writer.written(index))
+        self._metrics.recorded()
         self._advance()
 
     def missing(self, index: int, reason: str) -> None:
         """There is no such view."""
         self.reasons.append(missing_view(index, reason))
         self._store.set_view(self._scan_id, index, "missing", reason)
+        # One that the arm was not even sent to cannot be reached.
+        self._metrics.missing("camera" if index == self._on_its_way else "unreachable")
         self._advance()
 
     def _advance(self) -> None:
@@ -57,7 +65,14 @@ class StoredProgress:
 
 @contextmanager
 def live_outcome(
-    scan: ScanRow, plan: ViewpointPlan, cell: Cell, store: Store, worker: RecognitionWorker, task: Task, limit_s: float
+    scan: ScanRow,
+    plan: ViewpointPlan,
+    cell: Cell,
+    store: Store,
+    worker: RecognitionWorker,
+    task: Task,
+    limit_s: float,
+    metrics: ScanMetrics,
 ) -> Iterator[Outcome]:
     """Takes the views, recognises them and gives the outcome; the recording is in the store by then.
 
@@ -70,15 +85,16 @@ def live_outcome(
         OSError, sqlite3.Error: the disk.
     """
     path = store.folder.recording(scan.id)
-    progress = StoredProgress(store, scan.id, len(plan.viewpoints))
     assert not isinstance(task.source, Path)
     try:
-        with RecordingWriter(path, task.source) as writer, cell.scanning(plan, writer, progress) as views:
-            outcome = _recognise(store, scan.id, worker, task, limit_s, views, progress)
-            writer.write_result(json.loads((task.results / MODEL).read_bytes()))
-            writer.close()
-            keep_recording(store, scan.id)
-            yield outcome
+        with RecordingWriter(path, task.source) as writer:
+            progress = StoredProgress(store, scan.id, len(plan.viewpoints), writer, metrics)
+            with cell.scanning(plan, writer, progress) as views:
+                outcome = _recognise(store, scan.id, worker, task, limit_s, views, progress)
+                writer.write_result(json.loads((task.results / MODEL).read_bytes()))
+                writer.close()
+                keep_recording(store, scan.id)
+                yield outcome
     finally:
         keep_recording(store, scan.id)
 
@@ -94,7 +110,8 @@ def _recognise(
 ) -> Outcome:
     def until_last() -> Iterator[View]:
         yield from views
-        store.update_scan(scan_id, ("scanning",), state="processing")
+        inputs = recognition_inputs(task, views=store.views([scan_id]))
+        store.update_scan(scan_id, ("scanning",), state="processing", inputs=inputs)
 
     def on_stage(name: str) -> None:
         # Those of views that come in while others are still to be taken are no news.
@@ -111,7 +128,10 @@ def _recognise(
 
 
 def keep_recording(store: Store, scan_id: str) -> None:
-    """Takes what a live scan has recorded into the store, if it is not there yet; one without a view is removed."""
+    """Takes what a live scan has recorded into the store, if it is not there yet; one without a view is removed.
+
+    What is missing from it is told with it, so that no replay is taken for one of all views.
+    """
     path = store.folder.recording(scan_id)
     if not path.exists() or store.recording(scan_id) is not None:
         return
@@ -123,4 +143,5 @@ def keep_recording(store: Store, scan_id: str) -> None:
     except RecordingError:
         log.exception("the recording %s cannot be read; it stays where it is", path)
         return
-    store.add_scan_recording(row)
+    missing = [missing_view(view.view, view.reason or "") for view in store.views([scan_id]) if view.state == "missing"]
+    store.add_scan_recording(replace(row, missing=[*missing, *row.missing]))

@@ -1,16 +1,47 @@
 """Scans and calibrations as they are accepted."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Literal
 
 from calibration.board import Board
 from recognition.model import Method
 from service.database import new_id, now
-from service.tables import CalibrationRow, ScanRow
+from service.idempotency import Key
+from service.tables import CalibrationRow, KeyRow, ScanRow
 
 
-def new_scan(mode: Literal["replay", "live"], method: Method, radius_m: float | None, recording: str | None) -> ScanRow:
-    """A scan that waits for its beginning; `recording` is the one that a replay is of."""
+@dataclass(frozen=True)
+class Asked:
+    """Who asked for a scan, and how."""
+
+    by: str | None = None
+    """Name of his token; None: nobody has to say who he is."""
+    key: Key | None = None
+    """With which idempotency key."""
+
+    def key_row(self, scan: ScanRow) -> KeyRow | None:
+        """The key, now that it is known which scan it was used for."""
+        key = self.key
+        return None if key is None else KeyRow(key.caller, key.key, key.body_sha256, scan.id, scan.created_at)
+
+
+NOBODY = Asked()
+"""Not asked for over HTTP."""
+
+
+def new_scan(
+    mode: Literal["replay", "live"],
+    method: Method,
+    radius_m: float | None,
+    asked: Asked,
+    *,
+    recording: str | None = None,
+    source: str | None = None,
+    calibration_sha256: str | None = None,
+) -> ScanRow:
+    """A scan that waits for its beginning; `recording` is the one that a replay is of, `source` the scan that it does
+    again, `calibration_sha256` of what a live one was planned with."""
     return ScanRow(
         id=new_id(),
         mode=mode,
@@ -25,6 +56,9 @@ def new_scan(mode: Literal["replay", "live"], method: Method, radius_m: float | 
         ended_at=None,
         summary=None,
         problem=None,
+        source=source,
+        asked_by=asked.by,
+        calibration_sha256=calibration_sha256,
     )
 
 

@@ -8,6 +8,10 @@ from typing import Any
 from service.problems import ProblemError
 from service.running import Running
 
+SOON_S = 1.0
+"""Whoever finds that something is being prepared waits so long to be told what. A replay is accepted within
+milliseconds; for a live scan the cell may have to be connected first."""
+
 
 class Place:
     """Taken for the time from the wish to do something to its final state. Safe to use from any thread."""
@@ -16,6 +20,8 @@ class Place:
         self._turn = threading.Lock()
         """Of taking and leaving the place, each together with its row: whoever reads that a scan has ended finds the
         place free."""
+        self._decided = threading.Condition(self._turn)
+        """Told when what was prepared is accepted, or is not."""
         self._running: Running[Any] | None = None
         self._preparing = False
         """Taken for what is not accepted yet."""
@@ -31,6 +37,10 @@ class Place:
         """Nothing more begins."""
         return self._closed
 
+    def refuse_more(self) -> None:
+        """From now on nothing more is accepted but what is just being; waits for nobody."""
+        self._closed = True
+
     def close(self) -> Running[Any] | None:
         """For good; gives what is under way."""
         with self._turn:
@@ -45,6 +55,7 @@ class Place:
             ProblemError: `cell-busy`, with the Location of what is under way; `not-ready` once it is closed.
         """
         with self._turn:
+            self._decided.wait_for(lambda: self._running is not None or not self._preparing, SOON_S)
             self._refuse_if_closed()
             if self._running is not None:
                 raise ProblemError(
@@ -54,12 +65,19 @@ class Place:
                     {"Location": self._running.location},
                 )
             if self._preparing:
-                raise ProblemError(409, "cell-busy", "something else is being prepared; try again in some seconds")
+                raise ProblemError(
+                    409,
+                    "cell-busy",
+                    "something else is being prepared; try again in some seconds",
+                    {"Retry-After": "2"},
+                )
             self._preparing = True
         try:
             yield
         finally:
-            self._preparing = False
+            with self._turn:
+                self._preparing = False
+                self._decided.notify_all()
 
     def accept(self, running: Running[Any], write: Callable[[], None], begin: Callable[[], None]) -> None:
         """Within `taken`: the place is `running`'s once `write` has written its row, and then it is begun.
@@ -74,6 +92,7 @@ class Place:
             write()
             self._running = running
             begin()
+            self._decided.notify_all()
 
     @contextmanager
     def leaving(self, running: Running[Any]) -> Iterator[None]:

@@ -15,6 +15,8 @@ from cell.devices import InvalidViewError
 from cell.errors import CellError
 from cell.recording_errors import RecordingError, RecordingTooLargeError
 from recognition.errors import RecognitionError
+from service.data_folder import OutsideError
+from service.security.headers import UNEXPECTED
 
 MEDIA_TYPE = "application/problem+json"
 
@@ -26,6 +28,7 @@ TITLES = {
     "calibration-board": "There is no such board",
     "camera-lost": "The camera was lost",
     "camera-unreachable": "The camera does not answer",
+    "damaged": "A file of the store is damaged",
     "emergency-stop": "The emergency stop is pressed",
     "motion-failed": "The arm did not move as told",
     "no-fault": "There is no fault",
@@ -40,13 +43,26 @@ TITLES = {
     "calibration-not-found": "No such calibration",
     "calibration-refused": "The calibration must not be used",
     "cell-busy": "The cell is busy",
+    "event-unknown": "No such event",
     "file": "A file cannot be written",
+    "idempotency-key": "The Idempotency-Key cannot be used",
+    "idempotency-mismatch": "The Idempotency-Key is another request's",
+    "idempotency-pending": "The first such request is not decided yet",
     "insufficient-views": "There are too few usable views",
     "internal": "Internal error",
     "interrupted": "The service stopped meanwhile",
     "invalid-parameters": "The parameters cannot be used",
     "invalid-request": "The request is not as described",
     "no-result": "There is no such result",
+    "cross-origin": "Another page asked for it",
+    "forbidden": "The role does not allow it",
+    "headers-too-large": "The headers are too large",
+    "host-not-allowed": "The service may not be called by this name",
+    "outside-data-folder": "It is not in the data folder",
+    "target-too-long": "The address is too long",
+    "token-in-query": "A token is in the address",
+    "too-slow": "It comes too slowly",
+    "unauthorized": "Nobody knows who asks",
     "not-mcap": "Not an MCAP file",
     "not-cancellable": "It has ended already",
     "not-ready": "The service is not ready",
@@ -58,11 +74,13 @@ TITLES = {
     "recording-empty": "The recording has no complete view",
     "recording-header": "The recording's header is wrong",
     "recording-not-found": "No such recording",
+    "recording-refused": "Reading the recording was ended",
     "recording-too-large": "The recording is too large",
     "result-not-ready": "It has not ended",
     "scan-not-found": "No such scan",
     "storage-full": "The disk is full",
     "too-crowded": "There is too much above the table",
+    "too-many-streams": "Too many follow events",
     "too-large": "The request is too large",
 }
 """Titles do not change from one occurrence to the next; slugs without one are titled by their words."""
@@ -73,6 +91,7 @@ DESCRIPTIONS: dict[int | str, str] = {
     413: "The request is too large",
     422: "The request, or what it refers to, cannot be used",
     503: "Not now",
+    507: "There is too little space on the disk",
 }
 
 CELL_STATUS = {
@@ -133,6 +152,7 @@ def install_problem_handlers(app: FastAPI) -> None:
         headers: dict[str, str] | None = None,
         **more: Any,
     ) -> JSONResponse:
+        request.state.problem = slug  # for the audit log
         document = problem_document(status, slug, detail, quote(request.url.path), **more)
         return JSONResponse(document, status, headers=headers, media_type=MEDIA_TYPE)
 
@@ -167,6 +187,10 @@ def install_problem_handlers(app: FastAPI) -> None:
     async def _cell(request: Request, error: CellError) -> JSONResponse:
         return respond(request, CELL_STATUS.get(error.slug, 409), error.slug, str(error))
 
+    @app.exception_handler(OutsideError)
+    async def _outside(request: Request, error: OutsideError) -> JSONResponse:
+        return respond(request, 403, error.slug, str(error))
+
     for kind in INPUT_ERRORS:
         app.add_exception_handler(kind, _input)
 
@@ -192,4 +216,4 @@ def install_problem_handlers(app: FastAPI) -> None:
     @app.exception_handler(Exception)
     async def _unexpected(request: Request, error: Exception) -> JSONResponse:
         # Starlette raises the error again after this answer, so the server's log has the traceback.
-        return respond(request, 500, "internal", "unexpected error; the service's log has it")
+        return respond(request, 500, "internal", "unexpected error; the service's log has it", dict(UNEXPECTED))

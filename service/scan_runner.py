@@ -6,7 +6,7 @@ import logging
 import shutil
 import sqlite3
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager, ExitStack
 from pathlib import Path
 from typing import Any
@@ -18,9 +18,13 @@ from recognition.gripper import Gripper
 from service.data_folder import PREVIEW
 from service.database import now
 from service.drift_watch import DriftWatch
+from service.json_log import log_scan
 from service.live import live_outcome
 from service.problems import cell_problem, problem_document
 from service.running import Running
+from service.scan_inputs import recognition_inputs
+from service.scan_metrics import ScanMetrics
+from service.schemas import ScanState
 from service.store import Store
 from service.tables import ScanRow
 from service.worker import PREVIEW_S, RecognitionWorker, TaskFailedError
@@ -45,23 +49,28 @@ class ScanRunner:
         gripper: Gripper,
         leaving: Leaving,
         drift: DriftWatch,
+        metrics: ScanMetrics,
     ) -> None:
         self._store, self._cell, self._worker = store, cell, worker
         self._limit_s, self._gripper, self._leaving = recognition_limit_s, gripper, leaving
-        self._drift = drift
+        self._drift, self._metrics = drift, metrics
+        self._begun_s = 0.0
+        """When the scan at work began, `time.monotonic()`."""
         self._drawing: str | None = None
         """Scan whose result is there and whose picture is to follow."""
 
     def run(self, running: Running[ScanRow]) -> None:
         """Brings a scan to its final state; a live one's arm is home when this returns, or has stopped."""
-        try:
-            with ExitStack() as until_home:
-                self._run(running, until_home)
-        except CellError as error:
-            log.warning("behind scan %s the arm did not get home: %s", running.row.id, error)
-        except Exception:  # whatever it is, this scan is told as failed and the next one is taken
-            log.exception("scan %s could not be recorded", running.row.id)
-            self._give_up(running)
+        self._begun_s = time.monotonic()
+        with log_scan(running.row.id):
+            try:
+                with ExitStack() as until_home:
+                    self._run(running, until_home)
+            except CellError as error:
+                log.warning("behind scan %s the arm did not get home: %s", running.row.id, error)
+            except Exception:  # whatever it is, this scan is told as failed and the next one is taken
+                log.exception("scan %s could not be recorded", running.row.id)
+                self._give_up(running)
         running.ended.set()
 
     def wait_for_preview(self, scan_id: str) -> None:
@@ -113,13 +122,15 @@ class ScanRunner:
         if plan is None:
             recording = store.recording(scan.recording or "")
             assert recording is not None
-            task = self._task(scan, store.folder.recording(recording.id), results)
-            store.update_scan(scan.id, ("queued",), state="processing", started_at=now())
+            task = self._task(scan, store.folder.recording(recording.id), results, recording.missing)
+            inputs = recognition_inputs(task, recording.sha256)
+            store.update_scan(scan.id, ("queued",), state="processing", started_at=now(), inputs=inputs)
             outcome = self._worker.run(task, self._progress(scan.id), self._limit_s)
             return dataclasses.replace(outcome, partial=outcome.partial or bool(recording.missing))
-        store.update_scan(scan.id, ("preflight",), state="scanning", started_at=now())
         task = self._task(scan, self._cell.header(scan.string_radius_m), results)
-        live = live_outcome(scan, plan, self._cell, store, self._worker, task, self._limit_s)
+        inputs = recognition_inputs(task)
+        store.update_scan(scan.id, ("preflight",), state="scanning", started_at=now(), inputs=inputs)
+        live = live_outcome(scan, plan, self._cell, store, self._worker, task, self._limit_s, self._metrics)
         return until_home.enter_context(live)
 
     def _add_preview(self, scan: ScanRow) -> None:
@@ -132,15 +143,16 @@ class ScanRunner:
             self._drawing = None
             drawn.unlink(missing_ok=True)  # a part, if it is still there
 
-    def _task(self, scan: ScanRow, source: Path | RecordingHeader, results: Path) -> Task:
+    def _task(self, scan: ScanRow, source: Path | RecordingHeader, results: Path, missing: Sequence[str] = ()) -> Task:
         preview = self._store.folder.incoming(f"{scan.id}.png")
-        return Task(source, scan.string_radius_m, scan.method, self._gripper, results, preview)
+        return Task(source, scan.string_radius_m, scan.method, self._gripper, results, preview, tuple(missing), scan.id)
 
     def _record(
         self, running: Running[ScanRow], outcome: Outcome | None, problem: dict[str, Any] | None, results: Path
     ) -> None:
         scan, store, stop = running.row, self._store, running.begin_storing()
         with self._leaving(running):
+            state: ScanState = "failed"
             if stop is not None:
                 state, detail = stop
                 stopped = problem_document(409, state, detail)
@@ -148,11 +160,14 @@ class ScanRunner:
             elif outcome is not None:
                 state = "partial" if outcome.partial else "succeeded"
                 self._drawing = scan.id
-                store.finish_scan(scan.id, state, outcome.summary(), results)
+                store.finish_scan(scan.id, state, outcome.summary(), results, outcome.files)
             else:
                 log.warning("scan %s failed: %s", scan.id, problem)
                 assert problem is not None
-                store.end_scan(scan.id, "failed", problem)
+                store.end_scan(scan.id, state, problem)
+        self._tell_end(scan, state)
+        if outcome is not None:
+            self._metrics.recognised(outcome.timing_s, outcome.views)
         if stop is None and outcome is not None:
             self._keep_calibration_error(scan, outcome)
 
@@ -168,10 +183,16 @@ class ScanRunner:
         except sqlite3.Error:
             log.exception("what scan %s tells of the calibration could not be kept", scan.id)
 
+    def _tell_end(self, scan: ScanRow, state: ScanState) -> None:
+        seconds = time.monotonic() - self._begun_s
+        log.info("scan %s %s after %.1f s", scan.id, state, seconds)
+        self._metrics.ended(scan.mode, state, seconds)
+
     def _give_up(self, running: Running[ScanRow]) -> None:
         """The disk or the database failed. If this cannot be written either, the next start mends the row."""
         self._drawing = None
         problem = problem_document(500, "internal", "the result could not be stored; the log has the reason")
+        self._tell_end(running.row, "failed")
         with self._leaving(running):
             try:
                 self._store.end_scan(running.row.id, "failed", problem)

@@ -5,7 +5,7 @@ The point chain model's own document is described in `service.model_schema`.
 
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, StrictBool
 
 from recognition.model import Method
 from recognition.parameters import R_MAX, R_MIN
@@ -65,6 +65,24 @@ class LiveScan(_Request):
     """How many viewpoints; null takes the cell's."""
 
 
+class Reprocess(BaseModel):
+    """The same views, recognised again. What is left out is as in the scan that it is of."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    string_radius_m: Radius | None = None
+    """Radius of the string; null measures it, whatever the recording says."""
+    method: Method | None = None
+
+
+class Keep(BaseModel):
+    """Whether a scan is kept for ever."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    kept: StrictBool
+
+
 ScanRequest = Annotated[ReplayScan | LiveScan, Field(discriminator="mode")]
 
 
@@ -98,6 +116,8 @@ class RecordingList(BaseModel):
     """Recordings, the newest first."""
 
     recordings: list[RecordingResource]
+    next: str | None
+    """Where the list goes on; null: it ends here."""
 
 
 class ViewProgress(BaseModel):
@@ -133,8 +153,13 @@ class ScanLinks(BaseModel):
     """Addresses of a scan; those of results are null until it has them."""
 
     self: str
+    events: str
     cancel: str | None
     """Only while the scan can be cancelled."""
+    reprocess: str | None
+    """Only once it has ended, and where there is a recording."""
+    source: str | None
+    """The scan that it does again."""
     recording: str | None
     model: str | None
     grasps: str | None
@@ -148,6 +173,8 @@ class ScanResource(BaseModel):
     id: Id
     mode: Literal["replay", "live"]
     recording: Id | None
+    source: Id | None
+    """The scan that it does again; null too once that one was removed."""
     method: Method
     string_radius_m: float | None
     """The radius that recognition works with; null: it is measured."""
@@ -159,6 +186,12 @@ class ScanResource(BaseModel):
     summary: ScanSummary | None
     problem: Problem | None
     """Why it failed, was aborted or interrupted."""
+    asked_by: str | None
+    """Name of the token that it was started with; null: nobody had to say who he is."""
+    kept: bool
+    """A person wants it kept: it is not removed, however old."""
+    calibration_sha256: str | None
+    """Of the hand-eye calibration that a live scan was planned with."""
     links: ScanLinks
 
 
@@ -166,15 +199,5 @@ class ScanList(BaseModel):
     """Scans, the newest first."""
 
     scans: list[ScanResource]
-
-
-class Health(BaseModel):
-    """The service answers."""
-
-    status: Literal["ok"] = "ok"
-
-
-class Readiness(BaseModel):
-    """The service can do a scan."""
-
-    status: Literal["ready"] = "ready"
+    next: str | None
+    """Where the list goes on, with the same filters; null: it ends here."""

@@ -11,12 +11,19 @@ from pathlib import Path
 from typing import Any
 
 from calibration.disk import sync_folder
+from cell.hashed_file import Written
 from service.calibration_store import CalibrationStore
 from service.data_folder import DataFolder
 from service.database import Database, now, update
 from service.problems import problem_document
+from service.scan_events import ScanEvents
+from service.scan_queries import EVERY_SCAN, ScanFilter, select_scans
 from service.schemas import ACTIVE_STATES, ScanState, ViewState
-from service.tables import RecordingRow, ScanRow, ViewRow, insert, to_recording, to_scan
+from service.tables import KeyRow, RecordingRow, ScanRow, ViewRow, insert, to_recording, to_scan
+
+MISSED = (
+    "UPDATE views SET state = 'missing', reason = ?, changed_at = ? WHERE scan = ? AND state = 'moving' RETURNING view"
+)
 
 
 class Store:
@@ -27,6 +34,7 @@ class Store:
         self.folder = folder
         self.database = Database(folder.database)
         self.calibrations = CalibrationStore(self.database)
+        self.events = ScanEvents(self.database)
 
     def close(self) -> None:
         """Closes all connections; nothing may use the store any more."""
@@ -56,53 +64,86 @@ class Store:
         """The recording, or None when there is none of this id."""
         return self.database.one(to_recording, "SELECT * FROM recordings WHERE id = ?", recording_id)
 
-    def recordings(self, limit: int, before: str | None) -> list[RecordingRow]:
+    def recordings(self, limit: int, before: str | None = None) -> list[RecordingRow]:
         """The newest recordings, those made before the id `before` if given."""
         sql = "SELECT * FROM recordings WHERE id < ? ORDER BY id DESC LIMIT ?"
         return self.database.all(to_recording, sql, before or "~", limit)
 
     # Scans
 
-    def add_scan(self, row: ScanRow) -> None:
-        """Writes a new scan's row; on return it is on the disk."""
-        with self.database.transaction() as db:
-            insert(db, "scans", row)
+    def add_scan(self, row: ScanRow, key: KeyRow | None = None) -> None:
+        """Writes a new scan's row, and the idempotency key of the request for it; on return both are on the disk."""
+        with self.events.changing() as change:
+            insert(change.db, "scans", row)
+            if key is not None:
+                insert(change.db, "idempotency_keys", key)
+            change.state(row.id)
 
     def scan(self, scan_id: str) -> ScanRow | None:
         """The scan, or None when there is none of this id."""
         return self.database.one(to_scan, "SELECT * FROM scans WHERE id = ?", scan_id)
 
-    def scans(self, limit: int, before: str | None) -> list[ScanRow]:
-        """The newest scans, those made before the id `before` if given."""
-        return self.database.all(
-            to_scan, "SELECT * FROM scans WHERE id < ? ORDER BY id DESC LIMIT ?", before or "~", limit
-        )
+    def scans(self, limit: int, before: str | None = None, wanted: ScanFilter = EVERY_SCAN) -> list[ScanRow]:
+        """The newest of the scans wanted, those made before the id `before` if given."""
+        sql, values = select_scans(wanted, before, limit)
+        return self.database.all(to_scan, sql, *values)
+
+    def key(self, caller: str, key: str) -> KeyRow | None:
+        """What a caller's idempotency key was used for, or None."""
+        sql = "SELECT * FROM idempotency_keys WHERE caller = ? AND idempotency_key = ?"
+        return self.database.one(lambda row: KeyRow(**dict(row)), sql, caller, key)
+
+    def keep_scan(self, scan_id: str, kept: bool) -> bool:
+        """Marks a scan as one to be kept for ever, or no longer; False: there is none of this id."""
+        with self.database.transaction() as db:
+            return db.execute("UPDATE scans SET kept = ? WHERE id = ?", (kept, scan_id)).rowcount == 1
 
     def update_scan(self, scan_id: str, only_in: Sequence[ScanState] = ACTIVE_STATES, **values: Any) -> bool:
         """Sets columns of a scan, unless its state is not one of `only_in`; says whether it did."""
-        with self.database.transaction() as db:
-            return update(db, "scans", scan_id, only_in, values)
+        with self.events.changing() as change:
+            done = update(change.db, "scans", scan_id, only_in, values)
+            if done and "state" in values:
+                change.state(scan_id)
+            elif done and values.keys() & {"stage", "fraction"}:
+                change.progress(scan_id)
+            return done
 
     def end_scan(self, scan_id: str, state: ScanState, problem: dict[str, Any]) -> None:
         """Ends a scan that has no result. A view that was under way is missing."""
-        missed = "UPDATE views SET state = 'missing', reason = ?, changed_at = ? WHERE scan = ? AND state = 'moving'"
-        with self.database.transaction() as db:
-            if update(db, "scans", scan_id, ACTIVE_STATES, {"state": state, "problem": problem, "ended_at": now()}):
-                db.execute(missed, ("the scan ended before this view was taken", now(), scan_id))
+        with self.events.changing() as change:
+            values = {"state": state, "problem": problem, "ended_at": now()}
+            if not update(change.db, "scans", scan_id, ACTIVE_STATES, values):
+                return
+            reason = "the scan ended before this view was taken"
+            for (view,) in change.db.execute(MISSED, (reason, now(), scan_id)).fetchall():
+                change.view(scan_id, view, "missing", reason)
+            change.state(scan_id)  # the last event of all
 
-    def finish_scan(self, scan_id: str, state: ScanState, summary: dict[str, Any], results: Path) -> None:
-        """Puts the folder `results`, whose files are synced, in its place, then writes the scan's row."""
+    def finish_scan(
+        self,
+        scan_id: str,
+        state: ScanState,
+        summary: dict[str, Any],
+        results: Path,
+        files: dict[str, Any] | None = None,
+    ) -> None:
+        """Puts the folder `results`, whose files are synced, in its place, then writes the scan's row, with the hashes
+        of the `files`."""
         final = self.folder.results(scan_id)
         sync_folder(results)
         results.rename(final)
         sync_folder(final.parent)
-        self.update_scan(scan_id, state=state, summary=summary, stage=None, fraction=1.0, ended_at=now())
+        self.update_scan(scan_id, state=state, summary=summary, files=files, stage=None, fraction=1.0, ended_at=now())
 
-    def set_view(self, scan_id: str, view: int, state: ViewState, reason: str | None = None) -> None:
-        """Writes what became of a viewpoint; on return it is on the disk."""
-        with self.database.transaction() as db:
-            db.execute("DELETE FROM views WHERE scan = ? AND view = ?", (scan_id, view))
-            insert(db, "views", ViewRow(scan_id, view, state, reason, now()))
+    def set_view(
+        self, scan_id: str, view: int, state: ViewState, reason: str | None = None, written: Written | None = None
+    ) -> None:
+        """Writes what became of a viewpoint, and which bytes of its recording it is; on return it is on the disk."""
+        where = (None, None, None) if written is None else (written.offset_bytes, written.size_bytes, written.sha256)
+        with self.events.changing() as change:
+            change.db.execute("DELETE FROM views WHERE scan = ? AND view = ?", (scan_id, view))
+            change.view(scan_id, view, state, reason)
+            insert(change.db, "views", ViewRow(scan_id, view, state, reason, now(), *where))
 
     def views(self, scan_ids: Sequence[str]) -> list[ViewRow]:
         """The viewpoints of these scans, in order."""
@@ -122,7 +163,7 @@ class Store:
             # The results may have been put in place just before the end; without the row they do not count.
             if self.folder.results(scan.id).exists():
                 shutil.rmtree(self.folder.results(scan.id))
-            detail = "the service ended while this scan was under way; start it again from its recording"
+            detail = "the service ended while this scan was under way; what was recorded is kept: reprocess it"
             problem = problem_document(500, "interrupted", detail)
             self.end_scan(scan.id, "interrupted", problem)
 

@@ -56,6 +56,8 @@ ALTER TABLE views ADD COLUMN offset_bytes BIGINT;
 ALTER TABLE views ADD COLUMN size_bytes BIGINT;
 ALTER TABLE views ADD COLUMN sha256 TEXT;
 CREATE INDEX scans_of ON scans (recording);
+CREATE INDEX scans_again ON scans (source);
+CREATE INDEX scans_in ON scans (state, id);
 CREATE TABLE idempotency_keys (
     caller TEXT NOT NULL, idempotency_key TEXT NOT NULL, body_sha256 TEXT NOT NULL,
     scan TEXT NOT NULL REFERENCES scans (id), created_at TEXT NOT NULL, PRIMARY KEY (caller, idempotency_key)
@@ -77,6 +79,14 @@ CREATE TRIGGER audit_is_not_changed BEFORE UPDATE ON audit
     BEGIN SELECT RAISE(ABORT, 'the audit log is only ever added to'); END;
 CREATE TRIGGER audit_is_not_deleted BEFORE DELETE ON audit
     BEGIN SELECT RAISE(ABORT, 'the audit log is only ever added to'); END;
+CREATE TABLE lasting_errors (
+    scan TEXT PRIMARY KEY, calibration_sha256 TEXT NOT NULL, likeliest TEXT NOT NULL, information TEXT NOT NULL,
+    vector TEXT NOT NULL
+);
+INSERT INTO lasting_errors SELECT * FROM scan_errors;
+DROP TABLE scan_errors;
+ALTER TABLE lasting_errors RENAME TO scan_errors;
+CREATE INDEX scan_errors_of ON scan_errors (calibration_sha256, scan);
 """,
 )
 """What makes the tables, and what later versions added: the database's user_version tells how many of these it has."""
@@ -147,6 +157,17 @@ class ViewRow:
 
 
 @dataclass(frozen=True)
+class KeyRow:
+    """An idempotency key, and what it was used for."""
+
+    caller: str
+    idempotency_key: str
+    body_sha256: str
+    scan: str
+    created_at: str
+
+
+@dataclass(frozen=True)
 class CalibrationRow:
     """A calibration by the cell, or the verification of one, as last written."""
 
@@ -190,7 +211,7 @@ class CalibrationViewRow:
 @dataclass(frozen=True)
 class ScanErrorRow:
     """What a live scan told of the error of the calibration that it was made with; the numbers are those of
-    `recognition.common_error.CommonError`."""
+    `recognition.common_error.CommonError`. It outlasts the scan."""
 
     scan: str
     calibration_sha256: str
@@ -199,7 +220,7 @@ class ScanErrorRow:
     vector: list[float]
 
 
-Row = RecordingRow | ScanRow | ViewRow | CalibrationRow | CalibrationViewRow | ScanErrorRow
+Row = RecordingRow | ScanRow | ViewRow | KeyRow | CalibrationRow | CalibrationViewRow | ScanErrorRow
 
 
 def stored(value: Any) -> Any:
@@ -222,7 +243,8 @@ def to_recording(row: sqlite3.Row) -> RecordingRow:
 def to_scan(row: sqlite3.Row) -> ScanRow:
     """A row of `scans`."""
     values = _parsed(row, "summary", "problem", "inputs", "files")
-    return ScanRow(**values | {"kept": bool(values["kept"])})
+    values["kept"] = bool(values["kept"])
+    return ScanRow(**values)
 
 
 def to_calibration(row: sqlite3.Row) -> CalibrationRow:

@@ -12,6 +12,7 @@ from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
 from pathlib import Path
 
+from cell.child_log import child_set_up
 from cell.devices import View
 from service.problems import problem_document
 from service.worker_process import LastView, PreviewEnded, Refused, Stage, Task, work
@@ -42,6 +43,8 @@ class RecognitionWorker:
         self._killed = False
         """A killed process may still look alive for a moment."""
         self._not_ready: str | None = "recognition is starting"
+        self.starts = 0
+        """How many processes were started so far; each after the first means that the one before had ended."""
 
     @property
     def alive(self) -> bool:
@@ -77,10 +80,11 @@ class RecognitionWorker:
         context = multiprocessing.get_context("spawn")
         try:
             self._pipe, theirs = context.Pipe()
-            process = context.Process(target=work, args=(theirs,), name="recognition", daemon=True)
+            process = context.Process(target=work, args=(theirs, child_set_up()), name="recognition", daemon=True)
             with theirs, self._starting:
                 process.start()
                 self._process, self._killed = process, False
+            self.starts += 1
         except OSError as error:
             self._release()
             raise _not_started(error) from error

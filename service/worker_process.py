@@ -13,18 +13,21 @@ from pathlib import Path
 
 import numpy as np
 
+from cell.child_log import SetUp
 from cell.devices import View
+from cell.recording import read_recording
 from cell.recording_header import RecordingHeader
 from recognition.gripper import Gripper
 from recognition.model import Method, PointChainModel
 from recognition.parameters import ChainParameters
 from recognition.pipeline import Recognition
+from service.json_log import log_scan
 from service.preview import draw_preview
 from service.problems import INPUT_ERRORS
 from service.workflow import (
+    READING,
     WRITING,
     OnStage,
-    recognise_recording,
     recognise_views,
     write_preview,
     write_results,
@@ -43,12 +46,17 @@ class Task:
     source: Path | RecordingHeader
     """A recording, or the header of one that is being made: its views then follow through the pipe."""
     radius_m: float | None
+    """None: it is measured, whatever the recording says."""
     method: Method
     gripper: Gripper
     results: Path
     """Folder to be made for the result's files."""
     preview: Path
     """File to be made for the result's picture, after the outcome is told."""
+    missing: tuple[str, ...] = ()
+    """What is known to be missing from a recording, in words, whether or not its file tells."""
+    scan: str | None = None
+    """Its id, for the log."""
 
 
 @dataclass(frozen=True)
@@ -85,8 +93,10 @@ class Refused:
     detail: str
 
 
-def work(pipe: Connection) -> None:
+def work(pipe: Connection, set_up_log: SetUp | None = None) -> None:
     """The process's own loop."""
+    if set_up_log is not None:
+        set_up_log(multiprocessing.current_process().name)
     for number in (signal.SIGINT, signal.SIGTERM):  # they may reach it too; the service ends it in its own time
         signal.signal(number, signal.SIG_IGN)
     threading.Thread(target=_end_with_parent, daemon=True).start()
@@ -107,10 +117,11 @@ def work(pipe: Connection) -> None:
         if not isinstance(message, Task):
             continue  # views of a task that has failed already
         try:
-            recognition = _do(message, pipe)
-            if recognition is not None:
-                _draw(recognition, message.preview)
-                pipe.send(PreviewEnded())
+            with log_scan(message.scan):
+                recognition = _do(message, pipe)
+                if recognition is not None:
+                    _draw(recognition, message.preview)
+                    pipe.send(PreviewEnded())
         except BrokenPipeError:
             return
 
@@ -147,16 +158,20 @@ def _draw(recognition: Recognition, preview: Path) -> None:
 
 def _recognise(task: Task, pipe: Connection, on_stage: OnStage) -> Recognition:
     if isinstance(task.source, Path):
-        return recognise_recording(task.source, task.radius_m, task.method, on_stage, task.gripper)
+        on_stage(READING)
+        recording = read_recording(task.source)
+        known = tuple(dict.fromkeys((*task.missing, *recording.missing)))
+        views, header = recording.views, recording.header
+        return recognise_views(views, header, known, task.radius_m, task.method, on_stage, task.gripper)
     missing: list[str] = []
 
-    def views() -> Iterator[View]:
+    def coming() -> Iterator[View]:
         while isinstance(message := pipe.recv(), View):
             yield message
         assert isinstance(message, LastView)
         missing.extend(message.missing)
 
-    return recognise_views(views(), task.source, missing, task.radius_m, task.method, on_stage, task.gripper)
+    return recognise_views(coming(), task.source, missing, task.radius_m, task.method, on_stage, task.gripper)
 
 
 def _warm_up() -> None:

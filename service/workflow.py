@@ -1,8 +1,9 @@
 """From a recording to the files of a result; shared by the HTTP service's worker and the command line."""
 
+import hashlib
 import json
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +21,7 @@ from recognition.pipeline import Recognition, recognise
 from recognition.preprocess import Scene
 from service.data_folder import CLOUD, MODEL
 from service.preview import draw_preview
+from service.view_outcomes import ViewOutcome, view_outcomes
 
 OnStage = Callable[[str], None]
 
@@ -52,6 +54,11 @@ class Outcome:
     """Views were missing or were left out."""
     calibration_error: CommonError | None = None
     """What the views tell of their calibration's error."""
+    files: dict[str, dict[str, Any]] = field(default_factory=dict)
+    """SHA-256 and size of each file that was written, as JSON."""
+    timing_s: dict[str, float] = field(default_factory=dict)
+    """How long each stage of recognition took."""
+    views: tuple[ViewOutcome, ...] = ()
 
     def summary(self) -> dict[str, Any]:
         """What is kept in the scan's row, as JSON."""
@@ -124,14 +131,18 @@ def write_results(recognition: Recognition, folder: Path) -> Outcome:
     """Writes model.json and cloud.ply into the new folder `folder`, each synced to disk."""
     folder.mkdir()
     model, points = recognition.model, merged_cloud(recognition)
-    write_synced(folder / MODEL, json.dumps(model.to_json(), allow_nan=False).encode())
-    write_synced(folder / CLOUD, to_ply(points))
+    contents = {MODEL: json.dumps(model.to_json(), allow_nan=False).encode(), CLOUD: to_ply(points)}
+    for name, content in contents.items():
+        write_synced(folder / name, content)
     return Outcome(
         len(model.chains),
         len(model.crossings),
         model.quality.warnings,
         _views_left_out(model),
         None if recognition.registration is None else recognition.registration.common_error,
+        {name: _as_written(content) for name, content in contents.items()},
+        dict(model.timing_s),
+        view_outcomes(recognition),
     )
 
 
@@ -153,6 +164,10 @@ def to_ply(points: NDArray[np.float64]) -> bytes:
         f"element vertex {len(points)}\nproperty float x\nproperty float y\nproperty float z\nend_header\n"
     )
     return header.encode() + np.ascontiguousarray(points, dtype="<f4").tobytes()
+
+
+def _as_written(content: bytes) -> dict[str, Any]:
+    return {"sha256": hashlib.sha256(content).hexdigest(), "size_bytes": len(content)}
 
 
 def _views_left_out(model: PointChainModel) -> bool:

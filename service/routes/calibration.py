@@ -12,9 +12,9 @@ from service.calibration_activation import activate_run
 from service.calibration_resources import RUNS, calibration_warnings, in_use, run_resource
 from service.calibration_runner import picture_file, run_folder
 from service.calibration_schemas import BoardRequest, CalibrationRequest, CalibrationStatus, RunList, RunResource
-from service.context import Before, Id, Limit, Service
+from service.context import SPACE, Before, Id, Limit, Service
 from service.problems import ProblemError, problem_responses
-from service.routes.files import WholeFile
+from service.routes.files import NOT_MODIFIED, IfNoneMatch, send_file
 from service.routes.recordings import BINARY
 from service.tables import CalibrationRow
 
@@ -52,7 +52,7 @@ def get_calibration(service: Service) -> CalibrationStatus:
     )
 
 
-@router.post("/runs", status_code=202, responses=problem_responses(409, 422, 503))
+@router.post("/runs", status_code=202, dependencies=[SPACE], responses=problem_responses(409, 422, 503, 507))
 def start_run(response: Response, service: Service, wanted: CalibrationRequest | None = None) -> RunResource:
     """Calibrates: the arm moves through poses from which the camera sees the board, which must lie flat on the table in
     the middle of the workspace. The result is not in use before it is activated. One thing at a time: 409 names what is
@@ -62,16 +62,16 @@ def start_run(response: Response, service: Service, wanted: CalibrationRequest |
         board = (wanted.board or BoardRequest()).board()
     except BoardError as error:
         raise ProblemError(422, error.slug, str(error)) from error
-    row = service.jobs.submit_calibration(board, wanted.poses)
+    row = service.jobs.submit.calibration(board, wanted.poses)
     response.headers["Location"] = f"{RUNS}/{row.id}"
     return run_resource(row, ())
 
 
-@router.post("/verify", status_code=202, responses=problem_responses(409, 503))
+@router.post("/verify", status_code=202, dependencies=[SPACE], responses=problem_responses(409, 503, 507))
 def start_verification(response: Response, service: Service) -> RunResource:
     """Looks from two poses at the board of the calibration in use, which must lie on the table: does it still hold, and
     was the board moved? A run of its own; the arm moves."""
-    row = service.jobs.submit_verification()
+    row = service.jobs.submit.verification()
     response.headers["Location"] = f"{RUNS}/{row.id}"
     return run_resource(row, ())
 
@@ -110,13 +110,13 @@ def activate(run: Run, service: Service) -> RunResource:
     return get_run(_find(run.id, service), service)
 
 
-PNG: dict[int | str, dict[str, Any]] = {200: {"content": {"image/png": BINARY}}}
+PNG: dict[int | str, dict[str, Any]] = {200: {"content": {"image/png": BINARY}}} | NOT_MODIFIED
 
 
 @router.get("/runs/{id}/views/{index}.png", response_class=FileResponse, responses=PNG | problem_responses(404, 422))
-def get_picture(run: Run, index: Index, service: Service) -> WholeFile:
+def get_picture(run: Run, index: Index, service: Service, has: IfNoneMatch) -> Response:
     """The picture that was taken at a view."""
     path = picture_file(run_folder(service.cell, run.id), index)
     if path is None:
         raise ProblemError(404, "no-result", f"{run.kind} {run.id} has no picture of view {index}")
-    return WholeFile(path, "image/png")
+    return send_file(path, "image/png", has)

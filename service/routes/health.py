@@ -1,24 +1,34 @@
 """Whether the service lives, and whether it can do a scan."""
 
-from fastapi import APIRouter
+from typing import Any
+
+from fastapi import APIRouter, Response
+from fastapi.responses import JSONResponse
 
 from service.context import Service
-from service.problems import ProblemError, problem_responses
-from service.schemas import Health, Readiness
+from service.health_schemas import Health, Readiness
+from service.problems import MEDIA_TYPE, problem_document, problem_responses
+from service.readiness import readiness, what_is_not
 
 router = APIRouter(tags=["health"])
 
 
 @router.get("/healthz", responses=problem_responses())
 async def healthz() -> Health:
-    """The event loop turns."""
+    """The event loop turns: an answer is all that this tells. Asks nothing else, and waits for nothing."""
     return Health()
 
 
-@router.get("/readyz", responses=problem_responses(503))
-def readyz(service: Service) -> Readiness:
-    """The store answers and the recognition process waits for work, or is at it."""
-    service.store.check()
-    if service.jobs.not_ready is not None:
-        raise ProblemError(503, "not-ready", service.jobs.not_ready, {"Retry-After": "1"})
-    return Readiness()
+@router.get("/readyz", response_model=Readiness, responses=problem_responses(503))
+def readyz(service: Service) -> Any:
+    """The store can be written, recognition waits for work or is at it, the disk has room, and the service is not
+    stopping; else 503, which names what is not. The cell's state is told but does not count: that is for `GET
+    /api/cell`."""
+    checks = readiness(service)
+    wrong = what_is_not(checks)
+    return Readiness(checks=checks) if not wrong else _not_ready("; ".join(wrong), checks.model_dump())
+
+
+def _not_ready(detail: str, checks: dict[str, Any]) -> Response:
+    problem = problem_document(503, "not-ready", detail, "/readyz", checks=checks)
+    return JSONResponse(problem, 503, headers={"Retry-After": "1"}, media_type=MEDIA_TYPE)

@@ -12,9 +12,10 @@ from starlette.requests import ClientDisconnect
 
 from service.context import Before, Context, Limit, Recording, Service
 from service.database import new_id
+from service.foreign_recording import describe_foreign_recording
 from service.problems import ProblemError, problem_responses
-from service.recording_rows import describe_recording
-from service.routes.files import WholeFile
+from service.routes.files import NOT_MODIFIED, IfNoneMatch, send_file
+from service.routes.lists import page
 from service.schemas import RecordingLinks, RecordingList, RecordingResource
 from service.tables import RecordingRow
 
@@ -27,15 +28,17 @@ BINARY = {"schema": {"type": "string", "format": "binary"}}
 BODY = {"required": True, "content": {MCAP: BINARY}}
 
 
-@router.post("", status_code=201, responses=problem_responses(413, 422), openapi_extra={"requestBody": BODY})
+@router.post("", status_code=201, responses=problem_responses(413, 422, 507), openapi_extra={"requestBody": BODY})
 async def upload_recording(request: Request, response: Response, service: Service) -> RecordingResource:
     """Takes a recording (the MCAP file as the body) and keeps it if it can be used."""
     recording_id = new_id()
     # RecordingErrors name the file, so it gets a name that tells the sender something.
     path = service.store.folder.incoming(f"upload-{recording_id}.mcap")
+    length = request.headers.get("content-length", "")
+    await to_thread.run_sync(service.require_space, int(length) if length.isdecimal() else 0)
     try:
         sha256 = await _receive(request, path)
-        row = await to_thread.run_sync(describe_recording, recording_id, path, sha256, limiter=service.parsing)
+        row = await to_thread.run_sync(describe_foreign_recording, recording_id, path, sha256, limiter=service.parsing)
         await to_thread.run_sync(service.store.add_recording, row, path)
     finally:
         await to_thread.run_sync(lambda: path.unlink(missing_ok=True))
@@ -44,9 +47,10 @@ async def upload_recording(request: Request, response: Response, service: Servic
 
 
 @router.get("", responses=problem_responses(422))
-def list_recordings(service: Service, limit: Limit = 100, before: Before = None) -> RecordingList:
+def list_recordings(request: Request, service: Service, limit: Limit = 100, before: Before = None) -> RecordingList:
     """The recordings, the newest first."""
-    return RecordingList(recordings=[_resource(row) for row in service.store.recordings(limit, before)])
+    rows, following = page(service.store.recordings(limit + 1, before), limit, request)
+    return RecordingList(recordings=[_resource(row) for row in rows], next=following)
 
 
 @router.get("/{id}", responses=problem_responses(404, 422))
@@ -58,15 +62,25 @@ def get_recording(recording: Recording) -> RecordingResource:
 FILE: dict[int | str, dict[str, Any]] = {200: {"content": {MCAP: BINARY}}}
 
 
-@router.get("/{id}/file", response_class=FileResponse, responses=FILE | problem_responses(404, 422))
-def download_recording(recording: Recording, service: Service) -> WholeFile:
+REFUSALS = NOT_MODIFIED | problem_responses(404, 422)
+
+
+@router.get("/{id}/file", response_class=FileResponse, responses=FILE | REFUSALS)
+def download_recording(recording: Recording, service: Service, has: IfNoneMatch) -> Response:
     """The MCAP file as it was uploaded."""
-    return recording_file(service, recording)
+    return send_recording(service, recording, has)
 
 
-def recording_file(service: Context, recording: RecordingRow) -> WholeFile:
-    """The answer that sends the recording's file."""
-    return WholeFile(service.store.folder.recording(recording.id), MCAP, f"{recording.id}.mcap")
+def send_recording(service: Context, recording: RecordingRow, has: str | None) -> Response:
+    """The answer that sends the recording's file; `has` are the ETags of what the client has."""
+    return send_file(
+        service.store.folder.recording(recording.id),
+        MCAP,
+        has,
+        save_as=f"{recording.id}.mcap",
+        sha256=recording.sha256,
+        size_bytes=recording.size_bytes,
+    )
 
 
 async def _receive(request: Request, path: Path) -> str:

@@ -1,72 +1,80 @@
-"""Scans: start, follow, cancel, and their results."""
+"""Scans: start, do again, follow, list, cancel, keep."""
 
-import json
-from collections.abc import Sequence
-from pathlib import Path
-from typing import Any
+import sqlite3
+from collections.abc import Callable
 
 from anyio import to_thread
-from fastapi import APIRouter, Response
-from fastapi.responses import FileResponse
+from fastapi import APIRouter, Request, Response
 
 from service.context import Before, Context, Id, Limit, Scan, Service, find_scan
-from service.data_folder import CLOUD, MODEL, PREVIEW
-from service.model_schema import GraspsDocument, ModelDocument
+from service.new_rows import Asked
 from service.problems import ProblemError, problem_responses
-from service.routes import recordings
-from service.routes.files import WholeFile, existing
-from service.schemas import (
-    ACTIVE_STATES,
-    RESULT_STATES,
-    LiveScan,
-    Problem,
-    Progress,
-    ScanLinks,
-    ScanList,
-    ScanRequest,
-    ScanResource,
-    ScanSummary,
-    ViewProgress,
-)
-from service.tables import ScanRow, ViewRow
+from service.routes.asking import Asks
+from service.routes.lists import Filter, page
+from service.scan_resource import SCANS, scan_resource, scan_resources
+from service.schemas import ACTIVE_STATES, Keep, LiveScan, Reprocess, ScanList, ScanRequest, ScanResource
+from service.tables import ScanRow
 from service.workflow import check_radius
 
-PATH = "/api/scans"
-
-router = APIRouter(prefix=PATH, tags=["scans"])
+router = APIRouter(prefix=SCANS, tags=["scans"])
 
 
-@router.post("", status_code=202, responses=problem_responses(404, 409, 413, 422, 503))
-def start_scan(wanted: ScanRequest, response: Response, service: Service) -> ScanResource:
+@router.post("", status_code=202, responses=problem_responses(404, 409, 413, 422, 503, 507))
+def start_scan(wanted: ScanRequest, response: Response, service: Service, asking: Asks) -> ScanResource:
     """Starts a scan; follow it at the address in Location. One at a time: 409 names the one under way.
 
     A live scan is accepted once arm, camera and calibration are ready and enough viewpoints can be reached.
     """
-    if isinstance(wanted, LiveScan):
-        radius = check_radius(wanted.string_radius_m, service.config.cell.scan.string_radius_m)
-        scan = service.jobs.submit_live(wanted.views, wanted.method, radius)
-    else:
+    asked = asking.asked(wanted)
+
+    def submit() -> ScanRow:
+        if isinstance(wanted, LiveScan):
+            radius = check_radius(wanted.string_radius_m, service.config.cell.scan.string_radius_m)
+            return service.jobs.submit.live(wanted.views, wanted.method, radius, asked)
         recording = service.store.recording(wanted.recording)
         if recording is None:
             raise ProblemError(404, "recording-not-found", f"there is no recording {wanted.recording}; upload it first")
         radius = check_radius(wanted.string_radius_m, recording.string_radius_m)
-        scan = service.jobs.submit_replay(recording, wanted.method, radius)
-    response.headers["Location"] = f"{PATH}/{scan.id}"
-    return _resource(scan, ())
+        return service.jobs.submit.replay(recording, wanted.method, radius, asked)
+
+    return _start(response, service, asked, submit)
+
+
+@router.post("/{id}/reprocess", status_code=202, responses=problem_responses(404, 409, 413, 422, 503, 507))
+def reprocess_scan(
+    source: Scan, response: Response, service: Service, asking: Asks, wanted: Reprocess | None = None
+) -> ScanResource:
+    """Recognises what a scan has recorded again, as a scan of its own: whatever became of the first one, also where it
+    was interrupted. Nothing moves. What the request leaves out is as in the first; a radius of null is measured."""
+    wanted = wanted or Reprocess()
+    asked = asking.asked(wanted)
+
+    def submit() -> ScanRow:
+        if source.state in ACTIVE_STATES:
+            raise ProblemError(409, "result-not-ready", f"scan {source.id} is {source.state}; wait for its end")
+        recording = service.store.recording(source.recording) if source.recording else None
+        if recording is None:
+            raise ProblemError(404, "no-result", f"scan {source.id} has no recording")
+        given = "string_radius_m" in wanted.model_fields_set
+        radius = check_radius(wanted.string_radius_m if given else source.string_radius_m, None)
+        return service.jobs.submit.replay(recording, wanted.method or source.method, radius, asked, source.id)
+
+    return _start(response, service, asked, submit)
 
 
 @router.get("", responses=problem_responses(422))
-def list_scans(service: Service, limit: Limit = 100, before: Before = None) -> ScanList:
-    """The scans, the newest first."""
-    rows = service.store.scans(limit, before)
-    views = service.store.views([row.id for row in rows])
-    return ScanList(scans=[_resource(row, [view for view in views if view.scan == row.id]) for row in rows])
+def list_scans(
+    request: Request, service: Service, wanted: Filter, limit: Limit = 100, before: Before = None
+) -> ScanList:
+    """The scans, the newest first; each of the filters must hold."""
+    rows, following = page(service.store.scans(limit + 1, before, wanted), limit, request)
+    return ScanList(scans=scan_resources(rows, service.store.views([row.id for row in rows])), next=following)
 
 
 @router.get("/{id}", responses=problem_responses(404, 422))
 def get_scan(scan: Scan, service: Service) -> ScanResource:
     """State, progress and results of a scan."""
-    return _resource(scan, service.store.views([scan.id]))
+    return _told(scan, service)
 
 
 @router.post("/{id}/cancel", responses=problem_responses(404, 409, 422))
@@ -75,107 +83,33 @@ async def cancel_scan(id: Id, service: Service) -> ScanResource:  # noqa: A002 (
 
     def cancel() -> ScanResource:
         service.jobs.cancel(find_scan(id, service))
-        return _resource(find_scan(id, service), service.store.views([id]))
+        return _told(find_scan(id, service), service)
 
     return await to_thread.run_sync(cancel, limiter=service.stopping)
 
 
-def _file(media_type: str) -> dict[int | str, dict[str, Any]]:
-    return {200: {"content": {media_type: recordings.BINARY}}}
+@router.put("/{id}/keep", responses=problem_responses(404, 413, 422))
+def keep_scan(id: Id, wanted: Keep, service: Service) -> ScanResource:  # noqa: A002 (the path's own name)
+    """Marks a scan, with its results and its recording, as one to be kept however old it gets; or no longer."""
+    service.store.keep_scan(id, wanted.kept)
+    return _told(find_scan(id, service), service)
 
 
-@router.get(
-    "/{id}/model",
-    response_class=FileResponse,
-    responses={200: {"model": ModelDocument, "content": {"application/json": {}}}} | problem_responses(404, 409, 422),
-)
-def get_model(scan: Scan, service: Service) -> WholeFile:
-    """The point chain model."""
-    return _result(scan, service, MODEL, "application/json")
+def _told(scan: ScanRow, service: Context) -> ScanResource:
+    return scan_resource(scan, service.store.views([scan.id]))
 
 
-@router.get("/{id}/grasps", response_model=GraspsDocument, responses=problem_responses(404, 409, 422))
-def get_grasps(scan: Scan, service: Service) -> dict[str, Any]:
-    """Where the configured gripper can take the strings, the best first."""
-    model = json.loads(_result_path(scan, service, MODEL).read_bytes())
-    if "grasps" not in model:
-        raise ProblemError(404, "no-result", f"scan {scan.id} is of an older version, without grasps: scan again")
-    return {key: model[key] for key in ("schema", "frame", "grasps")}
-
-
-PLY = "application/octet-stream"
-
-
-@router.get("/{id}/cloud.ply", response_class=FileResponse, responses=_file(PLY) | problem_responses(404, 409, 422))
-def get_cloud(scan: Scan, service: Service) -> WholeFile:
-    """The merged cloud: binary PLY, metres, base frame."""
-    return _result(scan, service, CLOUD, PLY, f"{scan.id}.ply")
-
-
-@router.get(
-    "/{id}/preview.png",
-    response_class=FileResponse,
-    responses=_file("image/png") | problem_responses(404, 409, 422),
-)
-def get_preview(scan: Scan, service: Service) -> WholeFile:
-    """The result from above: cloud, chains, crossings. Drawn behind the model: the first to ask may wait a moment."""
-    if scan.state in RESULT_STATES:
-        service.jobs.wait_for_preview(scan.id)
-    return _result(scan, service, PREVIEW, "image/png")
-
-
-@router.get(
-    "/{id}/recording",
-    response_class=FileResponse,
-    responses=_file(recordings.MCAP) | problem_responses(404, 422),
-)
-def get_scan_recording(scan: Scan, service: Service) -> WholeFile:
-    """The recording that the scan is of, whatever became of the scan."""
-    recording = service.store.recording(scan.recording) if scan.recording else None
-    if recording is None:
-        raise ProblemError(404, "no-result", f"scan {scan.id} has no recording")
-    return recordings.recording_file(service, recording)
-
-
-def _result(scan: ScanRow, service: Context, name: str, media_type: str, save_as: str | None = None) -> WholeFile:
-    return WholeFile(_result_path(scan, service, name), media_type, save_as)
-
-
-def _result_path(scan: ScanRow, service: Context, name: str) -> Path:
-    if scan.state in ACTIVE_STATES:
-        raise ProblemError(409, "result-not-ready", f"scan {scan.id} is {scan.state}; wait for its end")
-    if scan.state not in RESULT_STATES:
-        raise ProblemError(404, "no-result", f"scan {scan.id} is {scan.state}: it has no result")
-    return existing(service.store.folder.results(scan.id) / name)
-
-
-def _resource(row: ScanRow, views: Sequence[ViewRow]) -> ScanResource:
-    own = f"{PATH}/{row.id}"
-    done = row.state in RESULT_STATES
-    return ScanResource(
-        id=row.id,
-        mode=row.mode,
-        recording=row.recording,
-        method=row.method,
-        string_radius_m=row.string_radius_m,
-        state=row.state,
-        progress=Progress(
-            stage=row.stage,
-            fraction=row.fraction,
-            views=[ViewProgress(index=view.view, state=view.state, reason=view.reason) for view in views],
-        ),
-        created_at=row.created_at,
-        started_at=row.started_at,
-        ended_at=row.ended_at,
-        summary=ScanSummary.model_validate(row.summary) if row.summary else None,
-        problem=Problem.model_validate(row.problem | {"instance": own}) if row.problem else None,
-        links=ScanLinks(
-            self=own,
-            cancel=f"{own}/cancel" if row.state in ACTIVE_STATES else None,
-            recording=f"{own}/recording" if row.recording else None,
-            model=f"{own}/model" if done else None,
-            grasps=f"{own}/grasps" if done else None,
-            cloud=f"{own}/cloud.ply" if done else None,
-            preview=f"{own}/preview.png" if done else None,
-        ),
-    )
+def _start(response: Response, service: Context, asked: Asked, submit: Callable[[], ScanRow]) -> ScanResource:
+    """The scan that `submit` starts, or the one that a request with the same key has started."""
+    with service.keys.first_use(asked.key) as known:
+        if known is not None:
+            response.headers["Location"] = f"{SCANS}/{known.id}"
+            response.headers["Idempotency-Replayed"] = "true"
+            return _told(known, service)
+        service.require_space()
+        try:
+            scan = submit()
+        except sqlite3.IntegrityError as error:
+            raise ProblemError(404, "recording-not-found", "the recording was removed a moment ago") from error
+    response.headers["Location"] = f"{SCANS}/{scan.id}"
+    return scan_resource(scan, ())  # as accepted: what it has become since is not worth a refusal

@@ -1,10 +1,12 @@
 """Recordings that this project writes: what was written is what is read, here and by others."""
 
+import hashlib
 import json
 import os
 import stat
 import tempfile
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -224,6 +226,32 @@ def test_the_last_result_is_read(tmp_path: Path) -> None:
         writer.write_result({**MODEL, "method": "enhanced"})
     assert read_result(tmp_path / "scan.mcap") == {**MODEL, "method": "enhanced"}
     assert len(read_recording(tmp_path / "scan.mcap").views) == 1
+
+
+def test_each_view_is_found_again_by_its_bytes(tmp_path: Path) -> None:
+    path = tmp_path / "scan.mcap"
+    with RecordingWriter(path, HEADER) as writer:
+        pieces = []
+        for index in (2, 0, 1):
+            writer.write_view(make_view(index))
+            pieces.append(writer.written(index))
+            # As the file is at this moment: what a crash would leave.
+            assert path.stat().st_size == pieces[-1].offset_bytes + pieces[-1].size_bytes
+        with pytest.raises(RecordingContentError):
+            writer.write_view(make_view(0))
+        with pytest.raises(KeyError):
+            writer.written(3)
+        assert writer.written(2) == pieces[0]
+        writer.write_result(MODEL)
+    content = path.read_bytes()
+    for piece in pieces:
+        end = piece.offset_bytes + piece.size_bytes
+        assert hashlib.sha256(content[piece.offset_bytes : end]).hexdigest() == piece.sha256
+    for piece, following in pairwise(pieces):
+        assert following.offset_bytes == piece.offset_bytes + piece.size_bytes
+    # Cut behind the second, the file has just these two.
+    (tmp_path / "cut.mcap").write_bytes(content[: pieces[2].offset_bytes])
+    assert [view.index for view in read_recording(tmp_path / "cut.mcap").views] == [0, 2]
 
 
 def test_a_model_with_nan_is_not_written(tmp_path: Path) -> None:

@@ -21,7 +21,7 @@ from cell.simulation.world import simulated_world
 from recognition.common_error import CommonError
 from service.data_folder import DataFolder
 from service.database import new_id
-from service.new_rows import new_calibration, new_scan
+from service.new_rows import NOBODY, new_calibration, new_scan
 from service.schemas import ACTIVE_STATES, ScanState
 from service.store import Store
 from service.tables import CalibrationRow, ScanErrorRow
@@ -80,7 +80,7 @@ def client(
         store.calibrations.set_view(left["scanning"].id, 1, "moving")
         information = np.diag([1e6] * 3 + [4e6] * 3)
         for _ in range(3):
-            scan = new_scan("live", "graph", None, None)
+            scan = new_scan("live", "graph", None, NOBODY)
             store.add_scan(replace(scan, state="succeeded"))
             error = ScanErrorRow(
                 scan.id, told_sha256(), DRIFTED.tolist(), information.tolist(), (information @ DRIFTED).tolist()

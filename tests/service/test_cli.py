@@ -270,15 +270,15 @@ def test_wrong_calls_exit_with_2(arguments: list[str]) -> None:
 def test_serve_says_why_it_cannot_start(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     folder = DataFolder(tmp_path / "data")
     try:
-        assert main(["serve", "--data-dir", str(tmp_path / "data")]) == 1
+        assert main(["serve", "--unsupervised", "--data-dir", str(tmp_path / "data")]) == 1
         assert "another service uses this data folder" in capsys.readouterr().err
     finally:
         folder.close()
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = taken.getsockname()[1]
-        assert main(["serve", "--data-dir", str(tmp_path / "data"), "--port", str(port)]) == 1
+        assert main(["serve", "--unsupervised", "--data-dir", str(tmp_path / "data"), "--port", str(port)]) == 1
     assert f"cannot listen on 127.0.0.1:{port}: " in capsys.readouterr().err
     config = tmp_path / "cell.toml"
     config.write_text("prot = 8000\n")
-    assert main(["serve", "--config", str(config)]) == 1
+    assert main(["serve", "--unsupervised", "--config", str(config)]) == 1
     assert "prot" in capsys.readouterr().err

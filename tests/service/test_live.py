@@ -1,5 +1,6 @@
 """Live scans over HTTP: the real ur_rtde and depthai in child processes, against the virtual controller."""
 
+import hashlib
 import json
 import math
 import time
@@ -10,6 +11,7 @@ from typing import Any
 import httpx
 import pytest
 
+from service.store import Store
 from tests.service.conftest import Serve, wait_until
 from tests.service.live_cell import SCAN, LiveCell, live_cell
 
@@ -45,7 +47,20 @@ def test_a_live_scan_gives_the_true_model_and_replays_to_the_same(
     recording = cell.client.get(f"/api/recordings/{scan['recording']}").json()
     assert recording["views"] == 8
     assert recording["missing"] == []
-    answer = cell.client.post("/api/scans", json={"mode": "replay", "recording": scan["recording"]})
+    assert scan["calibration_sha256"] == recording["provenance"]["calibration_sha256"] is not None
+    content = cell.client.get(scan["links"]["recording"]).content
+    store: Store = cell.client.app.state.context.store
+    row, views = store.scan(scan["id"]), store.views([scan["id"]])
+    for view in views:
+        assert view.offset_bytes is not None
+        assert view.size_bytes is not None
+        piece = content[view.offset_bytes : view.offset_bytes + view.size_bytes]
+        assert hashlib.sha256(piece).hexdigest() == view.sha256
+    assert row is not None
+    assert row.inputs is not None
+    assert row.inputs["views"] == [{"view": view.view, "sha256": view.sha256} for view in views]
+
+    answer = cell.client.post(scan["links"]["reprocess"])
     again = finished(cell.client, answer.headers["Location"])
     replayed = cell.client.get(again["links"]["model"]).json()
     for each in (model, replayed):
@@ -104,7 +119,7 @@ def test_viewpoints_out_of_reach_are_refused_by_number(serve: Serve, tmp_path: P
         plan = cell.client.post("/api/viewpoints/plan", json={}).json()
         assert len(plan["viewpoints"]) == 8
         assert plan["viewpoints"][7]["reason"] == "out of the arm's reach"
-        assert cell.client.get("/api/scans").json() == {"scans": []}
+        assert cell.client.get("/api/scans").json() == {"scans": [], "next": None}
         assert not cell.moving()
 
 

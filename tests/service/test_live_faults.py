@@ -2,6 +2,7 @@
 
 import multiprocessing
 import os
+import re
 import signal
 import time
 from collections.abc import Callable, Iterator
@@ -55,6 +56,12 @@ def taken(cell: LiveCell, scan: dict[str, Any]) -> int:
     count = [view["state"] for view in scan["progress"]["views"]].count("recorded")
     assert cell.client.get(f"/api/recordings/{scan['recording']}").json()["views"] == count
     return count
+
+
+def counted(cell: LiveCell) -> dict[tuple[str, str], float]:
+    """The metrics of views, by name and label."""
+    told = re.findall(r'^pointchain_(views?_\w*total)\{\w+="(\w+)"\} (\S+)', cell.client.get("/metrics").text, re.M)
+    return {(name, label): float(value) for name, label, value in told}
 
 
 def test_a_protective_stop_needs_a_person(cell: LiveCell, finished: Finished, assert_problem: Problem) -> None:
@@ -149,6 +156,7 @@ def test_a_calibration_that_changes_during_the_scan_fails_it(
 
 
 def test_a_camera_that_fails_for_a_while_makes_a_partial_result(cell: LiveCell, finished: Finished) -> None:
+    before = counted(cell)
     location = cell.start()
     cell.wait_for_motion(location)
     cell.camera.fault("zero")
@@ -162,6 +170,9 @@ def test_a_camera_that_fails_for_a_while_makes_a_partial_result(cell: LiveCell, 
     for view in missing:
         assert view["reason"]
         assert any(f"view {view['index']} is missing" in warning for warning in warnings)
+    more = {name: value - before[name] for name, value in counted(cell).items()}
+    assert more["views_total", "recorded"] == 8 - len(missing)
+    assert more["views_total", "missing"] == more["view_failures_total", "camera"] == len(missing)
 
 
 def test_too_few_views_fail_the_scan_and_are_kept(cell: LiveCell, finished: Finished) -> None:

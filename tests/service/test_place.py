@@ -1,16 +1,18 @@
 """The one place: who gets it, who is told what, and that nothing is lost when it closes."""
 
+from concurrent.futures import ThreadPoolExecutor
+
 import pytest
 
 from calibration.board import Board
-from service.new_rows import new_calibration, new_scan
+from service.new_rows import NOBODY, new_calibration, new_scan
 from service.place import Place
 from service.problems import ProblemError
 from service.running import Running
 
 
 def scan() -> Running:
-    return Running(new_scan("replay", "graph", None, "r1"), None)
+    return Running(new_scan("replay", "graph", None, NOBODY, recording="r1"), None)
 
 
 def calibration() -> Running:
@@ -24,10 +26,14 @@ def refusal(place: Place) -> ProblemError:
 
 
 @pytest.mark.parametrize(("running", "address"), [(scan(), "/api/scans/"), (calibration(), "/api/calibration/runs/")])
-def test_whoever_comes_second_is_told_of_the_first(running: Running, address: str) -> None:
+def test_whoever_comes_second_is_told_of_the_first(
+    running: Running, address: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("service.place.SOON_S", 0.01)
     place, done = Place(), []
     with place.taken():
-        assert (refusal(place).status_code, refusal(place).slug) == (409, "cell-busy")
+        told = refusal(place)
+        assert (told.status_code, told.slug, told.headers) == (409, "cell-busy", {"Retry-After": "2"})
         place.accept(running, lambda: done.append("written"), lambda: done.append("begun"))
     assert done == ["written", "begun"]
     assert place.running is running
@@ -39,6 +45,16 @@ def test_whoever_comes_second_is_told_of_the_first(running: Running, address: st
     assert place.running is None
     with place.taken():
         pass
+
+
+def test_whoever_comes_while_it_is_decided_on_waits_to_be_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("service.place.SOON_S", 60.0)
+    place, running = Place(), scan()
+    with ThreadPoolExecutor(1) as pool:
+        with place.taken():
+            second = pool.submit(refusal, place)
+            place.accept(running, lambda: None, lambda: None)
+        assert second.result().headers == {"Location": running.location}
 
 
 def test_what_cannot_be_written_leaves_the_place_free() -> None:

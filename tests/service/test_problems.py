@@ -51,7 +51,7 @@ def test_a_full_disk_is_said_to_be_full_and_keeps_no_part(
             answer = own.post("/api/recordings", content=recording_file.read_bytes())
         assert_problem(answer, 507, "storage-full")
     assert not list(data.rglob("*.mcap"))
-    assert own.get("/api/recordings").json() == {"recordings": []}
+    assert own.get("/api/recordings").json() == {"recordings": [], "next": None}
 
 
 def test_a_database_that_another_holds_is_busy(

@@ -60,7 +60,7 @@ def nothing_left(serve: Serve, tmp_path: Path) -> Iterator[httpx.Client]:
     """A service of its own, whose data folder must hold no recording in the end."""
     with serve(tmp_path, limits={"upload_bytes": 50_000}) as client:
         yield client
-        assert client.get("/api/recordings").json() == {"recordings": []}
+        assert client.get("/api/recordings").json() == {"recordings": [], "next": None}
     files = [path.relative_to(tmp_path).parts[0] for path in tmp_path.rglob("*") if path.is_file()]
     assert set(files) <= {"lock", "pointchain.sqlite3"}
 
@@ -96,7 +96,7 @@ def test_what_cannot_be_used_is_refused_and_leaves_nothing(
 def test_a_sender_that_goes_away_leaves_nothing(nothing_left: httpx.Client, recording_file: Path) -> None:
     address = nothing_left.base_url
     with socket.create_connection((address.host, address.port or 80)) as connection:
-        head = "POST /api/recordings HTTP/1.1\r\nHost: here\r\nContent-Length: 40000\r\n\r\n"
+        head = "POST /api/recordings HTTP/1.1\r\nHost: localhost\r\nContent-Length: 40000\r\n\r\n"
         connection.sendall(head.encode() + recording_file.read_bytes()[:20_000])
     # The service goes on.
     assert nothing_left.get("/healthz").status_code == 200

@@ -2,47 +2,18 @@
 
 import hashlib
 import os
-import re
 import signal
-import socket
-import subprocess
-import sys
 import time
-from collections.abc import Iterator
-from contextlib import ExitStack, closing, contextmanager, suppress
+from contextlib import suppress
 from pathlib import Path
 
-import httpx
 import pytest
 
 from cell.recording import read_recording
-from cell.simulation.controller.admin import AdminClient
 from service.data_folder import DataFolder
 from service.store import Store
 from tests.cell.loopback import free_host
-from tests.cell.virtual_arm import motion_commands, stops, until
-
-ROOT = Path(__file__).resolve().parents[2]
-SERVE = "import sys; from service.cli import main; sys.exit(main(['serve']))"
-
-
-@contextmanager
-def process(data_dir: Path, log: Path, **variables: str) -> Iterator[tuple[subprocess.Popen[bytes], httpx.Client]]:
-    """A service in a process of its own."""
-    environment = os.environ | {"POINTCHAIN_DATA_DIR": str(data_dir), "POINTCHAIN_PORT": "0"} | variables
-    with log.open("wb") as output:
-        running = subprocess.Popen(
-            [sys.executable, "-c", SERVE], cwd=ROOT, env=environment, stdout=output, stderr=output
-        )
-    try:
-        while not (address := re.search(r"pointchain: (http://\S+)/docs", log.read_text())):
-            assert running.poll() is None, log.read_text()
-            time.sleep(0.02)
-        with httpx.Client(base_url=address[1], timeout=60) as client:
-            yield running, client
-    finally:
-        running.kill()
-        running.wait()
+from tests.service.service_process import process
 
 
 @pytest.mark.skipif(not Path("/proc").is_dir(), reason="looks for left-over processes in /proc")
@@ -78,9 +49,9 @@ def test_killed_in_the_middle_of_a_scan(recording_file: Path, tmp_path: Path) ->
 
         again = client.post("/api/scans", json=wish)
         assert again.status_code == 202
-        # Stopped in order this time, while the scan is under way or just done.
+        # Ended in order this time, while the scan is under way or just done.
         second.send_signal(signal.SIGTERM)
-        assert second.wait(timeout=60) in (0, -signal.SIGTERM)
+        assert second.wait(timeout=60) == 0
 
     wait_for_end(children)
     folder = DataFolder(data)
@@ -136,37 +107,6 @@ def test_killed_in_the_middle_of_a_live_scan(tmp_path: Path) -> None:
     # The last one may have been on the disk before its row was.
     assert kept <= views
     assert len(views) == recording["views"] < 8
-
-
-@pytest.mark.xdist_group("cell")  # one at a time: several busy processes
-def test_told_to_end_in_the_middle_of_a_move_it_stops_the_arm_before_it_waits_for_requests(tmp_path: Path) -> None:
-    data, host = tmp_path / "data", free_host()
-    variables = {"POINTCHAIN_ARM__HOST": host, "POINTCHAIN_ARM__TIME_FACTOR": "4", "POINTCHAIN_ARM__WATCHDOG_HZ": "1"}
-    with process(data, tmp_path / "log", **variables) as (service, client), ExitStack() as open_ones:
-        scan = client.post("/api/scans", json={"mode": "live", "string_radius_m": 0.0042}).json()
-        while not client.get(scan["links"]["self"]).json()["progress"]["views"]:
-            time.sleep(0.02)
-        # A client that has stopped sending: uvicorn waits for the rest of its request.
-        stalled = open_ones.enter_context(socket.create_connection((client.base_url.host, client.base_url.port or 80)))
-        stalled.sendall(b"POST /api/recordings HTTP/1.1\r\nHost: cell\r\nContent-Length: 1000\r\n\r\nnothing more")
-        controller = open_ones.enter_context(closing(AdminClient(host)))
-        until(lambda: controller.state().moving, 30.0)
-        begin, seen = controller.state().events, []
-        service.send_signal(signal.SIGTERM)
-        with suppress(OSError):  # until the service lets the controller go
-            while service.poll() is None:
-                seen = controller.log(begin)
-        service.wait(timeout=60)
-    # The controller has seen nothing else, however long it was there for.
-    assert stops(seen), f"the arm was not stopped: {seen}"
-    assert not motion_commands(seen)
-    folder = DataFolder(data)
-    store = Store(folder)
-    ended = store.scan(scan["id"])
-    assert ended is not None
-    assert ended.state == "interrupted"
-    store.close()
-    folder.close()
 
 
 def wait_for_end(children: list[int]) -> None:

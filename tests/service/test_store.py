@@ -184,7 +184,7 @@ def test_leftovers_of_incoming_files_go(tmp_path: Path) -> None:
     (tmp_path / "incoming" / "s1").mkdir(parents=True)
     (tmp_path / "incoming" / "s1" / "model.json").write_text("{")
     folder = DataFolder(tmp_path)
-    assert list(folder.incoming("").iterdir()) == []
+    assert list((tmp_path / "incoming").iterdir()) == []
     folder.close()
 
 

@@ -1,0 +1,63 @@
+"""`pointchain audit`: who did what, from the service's log; also while it runs."""
+
+import argparse
+import json
+import sys
+from datetime import UTC, datetime
+from pathlib import Path
+
+
+def add_audit_command(commands: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
+    """Adds `audit`."""
+    audit = commands.add_parser(
+        "audit",
+        help="who asked the service for what, and what came of it",
+        description="Prints the audit log, the newest entries last: when, who (role), what, the answer's status and "
+        "problem, in which state the cell was, and the scan. Status 0 is of the service itself.",
+    )
+    audit.add_argument("--since", type=_moment, metavar="WHEN", help="as 2026-01-31 or 2026-01-31T08:00:00+01:00 (UTC)")
+    audit.add_argument("--scan", metavar="ID", help="of this scan")
+    audit.add_argument("--who", metavar="NAME", help="of this token; local, service, or an address")
+    audit.add_argument("--limit", type=_limit, default=100, metavar="N", help="the newest N (%(default)s)")
+    audit.add_argument("--json", action="store_true", help="one JSON document a line")
+    audit.add_argument("--config", type=Path, metavar="TOML", help="the service's configuration file")
+    audit.add_argument("--data-dir", type=Path, metavar="DIR", help="the service's data folder")
+    audit.set_defaults(run=_audit)
+
+
+def _moment(text: str) -> str:
+    try:
+        moment = datetime.fromisoformat(text)
+        moment = moment.replace(tzinfo=UTC) if moment.tzinfo is None else moment.astimezone(UTC)
+    except (ValueError, OverflowError):
+        raise argparse.ArgumentTypeError(f"{text!r} is no date or time, as 2026-01-31 or 2026-01-31T08:00:00") from None
+    return moment.isoformat(timespec="milliseconds").replace("+00:00", "Z")
+
+
+def _limit(text: str) -> int:
+    if not (text.isascii() and text.isdigit() and 1 <= int(text) <= 1_000_000):
+        raise argparse.ArgumentTypeError(f"{text!r}: from 1 to 1000000 entries are possible")
+    return int(text)
+
+
+def _audit(options: argparse.Namespace) -> int:
+    from service.config import ConfigError, load_config
+    from service.security.audit_reader import AuditError, read_audit
+
+    try:
+        data_dir = load_config(options.config, data_dir=options.data_dir).data_dir
+        entries = read_audit(data_dir, options.since, options.scan, options.who, options.limit + 1)
+    except (ConfigError, AuditError) as error:
+        print(f"pointchain audit: {error}", file=sys.stderr)
+        return 1
+    for entry in entries[-options.limit :]:
+        if options.json:
+            print(json.dumps(vars(entry)))
+        else:
+            told = "" if entry.result is None else f" {entry.result}"
+            about = "" if entry.scan is None else f", scan {entry.scan}"
+            status = entry.status or "-"
+            print(f"{entry.at}  {entry.who} ({entry.role})  {entry.what}  {status}{told}  cell {entry.cell}{about}")
+    if len(entries) > options.limit:
+        print(f"there are older ones: these are the newest {options.limit}; --limit shows more", file=sys.stderr)
+    return 0

@@ -1,0 +1,101 @@
+"""Idempotency keys: a request that is sent again, since its answer was lost, starts nothing a second time.
+
+A key belongs to the caller who sent it. It is written together with the scan that it was first used for, and goes with
+that scan; a request that is refused leaves none behind.
+"""
+
+import hashlib
+import json
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+
+from pydantic import BaseModel
+
+from service.problems import ProblemError
+from service.store import Store
+from service.tables import ScanRow
+
+LONGEST = 255
+
+
+@dataclass(frozen=True)
+class Key:
+    """One request with a key."""
+
+    caller: str
+    key: str
+    body_sha256: str
+    """Of where it was sent to and what it asks for."""
+
+
+def body_hash(path: str, body: BaseModel) -> str:
+    """Hash of a request: of its path, and of its body as it was understood, not as it was written.
+
+    The order of members, spaces and numbers like 4e-3 make no difference; whether a member was left out does.
+    """
+    document = [path, body.model_dump(mode="json", exclude_unset=True)]
+    return hashlib.sha256(json.dumps(document, sort_keys=True, allow_nan=False).encode()).hexdigest()
+
+
+def check_key(key: str) -> str:
+    """The key itself.
+
+    Raises:
+        ProblemError: 422 `idempotency-key`, it has not 1 to 255 characters of printable ASCII.
+    """
+    if not (1 <= len(key) <= LONGEST and key.isascii() and key.isprintable()):
+        raise ProblemError(
+            422, "idempotency-key", f"the Idempotency-Key must be 1 to {LONGEST} characters of printable ASCII"
+        )
+    return key
+
+
+class IdempotencyKeys:
+    """The keys of requests that are just being decided on, and those in the store. Safe to use from any thread."""
+
+    def __init__(self, store: Store) -> None:
+        self._store = store
+        self._lock = threading.Lock()
+        """Never held while the database is asked."""
+        self._undecided: set[tuple[str, str]] = set()
+
+    @contextmanager
+    def first_use(self, key: Key | None) -> Iterator[ScanRow | None]:
+        """The scan that the key was used for before, or None: then the body is the first to use it, and the only one.
+
+        Raises:
+            ProblemError: 422 `idempotency-mismatch`, it was used for another request; 409 `idempotency-pending`,
+                another request with it is being decided on.
+        """
+        if key is None:
+            yield None
+            return
+        name = (key.caller, key.key)
+        with self._lock:
+            if name in self._undecided:
+                raise ProblemError(
+                    409,
+                    "idempotency-pending",
+                    "the first request with this Idempotency-Key is still being decided on; send it again in a moment",
+                    {"Retry-After": "1"},
+                )
+            self._undecided.add(name)
+        try:
+            yield self._used_for(key)
+        finally:
+            with self._lock:
+                self._undecided.remove(name)
+
+    def _used_for(self, key: Key) -> ScanRow | None:
+        used = self._store.key(key.caller, key.key)
+        if used is None:
+            return None
+        if used.body_sha256 != key.body_sha256:
+            raise ProblemError(
+                422,
+                "idempotency-mismatch",
+                f"this Idempotency-Key was used for another request, which started scan {used.scan}; take a new key",
+            )
+        return self._store.scan(used.scan)

@@ -1,0 +1,100 @@
+"""What a scan gave: model, grasps, cloud, picture, recording. A client that has it already is told so by its ETag."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+from fastapi import APIRouter, Response
+from fastapi.responses import FileResponse
+
+from service.context import Context, Scan, Service
+from service.data_folder import CLOUD, MODEL, PREVIEW
+from service.etags import matches
+from service.model_schema import GraspsDocument, ModelDocument
+from service.problems import ProblemError, problem_responses
+from service.routes import recordings
+from service.routes.files import NOT_MODIFIED, IfNoneMatch, not_modified, present, send_file
+from service.scan_resource import SCANS
+from service.schemas import ACTIVE_STATES, RESULT_STATES
+from service.tables import ScanRow
+
+router = APIRouter(prefix=SCANS, tags=["scans"])
+
+Responses = dict[int | str, dict[str, Any]]
+REFUSALS: Responses = NOT_MODIFIED | problem_responses(404, 409, 422)
+PLY = "application/octet-stream"
+
+
+def _file(media_type: str) -> Responses:
+    return {200: {"content": {media_type: recordings.BINARY}}}
+
+
+JSON: Responses = {200: {"model": ModelDocument, "content": {"application/json": {}}}}
+
+
+@router.get("/{id}/model", response_class=FileResponse, responses=JSON | REFUSALS)
+def get_model(scan: Scan, service: Service, has: IfNoneMatch) -> Response:
+    """The point chain model."""
+    return _send(scan, service, MODEL, "application/json", has)
+
+
+@router.get("/{id}/grasps", response_model=GraspsDocument, responses=REFUSALS)
+def get_grasps(scan: Scan, service: Service, response: Response, has: IfNoneMatch) -> Any:
+    """Where the configured gripper can take the strings, the best first."""
+    path = _result(scan, service, MODEL)
+    _, of_model = present(path, **_as_written(scan, MODEL))
+    etag = f'{of_model[:-1]}-grasps"'
+    if matches(has, etag):
+        return not_modified(etag)
+    model = json.loads(path.read_bytes())
+    if "grasps" not in model:
+        raise ProblemError(404, "no-result", f"scan {scan.id} is of an older version, without grasps: scan again")
+    response.headers["ETag"] = etag
+    return {key: model[key] for key in ("schema", "frame", "grasps")}
+
+
+@router.get("/{id}/cloud.ply", response_class=FileResponse, responses=_file(PLY) | REFUSALS)
+def get_cloud(scan: Scan, service: Service, has: IfNoneMatch) -> Response:
+    """The merged cloud: binary PLY, metres, base frame."""
+    return _send(scan, service, CLOUD, PLY, has, f"{scan.id}.ply")
+
+
+@router.get("/{id}/preview.png", response_class=FileResponse, responses=_file("image/png") | REFUSALS)
+def get_preview(scan: Scan, service: Service, has: IfNoneMatch) -> Response:
+    """The result from above: cloud, chains, crossings. Drawn behind the model: the first to ask may wait a moment."""
+    if scan.state in RESULT_STATES:
+        service.jobs.wait_for_preview(scan.id)
+    return _send(scan, service, PREVIEW, "image/png", has)
+
+
+RECORDING: Responses = _file(recordings.MCAP) | NOT_MODIFIED | problem_responses(404, 422)
+
+
+@router.get("/{id}/recording", response_class=FileResponse, responses=RECORDING)
+def get_scan_recording(scan: Scan, service: Service, has: IfNoneMatch) -> Response:
+    """The recording that the scan is of, whatever became of the scan."""
+    recording = service.store.recording(scan.recording) if scan.recording else None
+    if recording is None:
+        raise ProblemError(404, "no-result", f"scan {scan.id} has no recording")
+    return recordings.send_recording(service, recording, has)
+
+
+def _send(
+    scan: ScanRow, service: Context, name: str, media_type: str, has: str | None, save_as: str | None = None
+) -> Response:
+    path = _result(scan, service, name)
+    return send_file(path, media_type, has, save_as=save_as, **_as_written(scan, name))
+
+
+def _result(scan: ScanRow, service: Context, name: str) -> Path:
+    """Where a result's file is."""
+    if scan.state in ACTIVE_STATES:
+        raise ProblemError(409, "result-not-ready", f"scan {scan.id} is {scan.state}; wait for its end")
+    if scan.state not in RESULT_STATES:
+        raise ProblemError(404, "no-result", f"scan {scan.id} is {scan.state}: it has no result")
+    return service.store.folder.results(scan.id) / name
+
+
+def _as_written(scan: ScanRow, name: str) -> dict[str, Any]:
+    """Hash and size of a result's file; none for the picture, and of what an earlier version wrote."""
+    return (scan.files or {}).get(name, {})

@@ -1,0 +1,55 @@
+"""No page of another origin makes a browser do anything here.
+
+CORS is off, so no such page can read an answer, nor send a header of its own choice; what is left are the plain
+requests that every page may send. A browser says of them where they come from.
+"""
+
+from urllib.parse import urlsplit
+
+from starlette.types import Scope
+
+from service.problems import ProblemError
+from service.security.credential import header
+
+SAFE = frozenset({"GET", "HEAD", "OPTIONS"})
+"""Methods that change nothing."""
+OWN_HEADERS = (b"x-pointchain", b"authorization")
+"""A page of another origin cannot send these without having asked, and it is never answered yes."""
+_PORTS = {"http": ":80", "https": ":443"}
+
+
+def check_origin(scope: Scope) -> None:
+    """Raises ProblemError: 403 `cross-origin`."""
+    site = b"".join(header(scope, b"sec-fetch-site"))
+    if scope["method"] in SAFE:
+        # Following a link is all right. Loading from another page is not: the answer would be hidden from it, but it
+        # would take event streams away from others.
+        if site in (b"cross-site", b"same-site") and header(scope, b"sec-fetch-mode") != [b"navigate"]:
+            raise _refusal("a page of another origin may not load this")
+        return
+    if site in (b"cross-site", b"same-site"):
+        raise _refusal("a page of another origin may not do this")
+    origin = header(scope, b"origin")
+    if not origin:
+        return  # no browser, or one that says the same by Sec-Fetch-Site
+    if len(origin) > 1 or not _same_authority(origin[0].decode("latin-1"), scope):
+        raise _refusal("a page of another origin may not do this: the header Origin must name the same as Host")
+    if site != b"same-origin" and not any(header(scope, name) for name in OWN_HEADERS):
+        raise _refusal("with the header Origin, this needs the header X-Pointchain, with any value")
+
+
+def _same_authority(origin: str, scope: Scope) -> bool:
+    """Whether the origin's host and port are what the request calls the service by; "null" never is."""
+    try:
+        scheme, authority, *rest = urlsplit(origin)
+    except ValueError:
+        return False
+    default = _PORTS.get(scheme)
+    if default is None or any(rest) or not authority:
+        return False
+    (host,) = header(scope, b"host")
+    return authority.lower().removesuffix(default) == host.decode("latin-1").lower().removesuffix(default)
+
+
+def _refusal(detail: str) -> ProblemError:
+    return ProblemError(403, "cross-origin", detail)

@@ -1,0 +1,79 @@
+"""What may begin: scans and calibrations, accepted one at a time."""
+
+from collections.abc import Callable
+from typing import Any
+
+from calibration.board import Board
+from cell.cell import Cell
+from recognition.model import Method
+from service.new_rows import NOBODY, Asked, new_calibration, new_scan
+from service.place import Place
+from service.running import Running
+from service.store import Store
+from service.tables import CalibrationRow, RecordingRow, ScanRow
+
+
+class Submissions:
+    """Accepts what somebody wants done; on return it is on the disk, and it has begun. Nothing moves before that.
+
+    Safe to use from any thread. Every method raises ProblemError: `cell-busy`, with the Location of what is under way;
+    and those that need the cell raise CellError: why the cell cannot do it.
+    """
+
+    def __init__(self, store: Store, cell: Cell, place: Place, begin: Callable[[Running[Any]], None]) -> None:
+        self._store, self._cell, self._place, self._begin = store, cell, place, begin
+
+    def replay(
+        self,
+        recording: RecordingRow,
+        method: Method,
+        radius_m: float | None,
+        asked: Asked = NOBODY,
+        source: str | None = None,
+    ) -> ScanRow:
+        """A scan from a recording, `source` the scan that it does again.
+
+        Raises:
+            sqlite3.IntegrityError: the recording was removed a moment ago.
+        """
+        with self._place.taken():
+            scan = new_scan("replay", method, radius_m, asked, recording=recording.id, source=source)
+            self._accept(Running(scan, None), lambda: self._store.add_scan(scan, asked.key_row(scan)))
+            return scan
+
+    def live(self, views: int | None, method: Method, radius_m: float | None, asked: Asked = NOBODY) -> ScanRow:
+        """A scan by the cell, once the cell is ready and the scan is planned.
+
+        Takes seconds where the cell has to be connected first.
+        """
+        with self._place.taken():
+            plan = self._cell.prepare(views)
+            scan = new_scan("live", method, radius_m, asked, calibration_sha256=self._calibration_sha256)
+            self._accept(Running(scan, plan), lambda: self._store.add_scan(scan, asked.key_row(scan)))
+            return scan
+
+    def calibration(self, board: Board, poses: int) -> CalibrationRow:
+        """A calibration with the board on the table, as `live` does a scan."""
+        with self._place.taken():
+            plan = self._cell.prepare_calibration(board, poses)
+            row = new_calibration("calibration", board, poses, warnings=plan.warnings)
+            self._accept(Running(row, plan), lambda: self._store.calibrations.add(row))
+            return row
+
+    def verification(self) -> CalibrationRow:
+        """A look at the board, where it was left, from two poses."""
+        with self._place.taken():
+            plan = self._cell.prepare_verification()
+            row = new_calibration("verification", None, len(plan.viewpoints), self._calibration_sha256)
+            self._accept(Running(row, plan), lambda: self._store.calibrations.add(row))
+            return row
+
+    @property
+    def _calibration_sha256(self) -> str | None:
+        """Of the calibration that the cell has loaded for the plan just made."""
+        hand_eye = self._cell.status.hand_eye
+        return None if hand_eye is None else hand_eye.sha256
+
+    def _accept(self, running: Running[Any], write: Callable[[], None]) -> None:
+        """Has the row of what the place is taken for written, and begins it."""
+        self._place.accept(running, write, lambda: self._begin(running))

@@ -1,0 +1,99 @@
+"""`pointchain token ...`: who may speak to the service. Works while it runs, and is good at once."""
+
+import argparse
+import sys
+from pathlib import Path
+
+ROLES = ("viewer", "operator", "maintainer")  # as in `service.security.caller`, which is not imported for --help
+
+
+def add_token_commands(commands: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
+    """Adds `token` and its commands."""
+    token = commands.add_parser(
+        "token",
+        help="who may speak to the service: add, list, remove tokens",
+        description="As soon as there is a token, the service asks everybody for one. A viewer may look and stop the "
+        "arm, an operator scan too, a maintainer also acknowledge faults and calibrate. A running service follows at "
+        "once.",
+    )
+    kinds = token.add_subparsers(title="commands", required=True, metavar="COMMAND")
+
+    add = kinds.add_parser("add", help="make a token; it is printed this once", description="Prints a new token.")
+    add.add_argument("name", metavar="NAME", help="of the person or program; the audit log has it")
+    add.add_argument("--role", required=True, choices=ROLES)
+    _add_place(add)
+    add.set_defaults(run=_add)
+
+    listing = kinds.add_parser("list", help="names and roles", description="A line a token: name, role, when made.")
+    _add_place(listing)
+    listing.set_defaults(run=_list)
+
+    remove = kinds.add_parser("remove", help="take a token away", description="It is refused from now on.")
+    remove.add_argument("name", metavar="NAME")
+    _add_place(remove)
+    remove.set_defaults(run=_remove)
+
+
+def _add_place(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--config", type=Path, metavar="TOML", help="the service's configuration file")
+    parser.add_argument("--data-dir", type=Path, metavar="DIR", help="the service's data folder")
+
+
+def _data_dir(options: argparse.Namespace) -> Path:
+    from service.config import load_config
+
+    return load_config(options.config, data_dir=options.data_dir).data_dir
+
+
+def _add(options: argparse.Namespace) -> int:
+    from service.config import ConfigError
+    from service.security.tokens import TokensError, add_token
+
+    try:
+        token = add_token(_data_dir(options), options.name, options.role)
+    except (ConfigError, TokensError) as error:
+        return _failed("add", error)
+    print(token)
+    print(
+        f"{options.name} is {options.role}. The token is kept nowhere: store it now, and send it in each request as\n"
+        "  Authorization: Bearer TOKEN",
+        file=sys.stderr,
+    )
+    return 0
+
+
+def _list(options: argparse.Namespace) -> int:
+    from service.config import ConfigError
+    from service.security.tokens import FILE, TokensError, read_tokens
+
+    try:
+        tokens = read_tokens(_data_dir(options) / FILE)
+    except (ConfigError, TokensError) as error:
+        return _failed("list", error)
+    for token in tokens:
+        print(f"{token.name}\t{token.role}\t{token.created:%Y-%m-%dT%H:%M:%SZ}")
+    if not tokens:
+        print("there is no token: everybody on this machine may do everything", file=sys.stderr)
+    return 0
+
+
+def _remove(options: argparse.Namespace) -> int:
+    from service.config import ConfigError
+    from service.security.tokens import TokensError, remove_token
+
+    try:
+        left = remove_token(_data_dir(options), options.name)
+    except (ConfigError, TokensError) as error:
+        return _failed("remove", error)
+    print(f"{options.name} is refused from now on", file=sys.stderr)
+    if not left:
+        print(
+            "that was the last token: on loopback, everybody on this machine may do everything now; elsewhere, nobody",
+            file=sys.stderr,
+        )
+    return 0
+
+
+def _failed(command: str, error: Exception) -> int:
+    print(f"pointchain token {command}: {error}", file=sys.stderr)
+    return 1

@@ -1,0 +1,101 @@
+"""A service that asks for tokens, one client a role; and ways to speak to a service as no client library does."""
+
+import socket
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, ExitStack, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import httpx
+import pytest
+
+from service.jobs import Jobs
+from service.security.caller import ROLES
+from service.security.tokens import add_token
+from service.server import Server
+from tests.service.conftest import PATIENCE_S, Serve, ServedClient, wait_until
+
+
+@dataclass(frozen=True)
+class Guarded:
+    """A service with tokens."""
+
+    data: Path
+    client: ServedClient
+    """Without a token."""
+    headers: dict[str, dict[str, str]]
+    """Of each role."""
+
+
+@pytest.fixture(scope="session")
+def guarded(serve: Serve, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Guarded]:
+    """A service with a token of each role, named by its role."""
+    data = tmp_path_factory.mktemp("guarded")
+    headers = {role: bearer(add_token(data, role, role)) for role in ROLES}
+    with without_recognition(serve, data, limits={"request_bytes": 4096, "upload_bytes": 2_000_000}) as client:
+        yield Guarded(data, client, headers)
+
+
+@contextmanager
+def without_recognition(serve: Serve, data: Path, **settings: Any) -> Iterator[ServedClient]:
+    """A service that starts no recognition process, which would take longer than all else here."""
+
+    def nothing(*_: object) -> None: ...
+
+    with ExitStack() as running:
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(Jobs, "_prepare", nothing)
+            client = running.enter_context(serve(data, **settings))
+            client.app.state.context.jobs._prepare = nothing
+        yield client
+
+
+def bearer(token: str) -> dict[str, str]:
+    """The header with a token."""
+    return {"Authorization": f"Bearer {token}"}
+
+
+ServeApp = Callable[..., AbstractContextManager[int]]
+
+
+@pytest.fixture
+def serve_app() -> ServeApp:
+    """`serve_app(app, **options of uvicorn)`: a bare ASGI application on a free port, as the service would be."""
+
+    @contextmanager
+    def serving(app: Any, **options: Any) -> Iterator[int]:
+        server = Server(app, port=0, log_level="warning", log_config=None, lifespan="off", **options)
+        thread = threading.Thread(target=server.run)
+        thread.start()
+        try:
+            wait_until(lambda: server.started or not thread.is_alive())
+            yield server.servers[0].sockets[0].getsockname()[1]
+        finally:
+            server.should_exit = True
+            thread.join()
+
+    return serving
+
+
+def connect(port: int) -> socket.socket:
+    """A bare connection."""
+    return socket.create_connection(("127.0.0.1", port), timeout=PATIENCE_S)
+
+
+def port_of(client: httpx.Client) -> int:
+    """Where the client's service listens."""
+    assert client.base_url.port is not None
+    return client.base_url.port
+
+
+def read_all(connection: socket.socket) -> bytes:
+    """What comes until the other side closes."""
+    found = b""
+    try:
+        while part := connection.recv(65536):
+            found += part
+    except ConnectionResetError:
+        pass  # closed with something of ours unread
+    return found

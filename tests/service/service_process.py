@@ -1,0 +1,34 @@
+"""A service in a process of its own, for tests that end it."""
+
+import os
+import re
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import httpx
+
+ROOT = Path(__file__).resolve().parents[2]
+SERVE = "import sys; from service.cli import main; sys.exit(main(['serve', '--unsupervised']))"
+
+
+@contextmanager
+def process(data_dir: Path, log: Path, **variables: str) -> Iterator[tuple[subprocess.Popen[bytes], httpx.Client]]:
+    """A service in a process of its own."""
+    environment = os.environ | {"POINTCHAIN_DATA_DIR": str(data_dir), "POINTCHAIN_PORT": "0"} | variables
+    with log.open("wb") as output:
+        running = subprocess.Popen(
+            [sys.executable, "-c", SERVE], cwd=ROOT, env=environment, stdout=output, stderr=output
+        )
+    try:
+        while not (address := re.search(r"pointchain: (http://\S+)/docs", log.read_text())):
+            assert running.poll() is None, log.read_text()
+            time.sleep(0.02)
+        with httpx.Client(base_url=address[1], timeout=60) as client:
+            yield running, client
+    finally:
+        running.kill()
+        running.wait()

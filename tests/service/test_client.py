@@ -1,0 +1,176 @@
+"""The planners' client against the real service: what it gives, and what it says when something is not there."""
+
+import os
+import signal
+import socket
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import httpx
+import numpy as np
+import pytest
+
+from service.client import Client, ProblemError, ScanFailedError, ScanProgress, UnansweredError, UnreachableError
+from tests.service.conftest import PATIENCE_S, Serve, wait_until
+
+
+@pytest.fixture
+def planner(client: httpx.Client) -> Iterator[Client]:
+    with Client(str(client.base_url)) as planner:
+        yield planner
+
+
+def test_from_a_recording_to_a_model_as_arrays(planner: Client, recording_file: Path) -> None:
+    seen: list[ScanProgress] = []
+    scan = planner.replay(recording_file, on_progress=seen.append, timeout_s=PATIENCE_S)
+    assert scan.state == "succeeded"
+    assert (seen[-1].state, seen[-1].ended, seen[-1].fraction) == ("succeeded", True, 1.0)
+    assert [progress.fraction for progress in seen] == sorted(progress.fraction for progress in seen)
+    model = planner.model(scan)
+    (chain,) = model.chains
+    assert chain.points.shape == (len(chain.sigma_m), 3)
+    assert np.linalg.norm(np.diff(chain.points, axis=0), axis=1).sum() == pytest.approx(chain.length_m, abs=1e-5)
+    assert planner.get(scan.id) == scan
+    assert next(planner.scans(mode="replay", state="succeeded")).id == scan.id
+    # Who waits for a scan that has ended learns the same.
+    assert planner.wait(scan.links.self) == scan
+
+
+def test_the_pages_of_a_list_follow_one_another(planner: Client, recording: str) -> None:
+    ids = [planner.replay(recording, timeout_s=PATIENCE_S).id for _ in range(3)]
+    assert [scan.id for scan in planner.scans(recording=recording, limit=2)] == ids[::-1]
+
+
+def test_the_same_key_starts_one_scan(planner: Client, recording: str) -> None:
+    wish = {"mode": "replay", "recording": recording}
+    first = planner.start(wish, key="the same")
+    assert planner.start(wish, key="the same").id == first.id
+    assert planner.wait(first, timeout_s=PATIENCE_S).id == first.id
+    with pytest.raises(ProblemError) as mismatch:
+        planner.start(wish | {"method": "matching"}, key="the same")
+    assert mismatch.value.slug == "idempotency-mismatch"
+
+
+def test_refusals_and_failures_say_why(planner: Client, recording: str, held: int) -> None:
+    with pytest.raises(ProblemError) as unknown:
+        planner.replay("20260101t000000-000000-00000000")
+    assert unknown.value.slug == "recording-not-found"
+    scan = planner.start({"mode": "replay", "recording": recording})
+    with pytest.raises(TimeoutError, match="goes on"):
+        planner.wait(scan, timeout_s=0.3)
+    with pytest.raises(ScanFailedError, match=r"is (queued|processing)"):
+        planner.model(scan)
+    assert planner.cancel(scan).state == "aborted"
+    with pytest.raises(ScanFailedError, match="was cancelled") as failed:
+        planner.wait(scan)
+    assert failed.value.slug == "aborted"
+    assert failed.value.scan.state == "aborted"
+
+
+def test_without_a_stream_it_looks_now_and_then(serve: Serve, recording_file: Path, tmp_path: Path) -> None:
+    with serve(tmp_path / "data", limits={"event_streams": 1}) as service, Client(str(service.base_url)) as planner:
+        recording = planner.upload(recording_file).id
+        with service.stream("GET", "/api/events") as taken:
+            next(taken.iter_lines())
+            seen: list[ScanProgress] = []
+            assert planner.replay(recording, on_progress=seen.append, timeout_s=PATIENCE_S).state == "succeeded"
+        assert seen[-1].ended
+
+
+def test_a_service_that_is_not_there(recording_file: Path) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        address = f"http://127.0.0.1:{taken.getsockname()[1]}"
+    with Client(address) as planner:
+        with pytest.raises(UnreachableError, match="nothing was begun"):
+            planner.scan()
+        with pytest.raises(UnreachableError, match="use the robot's own"):
+            planner.stop()
+        with pytest.raises(UnreachableError, match="does not answer"):
+            planner.cell()
+        with pytest.raises(UnreachableError, match="did not take the recording"):
+            planner.upload(recording_file)
+
+
+def test_a_lost_answer_leaves_the_key_with_which_to_ask(planner: Client, client: httpx.Client, recording: str) -> None:
+    wish = {"mode": "replay", "recording": recording}
+    with (
+        cutting(client.base_url.port or 80, after_bytes=0) as port,
+        Client(f"http://127.0.0.1:{port}") as behind,
+        pytest.raises(UnansweredError) as lost,
+    ):
+        behind.start(wish)
+    before = len(list(planner.scans(recording=recording)))
+    scan = planner.wait(planner.start(wish, key=lost.value.key), timeout_s=PATIENCE_S)
+    assert before == 1, "the request had arrived, though its answer had not"
+    assert [other.id for other in planner.scans(recording=recording)] == [scan.id]
+
+
+def test_a_wait_outlives_lost_connections(client: httpx.Client, recording: str, held: int) -> None:
+    """Each connection breaks after some bytes; no change of the state is missed."""
+    with cutting(client.base_url.port or 80, after_bytes=3000) as port, Client(f"http://127.0.0.1:{port}") as planner:
+        scan = planner.start({"mode": "replay", "recording": recording})
+        seen: list[ScanProgress] = []
+
+        # Let go by the first thing that is seen, so that all that follows comes through broken connections.
+        def see(progress: ScanProgress) -> None:
+            if not seen:
+                os.kill(held, signal.SIGCONT)
+            seen.append(progress)
+
+        assert planner.wait(scan, on_progress=see, timeout_s=PATIENCE_S).state == "succeeded"
+    assert seen[-1].state == "succeeded"
+
+
+@contextmanager
+def cutting(port: int, after_bytes: int) -> Iterator[int]:
+    """A port from which all goes to `port`, and back, until so many bytes have come back: then the connection ends.
+
+    Answers of one request only: what is short comes through whole.
+    """
+    ending = threading.Event()
+
+    def carry(near: socket.socket) -> None:
+        with near, socket.create_connection(("127.0.0.1", port)) as far:
+            threading.Thread(target=pass_on, args=(near, far), daemon=True).start()
+            back = 0
+            while received := far.recv(1024):
+                back += len(received)
+                if back > after_bytes:
+                    near.shutdown(socket.SHUT_RDWR)
+                    far.shutdown(socket.SHUT_RDWR)
+                    return
+                near.sendall(received)
+
+    def pass_on(near: socket.socket, far: socket.socket) -> None:
+        try:
+            while received := near.recv(1024):
+                far.sendall(received)
+        except OSError:
+            return  # cut
+
+    def accept(listening: socket.socket) -> None:
+        while not ending.is_set():
+            try:
+                near, _ = listening.accept()
+            except TimeoutError:
+                continue
+            threading.Thread(target=carry, args=(near,), daemon=True).start()
+
+    with socket.create_server(("127.0.0.1", 0)) as listening:
+        listening.settimeout(0.1)
+        thread = threading.Thread(target=accept, args=(listening,))
+        thread.start()
+        try:
+            yield listening.getsockname()[1]
+        finally:
+            ending.set()
+            thread.join()
+
+
+def test_stop_is_tried_again_when_the_connection_was_just_closed(client: httpx.Client) -> None:
+    with Client(str(client.base_url)) as planner:
+        planner.stop()
+        assert planner.cell()["state"] == "not_ready"
+        wait_until(lambda: planner.cell()["state"] != "busy")
