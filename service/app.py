@@ -11,27 +11,27 @@ from fastapi import FastAPI
 from fastapi_offline import FastAPIOffline
 
 from cell.cell import Cell
-from service.cell_event import publish_changes
 from service.config import ServiceConfig, load_config
 from service.context import Context
 from service.data_folder import DataFolder
-from service.fault_memory import FaultMemory
+from service.events.cell_event import publish_changes
+from service.events.slots import StreamSlots
 from service.idempotency import IdempotencyKeys
 from service.jobs import Jobs
-from service.loop_watch import LoopWatch
-from service.metrics import Metrics
+from service.observing.metrics import Metrics
+from service.observing.request_watch import RequestWatch
+from service.observing.scan_metrics import ScanMetrics
+from service.observing.state_metrics import StateMetrics
 from service.problems import install_problem_handlers
-from service.request_watch import RequestWatch
 from service.retention import Retention
 from service.routes import calibration, cell, docs, events, health, recordings, results, scans
 from service.routes import metrics as metrics_route
-from service.scan_metrics import ScanMetrics
 from service.security.audit import SERVICE, AuditLog
 from service.security.install import install_security
 from service.security.roles import DOCS_FILES
-from service.state_metrics import StateMetrics
 from service.store import Store
-from service.stream_slots import StreamSlots
+from service.supervision.fault_memory import FaultMemory
+from service.supervision.loop_watch import LoopWatch
 
 API_VERSION = "1"
 

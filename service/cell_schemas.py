@@ -9,7 +9,7 @@ from pydantic import BaseModel, Field
 from cell.cell_status import CellStatus, State
 from cell.devices import RobotMode, SafetyMode
 from cell.settings import CellSettings
-from service.calibration_schemas import CellWarning
+from service.calibrations.schemas import CellWarning
 
 Matrix = list[list[float]]
 

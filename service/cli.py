@@ -9,10 +9,10 @@ from collections.abc import Sequence
 from importlib.metadata import version
 from pathlib import Path
 
-from service.audit_cli import add_audit_command
-from service.calibrate_cli import add_calibrate_commands
-from service.doctor_cli import add_doctor_command
-from service.token_cli import add_token_commands
+from service.calibrate.cli import add_calibrate_commands
+from service.doctor.cli import add_doctor_command
+from service.security.audit_cli import add_audit_command
+from service.security.token_cli import add_token_commands
 
 METHODS = ("matching", "enhanced", "graph")
 
@@ -258,7 +258,7 @@ def _simulate(options: argparse.Namespace) -> int:
 
 def _serve(options: argparse.Namespace) -> int:
     if options.supervised is None and not options.unsupervised:
-        from service.supervisor import supervise
+        from service.supervision.supervisor import supervise
 
         given = {"config": options.config, "host": options.host, "port": options.port, "data-dir": options.data_dir}
         return supervise([f"--{name}={value}" for name, value in given.items() if value is not None])

@@ -8,7 +8,7 @@ from fastapi import Depends, Path, Query, Request
 
 from cell.cell import Cell
 from service.config import ServiceConfig
-from service.fault_memory import FaultMemory
+from service.events.slots import StreamSlots
 from service.free_space import require_space
 from service.idempotency import IdempotencyKeys
 from service.jobs import Jobs
@@ -16,7 +16,7 @@ from service.problems import ProblemError
 from service.retention import Retention
 from service.schemas import ID_PATTERN
 from service.store import Store
-from service.stream_slots import StreamSlots
+from service.supervision.fault_memory import FaultMemory
 from service.tables import RecordingRow, ScanRow
 
 

@@ -14,14 +14,14 @@ from typing import Any
 
 from cell.cell import Cell
 from recognition.gripper import Gripper
-from service.arrival import arrived_s
-from service.calibration_runner import CalibrationRunner
-from service.drift_watch import DriftWatch
+from service.calibrations.drift_watch import DriftWatch
+from service.calibrations.runner import CalibrationRunner
 from service.live import keep_recording
+from service.observing.arrival import arrived_s
+from service.observing.scan_metrics import ScanMetrics
 from service.place import Place
 from service.problems import ProblemError
 from service.running import Running
-from service.scan_metrics import ScanMetrics
 from service.scan_runner import ScanRunner
 from service.schemas import ScanState
 from service.store import Store

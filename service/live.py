@@ -13,9 +13,9 @@ from cell.recording import RecordingEmptyError, RecordingError, RecordingWriter
 from cell.scan import BackgroundScan, missing_view
 from cell.viewpoints import ViewpointPlan
 from service.data_folder import MODEL
+from service.observing.scan_metrics import ScanMetrics
 from service.recording_rows import describe_recording
 from service.scan_inputs import recognition_inputs
-from service.scan_metrics import ScanMetrics
 from service.store import Store
 from service.tables import ScanRow
 from service.worker import RecognitionWorker, TaskFailedError

@@ -15,15 +15,15 @@ from cell.cell import Cell
 from cell.errors import CellError, StoppedError
 from cell.recording_header import RecordingHeader
 from recognition.gripper import Gripper
+from service.calibrations.drift_watch import DriftWatch
 from service.data_folder import PREVIEW
 from service.database import now
-from service.drift_watch import DriftWatch
-from service.json_log import log_scan
 from service.live import live_outcome
+from service.observing.json_log import log_scan
+from service.observing.scan_metrics import ScanMetrics
 from service.problems import cell_problem, problem_document
 from service.running import Running
 from service.scan_inputs import recognition_inputs
-from service.scan_metrics import ScanMetrics
 from service.schemas import ScanState
 from service.store import Store
 from service.tables import ScanRow

@@ -8,10 +8,10 @@ import sys
 from service.app import create_app
 from service.config import ServiceConfig
 from service.data_folder import DataFolder, DataFolderError
-from service.json_log import start_log
+from service.observing.json_log import start_log
 from service.security.binding import check_binding
 from service.server import Server
-from service.supervised import Supervised
+from service.supervision.supervised import Supervised
 
 
 def serve(config: ServiceConfig, line: int | None = None) -> int:

@@ -18,7 +18,7 @@ from uvicorn.server import HANDLED_SIGNALS
 
 from service.context import Context
 from service.security.connection import PROTOCOL
-from service.supervised import Supervised
+from service.supervision.supervised import Supervised
 
 log = logging.getLogger(__name__)
 

@@ -12,11 +12,11 @@ from typing import Any
 
 from calibration.disk import sync_folder
 from cell.hashed_file import Written
-from service.calibration_store import CalibrationStore
+from service.calibrations.store import CalibrationStore
 from service.data_folder import DataFolder
 from service.database import Database, now, update
+from service.events.scan_events import ScanEvents
 from service.problems import problem_document
-from service.scan_events import ScanEvents
 from service.scan_queries import EVERY_SCAN, ScanFilter, select_scans
 from service.schemas import ACTIVE_STATES, ScanState, ViewState
 from service.tables import KeyRow, RecordingRow, ScanRow, ViewRow, insert, to_recording, to_scan

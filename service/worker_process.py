@@ -21,7 +21,7 @@ from recognition.gripper import Gripper
 from recognition.model import Method, PointChainModel
 from recognition.parameters import ChainParameters
 from recognition.pipeline import Recognition
-from service.json_log import log_scan
+from service.observing.json_log import log_scan
 from service.preview import draw_preview
 from service.problems import INPUT_ERRORS
 from service.workflow import (

@@ -20,8 +20,8 @@ from recognition.parameters import ChainParameters
 from recognition.pipeline import Recognition, recognise
 from recognition.preprocess import Scene
 from service.data_folder import CLOUD, MODEL
+from service.observing.view_outcomes import ViewOutcome, view_outcomes
 from service.preview import draw_preview
-from service.view_outcomes import ViewOutcome, view_outcomes
 
 OnStage = Callable[[str], None]
 

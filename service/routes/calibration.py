@@ -8,10 +8,10 @@ from fastapi.responses import FileResponse
 
 from calibration.board import BoardError
 from cell.errors import CellError
-from service.calibration_activation import activate_run
-from service.calibration_resources import RUNS, calibration_warnings, in_use, run_resource
-from service.calibration_runner import picture_file, run_folder
-from service.calibration_schemas import BoardRequest, CalibrationRequest, CalibrationStatus, RunList, RunResource
+from service.calibrations.activation import activate_run
+from service.calibrations.resources import RUNS, calibration_warnings, in_use, run_resource
+from service.calibrations.runner import picture_file, run_folder
+from service.calibrations.schemas import BoardRequest, CalibrationRequest, CalibrationStatus, RunList, RunResource
 from service.context import SPACE, Before, Id, Limit, Service
 from service.problems import ProblemError, problem_responses
 from service.routes.files import NOT_MODIFIED, IfNoneMatch, send_file

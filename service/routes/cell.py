@@ -9,7 +9,7 @@ from fastapi import APIRouter, Response
 from calibration.drift import Drift
 from calibration.storage import HandEye
 from cell.cell_status import CellStatus
-from service.calibration_resources import calibration_warnings, recent_drift, usable_hand_eye
+from service.calibrations.resources import calibration_warnings, recent_drift, usable_hand_eye
 from service.cell_schemas import CellResource, PlanRequest, cell_resource
 from service.context import Context, Service, ViewCount
 from service.problems import problem_responses

@@ -9,11 +9,11 @@ from anyio import to_thread
 from fastapi import APIRouter, Depends, Header, Request
 from fastapi.responses import Response
 
-from service.cell_event import cell_event
 from service.context import Context, Scan, Service
-from service.event_stream import EventStream, News, Whole, all_stream, scan_stream
+from service.events.cell_event import cell_event
+from service.events.scan_events import Behind, Present, ScanEvent, ScanEvents, UnknownEventError
+from service.events.stream import EventStream, News, Whole, all_stream, scan_stream
 from service.problems import ProblemError, problem_responses
-from service.scan_events import Behind, Present, ScanEvent, ScanEvents, UnknownEventError
 from service.security.caller import known_caller
 
 router = APIRouter(prefix="/api", tags=["events"])

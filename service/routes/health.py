@@ -6,9 +6,9 @@ from fastapi import APIRouter, Response
 from fastapi.responses import JSONResponse
 
 from service.context import Service
-from service.health_schemas import Health, Readiness
+from service.observing.health_schemas import Health, Readiness
+from service.observing.readiness import readiness, what_is_not
 from service.problems import MEDIA_TYPE, problem_document, problem_responses
-from service.readiness import readiness, what_is_not
 
 router = APIRouter(tags=["health"])
 

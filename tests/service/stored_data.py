@@ -9,10 +9,10 @@ from pathlib import Path
 
 from calibration.disk import write_synced
 from cell.recording import RecordingWriter, read_recording
-from service.calibration_store import CalibrationStore
+from service.calibrations.store import CalibrationStore
 from service.data_folder import DataFolder
-from service.doctor import Examined, examine
-from service.doctor_repair import repair
+from service.doctor.doctor import Examined, examine
+from service.doctor.repair import repair
 from service.new_rows import NOBODY, new_calibration, new_scan
 from service.recording_rows import describe_recording
 from service.store import Store

@@ -1,0 +1,1 @@
+"""The command line's calibrating: `pointchain calibrate board | run | verify | solve | activate`."""

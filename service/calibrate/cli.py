@@ -1,0 +1,148 @@
+"""The parser of `pointchain calibrate ...`; what each command needs is imported when it runs."""
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+BOARD_OPTIONS = ("kind", "columns", "rows", "pitch_m", "marker_m", "dictionary")
+LEAST_POSES, MOST_POSES = 10, 40  # the least as in `cell.calibration_poses`, which is not imported for --help
+
+
+def add_calibrate_commands(commands: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
+    """Adds `calibrate` and its commands."""
+    calibrate = commands.add_parser(
+        "calibrate",
+        help="where the camera is on the flange: print a board, calibrate, verify, activate",
+        description="The hand-eye calibration: where the camera is on the arm's flange, and how sure that is.",
+    )
+    kinds = calibrate.add_subparsers(title="commands", required=True, metavar="COMMAND")
+    _add_board(kinds)
+    _add_run(kinds)
+    _add_verify(kinds)
+    _add_solve(kinds)
+    _add_activate(kinds)
+
+
+def _add_board(kinds: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
+    board = kinds.add_parser(
+        "board",
+        help="a board to print",
+        description="Writes a calibration board as PDF, true to scale, with a line of 100 mm to measure on the print.",
+    )
+    board.add_argument("out", type=Path, metavar="OUT.pdf", help="file to write")
+    board.add_argument("--paper", default="a4", choices=("a4", "a3", "letter"), help="default: %(default)s")
+    _add_board_options(board)
+    board.set_defaults(run=_board)
+
+
+def _add_run(kinds: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
+    run = kinds.add_parser(
+        "run",
+        help="calibrate the configured cell: the arm moves (the simulated one unless configured)",
+        description="Moves the arm through poses from which the camera sees the board, which lies flat on the table in "
+        "the middle of the workspace; solves, verifies on poses held out, and asks whether to use the result. Ctrl-C "
+        "stops the arm. Exit code 1 when the result is refused.",
+    )
+    run.add_argument("--config", type=Path, metavar="TOML", help="configuration file: the cell")
+    run.add_argument("--poses", type=_poses, default=15, metavar="N", help="to solve from (%(default)s); 2 more verify")
+    run.add_argument("--folder", type=Path, metavar="DIR", help="keep images and result in this new or empty folder")
+    run.add_argument(
+        "--yes", action="store_true", help="use the result without asking, if it is verified and not refused"
+    )
+    run.add_argument("--json", action="store_true", help="the result as one JSON document")
+    _add_board_options(run)
+    run.set_defaults(run=_run)
+
+
+def _add_verify(kinds: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
+    verify = kinds.add_parser(
+        "verify",
+        help="has the calibration drifted? Two looks at the board: the arm moves",
+        description="Looks at the board of the last calibration from two sides and says whether the calibration still "
+        "holds, and whether the board was moved. Ctrl-C stops the arm. Exit code 1 when it no longer holds.",
+    )
+    verify.add_argument("--config", type=Path, metavar="TOML", help="configuration file: the cell")
+    verify.add_argument("--folder", type=Path, metavar="DIR", help="keep the two images in this new or empty folder")
+    verify.add_argument("--json", action="store_true", help="one JSON document instead of words")
+    verify.set_defaults(run=_verify)
+
+
+def _add_solve(kinds: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
+    solve = kinds.add_parser(
+        "solve",
+        help="calibrate from images and poses in a folder",
+        description="Solves from DIR/setup.json (board, camera) and DIR/NAME.png with DIR/NAME.json (where the robot "
+        "was) for each view, and writes observations.json and hand_eye.json there. Nothing moves. Exit code 1 when the "
+        "result is refused.",
+    )
+    solve.add_argument("folder", type=Path, metavar="DIR", help="of a run, or from elsewhere")
+    solve.add_argument("--again", action="store_true", help="from DIR/observations.json, without the images")
+    solve.add_argument("--out", type=Path, metavar="FILE", help="the result's file, observations.json beside it")
+    solve.add_argument("--json", action="store_true", help="the result as one JSON document instead of words")
+    solve.set_defaults(run=_solve)
+
+
+def _add_activate(kinds: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
+    activate = kinds.add_parser(
+        "activate",
+        help="use a calibration from now on",
+        description="Makes a solved calibration the one that the configured cell uses; the former is kept beside it. "
+        "Nothing moves.",
+    )
+    activate.add_argument("solved", type=Path, metavar="FILE|DIR", help="its file, or the folder of its run")
+    activate.add_argument("--config", type=Path, metavar="TOML", help="configuration file: the cell")
+    activate.set_defaults(run=_activate)
+
+
+def _add_board_options(parser: argparse.ArgumentParser) -> None:
+    board = parser.add_argument_group("the board, as printed; the usual one where nothing is told")
+    board.add_argument("--kind", choices=("charuco", "checkerboard", "circles"))
+    board.add_argument("--columns", type=int, metavar="N", help="squares in a row, or dots")
+    board.add_argument("--rows", type=int, metavar="N", help="rows of squares, or of dots")
+    board.add_argument("--pitch", dest="pitch_m", type=float, metavar="M", help="side of a square, or dot to dot")
+    board.add_argument(
+        "--marker", dest="marker_m", type=float, metavar="M", help="side of a ChArUco marker (in proportion)"
+    )
+    board.add_argument("--dictionary", metavar="NAME", help="OpenCV's, of the ChArUco markers")
+
+
+def told_board(options: argparse.Namespace) -> dict[str, Any]:
+    """The fields of `calibration.board.Board` that were told."""
+    return {name: value for name in BOARD_OPTIONS if (value := getattr(options, name)) is not None}
+
+
+def _poses(text: str) -> int:
+    if not (text.isascii() and text.isdigit() and LEAST_POSES <= int(text) <= MOST_POSES):
+        raise argparse.ArgumentTypeError(f"{text!r}: from {LEAST_POSES} to {MOST_POSES} poses are possible")
+    return int(text)
+
+
+def _board(options: argparse.Namespace) -> int:
+    from service.calibrate.board import calibrate_board
+
+    return calibrate_board(options.out, told_board(options), options.paper)
+
+
+def _run(options: argparse.Namespace) -> int:
+    from service.calibrate.run import WantedRun, calibrate_run
+
+    wanted = WantedRun(told_board(options), options.poses, options.folder, options.yes, options.json)
+    return calibrate_run(options.config, wanted)
+
+
+def _verify(options: argparse.Namespace) -> int:
+    from service.calibrate.verify import calibrate_verify
+
+    return calibrate_verify(options.config, options.folder, options.json)
+
+
+def _solve(options: argparse.Namespace) -> int:
+    from service.calibrate.solve import calibrate_solve
+
+    return calibrate_solve(options.folder, options.again, options.out, options.json)
+
+
+def _activate(options: argparse.Namespace) -> int:
+    from service.calibrate.activate import calibrate_activate
+
+    return calibrate_activate(options.solved, options.config)

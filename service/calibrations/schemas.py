@@ -1,0 +1,173 @@
+"""What goes over HTTP about hand-eye calibration, as JSON. Metres, radians, seconds, pixels, UTC."""
+
+from typing import Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from calibration.board import Board, BoardKind, usual_board
+from calibration.hand_eye_result import Verdict
+from service.calibrations.result_schema import CalibrationResult, FindingResource, VerificationResource
+from service.schemas import Id, Problem, ScanState, ViewState
+
+Matrix = list[list[float]]
+
+
+class CellWarning(BaseModel):
+    """Something that does not keep the cell from scanning, but should be seen to."""
+
+    code: str = Field(examples=["calibration-drift"])
+    """For programs."""
+    words: str
+    """For people, and what to do."""
+
+
+class BoardRequest(BaseModel):
+    """A calibration board, as printed; the usual one where nothing is told."""
+
+    model_config = ConfigDict(extra="forbid", allow_inf_nan=False, strict=True)
+
+    kind: BoardKind | None = None
+    columns: int | None = None
+    """Squares in a row, or dots."""
+    rows: int | None = None
+    """Rows of squares, or of dots."""
+    pitch_m: float | None = None
+    """Side of a square, or distance from dot to dot, as measured on the print."""
+    marker_m: float | None = None
+    """Side of a ChArUco marker; in proportion to the squares unless told."""
+    dictionary: str | None = Field(default=None, max_length=40)
+    """OpenCV's name of the markers' dictionary."""
+
+    def board(self) -> Board:
+        """The usual board, but for what is told. Raises BoardError."""
+        return usual_board(self.model_dump(exclude_none=True))
+
+
+class CalibrationRequest(BaseModel):
+    """A calibration by the cell."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    board: BoardRequest | None = None
+    """The board on the table; null is the usual one."""
+    poses: int = Field(default=15, ge=10, le=40, strict=True)
+    """To solve from; two more verify the result."""
+
+
+class CalibrationView(BaseModel):
+    """One view of a run."""
+
+    index: int
+    state: ViewState
+    """`moving`: the arm was sent there; `recorded`: the picture is on the disk; `missing`: there is none."""
+    reason: str | None
+    """Why it is missing, or why the board was not found in it."""
+    corners: int | None
+    """Found in its picture; null: not looked for yet."""
+    possible: int | None
+    """That the board has."""
+    picture: str | None
+    """Address of the picture."""
+
+
+class CalibrationProgress(BaseModel):
+    """How far a run has come."""
+
+    stage: str | None
+    fraction: float = Field(ge=0, le=1)
+    coverage: float = Field(ge=0, le=1)
+    """Share of the image in which corners were seen so far."""
+    views: list[CalibrationView]
+    """Those come to so far, by their numbers."""
+
+
+class RunLinks(BaseModel):
+    """Addresses of a run; null where there is nothing to be done."""
+
+    self: str
+    cancel: str | None
+    activate: str | None
+
+
+class RunResource(BaseModel):
+    """One calibration by the cell, or verification of the one in use, running or ended."""
+
+    id: Id
+    kind: Literal["calibration", "verification"]
+    board: dict[str, Any] | None
+    """Null: the one that the calibration in use was made with."""
+    poses: int
+    warnings: list[str]
+    """What the poses that the arm reaches will not tell well."""
+    state: ScanState
+    progress: CalibrationProgress
+    created_at: str
+    started_at: str | None
+    ended_at: str | None
+    activated_at: str | None
+    """When it was made the calibration in use."""
+    calibration_sha256: str | None
+    """Of a verification: which calibration it is of."""
+    result: CalibrationResult | None
+    """Of a calibration that succeeded; its verdict may still be that it must not be used."""
+    verification: VerificationResource | None
+    """How the calibration did on views that it was not solved from."""
+    problem: Problem | None
+    """Why it failed, was aborted or interrupted."""
+    links: RunLinks
+
+
+class RunList(BaseModel):
+    """Runs, the newest first."""
+
+    runs: list[RunResource]
+
+
+class DriftResource(BaseModel):
+    """What recent live scans tell of the calibration."""
+
+    scans: int
+    """How many were judged."""
+    off_m: float
+    """How far the camera seems to be from where it was, which is said by `off_from`."""
+    off_rad: float
+    """How far it seems to be turned from that."""
+    off_from: Literal["calibration", "first-scans"]
+    """From where the calibration puts it, or from where the first scans with this calibration had it."""
+    chance: float
+    """How likely so much is without a drift. One that is small, and no drift, is of too few scans, or of one alone."""
+    drifted: bool
+    words: str
+
+
+class CalibrationInUse(BaseModel):
+    """The hand-eye calibration in use. What its file does not tell is null."""
+
+    T_flange_camera: Matrix
+    covariance: Matrix | None
+    """Of its error (rx, ry, rz, tx, ty, tz) in the camera's frame, rad and m."""
+    sigma_m: float | None
+    sigma_rad: float | None
+    eight_views_m: float | None
+    verdict: Verdict | None
+    findings: list[FindingResource]
+    created_at: str | None
+    age_s: float | None
+    camera_id: str | None
+    robot_serial: str | None
+    board: dict[str, Any] | None
+    sha256: str
+    warnings: list[str]
+    drift: DriftResource
+
+
+class CalibrationStatus(BaseModel):
+    """Hand-eye calibration: the one in use, and what is under way."""
+
+    calibration: CalibrationInUse | None
+    """Null: there is none that can be used."""
+    reason: str | None
+    """Why there is none, and what to do."""
+    warnings: list[CellWarning]
+    under_way: str | None
+    """Address of the run under way."""

@@ -1,0 +1,15 @@
+"""A client of the service, for programs that plan with its models: `from service.client import Client`."""
+
+from service.client.client import Client
+from service.client.errors import ClientError, ProblemError, ScanFailedError, UnansweredError, UnreachableError
+from service.client.progress import ScanProgress
+
+__all__ = [
+    "Client",
+    "ClientError",
+    "ProblemError",
+    "ScanFailedError",
+    "ScanProgress",
+    "UnansweredError",
+    "UnreachableError",
+]

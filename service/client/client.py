@@ -1,0 +1,218 @@
+"""A client of the service, for programs that plan with its models.
+
+    with Client("http://cell:8000", token="pct_...") as cell:
+        scan = cell.scan(string_radius_m=0.0042, on_progress=print)
+        model = cell.model(scan)
+        cell.release()                                   # the arm is yours
+        grasp = model.grasps[0].T_base_grasp             # (4, 4), base frame
+
+Nothing here asks a second time for a motion: where an answer is lost, `UnansweredError` has the key with which to ask
+whether the scan was begun.
+"""
+
+import time
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+from uuid import uuid4
+
+import httpx
+
+from recognition.model import Method, PointChainModel
+from service.client.errors import ScanFailedError, UnansweredError, UnreachableError, require_success
+from service.client.model_arrays import model_from_json
+from service.client.progress import ScanProgress, follow
+from service.schemas import RESULT_STATES, RecordingResource, ScanResource
+
+CONNECT_S = 5.0
+ANSWER_S = 60.0
+"""A live scan is accepted once arm and camera are connected, which takes seconds."""
+STOP_S = 2.0
+STOP_TRIES = 3
+AGAIN_S = 0.5
+"""Between two tries to read something."""
+
+
+class Client:
+    """One service. Safe to use from several threads: `stop` is meant to be called from another one."""
+
+    def __init__(self, address: str = "http://127.0.0.1:8000", token: str | None = None) -> None:
+        """`token` as `pointchain token add` gave it; None where the service asks for none."""
+        headers = {} if token is None else {"Authorization": f"Bearer {token}"}
+        wait = httpx.Timeout(ANSWER_S, connect=CONNECT_S)
+        self._http = httpx.Client(base_url=address, headers=headers, timeout=wait)
+        # Of its own, so that no other request under way takes the connection that a stop needs.
+        self._stopping = httpx.Client(base_url=address, headers=headers, timeout=STOP_S)
+
+    def close(self) -> None:
+        """Closes the connections. A scan under way goes on."""
+        self._http.close()
+        self._stopping.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    # Scans
+
+    def scan(
+        self,
+        string_radius_m: float | None = None,
+        method: Method = "graph",
+        views: int | None = None,
+        on_progress: Callable[[ScanProgress], None] | None = None,
+        timeout_s: float | None = None,
+    ) -> ScanResource:
+        """A live scan: the arm moves. Returns when there is a model; the arm may still be on its way home.
+
+        `string_radius_m` None: the cell's, else measured. Leaving early, by Ctrl-C or `timeout_s`, does not stop the
+        arm: that is for `stop`.
+
+        Raises:
+            ProblemError: it was not accepted; nothing moved.
+            ScanFailedError: it came to no model, for the reason that it has.
+            UnansweredError, UnreachableError: the service cannot be reached.
+            TimeoutError: it has not ended in time.
+        """
+        wish = {"mode": "live", "string_radius_m": string_radius_m, "method": method, "views": views}
+        return self.wait(self.start(wish), on_progress, timeout_s)
+
+    def replay(
+        self,
+        recording: str | Path,
+        string_radius_m: float | None = None,
+        method: Method = "graph",
+        on_progress: Callable[[ScanProgress], None] | None = None,
+        timeout_s: float | None = None,
+    ) -> ScanResource:
+        """The same from a recording: the id of one that the service has, or the path of a file, which is uploaded."""
+        known = self.upload(recording).id if isinstance(recording, Path) else recording
+        wish = {"mode": "replay", "recording": known, "string_radius_m": string_radius_m, "method": method}
+        return self.wait(self.start(wish), on_progress, timeout_s)
+
+    def start(self, wish: Mapping[str, Any], key: str | None = None) -> ScanResource:
+        """Starts a scan and does not wait: `wish` is the body of POST /api/scans. The same `key` never starts a second.
+
+        Raises:
+            ProblemError: it was not accepted, with the reason.
+            UnansweredError: whether it was is not known; it has the key.
+        """
+        key = key or uuid4().hex
+        try:
+            answer = self._http.post("/api/scans", json=dict(wish), headers={"Idempotency-Key": key})
+        except httpx.ConnectError as error:
+            raise UnreachableError(f"{self._http.base_url} cannot be reached ({error}): nothing was begun") from error
+        except httpx.TransportError as error:
+            raise UnansweredError(key, error) from error
+        return ScanResource.model_validate(require_success(answer).json())
+
+    def wait(
+        self,
+        scan: ScanResource | str,
+        on_progress: Callable[[ScanProgress], None] | None = None,
+        timeout_s: float | None = None,
+    ) -> ScanResource:
+        """Returns the scan when it has a model; `on_progress` is called with each change.
+
+        Raises: ScanFailedError, UnreachableError and TimeoutError as `scan`.
+        """
+        deadline = None if timeout_s is None else time.monotonic() + timeout_s
+        address = scan if isinstance(scan, str) else scan.links.self
+        for progress in follow(self._http, address, deadline):
+            if on_progress is not None:
+                on_progress(progress)
+        ended = ScanResource.model_validate(self._get(address).json())
+        if ended.state not in RESULT_STATES:
+            raise ScanFailedError(ended)
+        return ended
+
+    def get(self, scan_id: str) -> ScanResource:
+        """A scan as it is now. Raises ProblemError, UnreachableError."""
+        return ScanResource.model_validate(self._get(f"/api/scans/{scan_id}").json())
+
+    def scans(self, **filters: Any) -> Iterator[ScanResource]:
+        """The scans, the newest first, page by page; `filters` as of GET /api/scans (`state`, `mode`, `kept` ...)."""
+        page = self._get("/api/scans", filters).json()
+        while True:
+            yield from map(ScanResource.model_validate, page["scans"])
+            if page["next"] is None:
+                return
+            page = self._get(page["next"]).json()
+
+    def model(self, scan: ScanResource) -> PointChainModel:
+        """The model of a scan, as arrays. Raises ProblemError, UnreachableError; ModelError when it is none."""
+        if scan.links.model is None:
+            raise ScanFailedError(scan)
+        return model_from_json(self._get(scan.links.model).json())
+
+    def upload(self, recording: Path) -> RecordingResource:
+        """Gives the service a recording. Raises ProblemError, UnreachableError, OSError."""
+        with recording.open("rb") as file:
+            try:
+                answer = self._http.post("/api/recordings", content=file)
+            except httpx.TransportError as error:
+                raise UnreachableError(f"{self._http.base_url} did not take the recording: {error}") from error
+        return RecordingResource.model_validate(require_success(answer).json())
+
+    # The cell
+
+    def cell(self) -> Mapping[str, Any]:
+        """The cell as GET /api/cell has it: `state`, `problem`, `reason`, robot, camera ..."""
+        return self._get("/api/cell").json()
+
+    def stop(self) -> None:
+        """Stops the arm at once, whatever goes on; a scan under way is aborted. Not an emergency stop.
+
+        Tried again at once when there is no answer: a second stop does no harm.
+
+        Raises:
+            UnreachableError: the service cannot be reached. Use the robot's own stop.
+        """
+        for left in reversed(range(STOP_TRIES)):
+            try:
+                require_success(self._stopping.post("/api/cell/stop"))
+            except httpx.TransportError as error:
+                if not left:
+                    text = f"{self._stopping.base_url} does not take the stop ({error}): use the robot's own"
+                    raise UnreachableError(text) from error
+            else:
+                return
+
+    def cancel(self, scan: ScanResource) -> ScanResource:
+        """Stops this scan, the arm first. Raises ProblemError `not-cancellable` when it has ended already."""
+        return ScanResource.model_validate(self._do(f"{scan.links.self}/cancel").json())
+
+    def connect(self) -> Mapping[str, Any]:
+        """Connects arm and camera; nothing moves. The cell, as `cell` gives it. Raises ProblemError."""
+        return self._do("/api/cell/connect").json()
+
+    def release(self) -> None:
+        """Waits for the arm to be home, then lets it go, so that another program can move it. Raises ProblemError."""
+        self._do("/api/cell/release")
+
+    def acknowledge(self) -> None:
+        """A person has looked at the cell after a fault: only ever call this because one says so. Raises
+        ProblemError."""
+        self._do("/api/cell/acknowledge")
+
+    def _do(self, address: str) -> httpx.Response:
+        try:
+            return require_success(self._http.post(address))
+        except httpx.TransportError as error:
+            raise UnreachableError(f"{self._http.base_url} did not answer POST {address}: {error}") from error
+
+    def _get(self, address: str, parameters: Mapping[str, Any] | None = None) -> httpx.Response:
+        """Reading may be tried again: once, for a connection that the service has just closed."""
+        for left in (1, 0):
+            try:
+                return require_success(self._http.get(address, params=parameters))
+            except httpx.TransportError as error:
+                if not left:
+                    raise UnreachableError(f"{self._http.base_url} does not answer: {error}") from error
+                time.sleep(AGAIN_S)
+        raise AssertionError

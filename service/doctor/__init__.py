@@ -1,0 +1,1 @@
+"""`pointchain doctor`: whether what the store says is there is there, and what can be mended."""

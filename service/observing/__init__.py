@@ -1,0 +1,1 @@
+"""What the service lets be seen of itself: logs, metrics, and whether it is ready."""

@@ -1,0 +1,66 @@
+"""Whether the service can do what it is for: each thing that it takes, by its name."""
+
+import logging
+import shutil
+import sqlite3
+
+from service.context import Context
+from service.database import Database
+from service.observing.health_schemas import ReadinessCheck, ReadinessChecks
+
+log = logging.getLogger(__name__)
+
+WRITABLE_MS = 1000
+"""The database may be held by somebody else for so long; a request that writes waits longer."""
+
+
+def readiness(service: Context) -> ReadinessChecks:
+    """All of it as it is now. May block for about a second.
+
+    The cell is told but does not count: one that is not connected yet, or in a fault, is connected or acknowledged
+    over this very service. Whoever takes a service that is not ready out of use would take that away.
+    """
+    return ReadinessChecks(
+        store=_store(service.store.database),
+        recognition=_well_unless(service.jobs.not_ready, "it waits for work, or is at it"),
+        disk=_disk(service),
+        service=_well_unless("the service is stopping" if service.jobs.closed else None, "it takes requests"),
+        cell=service.cell.status.state,
+    )
+
+
+def what_is_not(checks: ReadinessChecks) -> list[str]:
+    """Each check that failed, in words."""
+    named = {"store": checks.store, "recognition": checks.recognition, "disk": checks.disk, "service": checks.service}
+    return [f"{name}: {check.words}" for name, check in named.items() if not check.ok]
+
+
+def _store(database: Database) -> ReadinessCheck:
+    """A change is begun, as every request that counts does, and not made."""
+    try:
+        with database.connection() as db:
+            (usual,) = db.execute("PRAGMA busy_timeout").fetchone()
+            db.execute(f"PRAGMA busy_timeout = {WRITABLE_MS}")
+            try:
+                db.execute("BEGIN IMMEDIATE")
+                db.execute("ROLLBACK")
+            finally:
+                db.execute(f"PRAGMA busy_timeout = {usual}")
+    except sqlite3.Error as error:
+        log.warning("the store cannot be written: %s", error)
+        return ReadinessCheck(ok=False, words=f"it cannot be written: {error}")
+    return ReadinessCheck(ok=True, words="it can be written")
+
+
+def _disk(service: Context) -> ReadinessCheck:
+    needed = service.config.limits.min_free_bytes
+    try:
+        free = shutil.disk_usage(service.store.folder.root).free
+    except OSError as error:
+        return ReadinessCheck(ok=False, words=f"the data folder cannot be looked at: {error.strerror or error}")
+    words = f"{free / 2**20:.0f} MiB are free, {needed / 2**20:.0f} MiB needed"
+    return ReadinessCheck(ok=free >= needed, words=words)
+
+
+def _well_unless(reason: str | None, words: str) -> ReadinessCheck:
+    return ReadinessCheck(ok=reason is None, words=reason or words)
