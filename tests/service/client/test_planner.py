@@ -1,0 +1,56 @@
+"""What a planner does with a live cell: the README's own program, and a stop from another thread."""
+
+import re
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from service.client import Client, ScanFailedError, ScanProgress
+from tests.service.conftest import PATIENCE_S, Serve
+from tests.service.live_cell import LiveCell, live_cell
+
+pytestmark = pytest.mark.xdist_group("cell")  # one at a time: several busy processes
+
+README = (Path(__file__).resolve().parents[3] / "README.md").read_text()
+
+
+@pytest.fixture(scope="module")
+def cell(serve: Serve, tmp_path_factory: pytest.TempPathFactory) -> Iterator[LiveCell]:
+    with live_cell(serve, tmp_path_factory.mktemp("data")) as shared:
+        yield shared
+
+
+def test_the_planner_of_the_readme(cell: LiveCell, capsys: pytest.CaptureFixture[str]) -> None:
+    (program,) = re.findall(r"```python\n(.*?)```", README, re.DOTALL)
+    found: dict[str, object] = {}
+    exec(program.replace("http://127.0.0.1:8000", str(cell.client.base_url)), found)
+    said = capsys.readouterr().out
+    assert "ScanProgress(state='scanning'" in said
+    assert "0 over 0 0.00" in said  # the default scene's one crossing
+    T = found["T_base_grasp"]
+    assert getattr(T, "shape", None) == (4, 4)
+    assert cell.state()["problem"] == "urn:pointchain:released"
+
+
+def test_a_stop_from_another_thread_ends_the_wait(cell: LiveCell) -> None:
+    with Client(str(cell.client.base_url)) as planner:
+        moving = threading.Event()
+
+        def see(progress: ScanProgress) -> None:
+            if "recorded" in progress.views.values():
+                moving.set()
+
+        def stop() -> None:
+            assert moving.wait(PATIENCE_S)
+            planner.stop()
+
+        stopping = threading.Thread(target=stop)
+        stopping.start()
+        with pytest.raises(ScanFailedError, match="stopped by request") as failed:
+            planner.scan(string_radius_m=0.0042, on_progress=see, timeout_s=PATIENCE_S)
+        stopping.join()
+        assert failed.value.slug == "aborted"
+        assert failed.value.scan.recording is not None
+        assert planner.cell()["state"] == "not_ready"
