@@ -35,6 +35,10 @@ SETTLE_S = 5.0
 """Whoever stops a scan waits for its end so long. It takes milliseconds, but for a camera that is just being looked
 for again."""
 
+BY_ITSELF_S = 0.3
+"""A live scan that is stopped has so long to end before its recognition is killed: the next one would wait for a new
+process."""
+
 IDLE_CHECK_S = 1.0
 """While there is nothing to do, how often it is made sure that a recognition process waits."""
 
@@ -195,15 +199,22 @@ class Jobs:
         if running is None:
             return
         of_scan = isinstance(running.row, ScanRow)
-        if asked and of_scan and not running.ended.is_set():  # it could by now be at work on the next one
-            self._worker.kill()
+        if asked and of_scan and running.plan is None:
+            self._end_recognition(running)
         try:
             if running.stop is not None:
                 update = self._store.update_scan if of_scan else self._store.calibrations.update
                 update(running.row.id, state="stopping")
         except sqlite3.Error:
             log.exception("that %s is being stopped could not be written", running.words)
+        # A live scan ends with its arm, and recognition waits for the next one; unless it is at work on the last views.
+        if asked and of_scan and not running.ended.wait(BY_ITSELF_S):
+            self._end_recognition(running)
         running.ended.wait(SETTLE_S)
+
+    def _end_recognition(self, running: Running[Any]) -> None:
+        if not running.ended.is_set():  # it could by now be at work on the next one
+            self._worker.kill()
 
     def _work(self) -> None:
         self._prepare()

@@ -4,10 +4,11 @@ The process is started ahead of its first task, because importing Open3D takes s
 again until it is killed or dies.
 """
 
+import logging
 import multiprocessing
 import threading
 import time
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
 from pathlib import Path
@@ -15,13 +16,17 @@ from pathlib import Path
 from cell.child_log import child_set_up
 from cell.devices import View
 from service.problems import problem_document
-from service.worker_process import LastView, PreviewEnded, Refused, Stage, Task, work
+from service.worker_process import BrokenOff, LastView, PreviewEnded, Refused, Stage, Task, work
 from service.workflow import OnStage, Outcome
+
+log = logging.getLogger(__name__)
 
 START_S = 60.0
 """A process that is not ready by then will not be."""
 PREVIEW_S = 20.0
 """A picture that is not drawn by then will not be."""
+BREAK_OFF_S = 2.0
+"""A process that has not dropped its task by then is killed: the last views may be at work."""
 
 
 class TaskFailedError(Exception):
@@ -43,6 +48,8 @@ class RecognitionWorker:
         self._killed = False
         """A killed process may still look alive for a moment."""
         self._not_ready: str | None = "recognition is starting"
+        self._waits = False
+        """It has said that it is done with the last task, and nothing was sent since."""
         self.starts = 0
         """How many processes were started so far; each after the first means that the one before had ended."""
 
@@ -110,10 +117,12 @@ class RecognitionWorker:
         Raises:
             TaskFailedError: the input was refused, the process died or was killed, or the time is over.
         """
+        self._waits = False
         try:
             message = self._answer(task, on_stage, limit_s, views, missing)
         except BaseException:
-            self.kill()  # what it says later would be taken for the answer to the next task
+            if not self._waits:
+                self.kill()  # what it says later would be taken for the answer to the next task
             raise
         if isinstance(message, Refused):
             raise TaskFailedError(message.status, message.slug, message.detail)
@@ -148,7 +157,7 @@ class RecognitionWorker:
     ) -> Outcome | Refused:
         self._send(task, limit_s)
         if not isinstance(task.source, Path):
-            for view in views:
+            for view in self._unless_broken_off(views):
                 self._send(view, limit_s)
             self._send(LastView(tuple(missing)), limit_s)
         deadline = time.monotonic() + limit_s
@@ -158,6 +167,24 @@ class RecognitionWorker:
                 on_stage(message.name)
             elif isinstance(message, Refused | Outcome):
                 return message
+
+    def _unless_broken_off(self, views: Iterable[View]) -> Iterator[View]:
+        """The views; when no more can be had, the process is told to drop its task, so that it need not be killed."""
+        try:
+            yield from views
+        except Exception:
+            self._break_off()
+            raise
+
+    def _break_off(self) -> None:
+        try:
+            self._send(BrokenOff(), BREAK_OFF_S)
+            deadline = time.monotonic() + BREAK_OFF_S
+            while not isinstance(self._receive(deadline), Refused):
+                pass
+            self._waits = True
+        except TaskFailedError as error:  # it is dead; the next task starts another
+            log.warning("the recognition process did not drop its task: %s", error)
 
     def _send(self, message: object, limit_s: float) -> None:
         """A process that hangs takes nothing: without an end, sending would wait for ever once the pipe is full."""

@@ -68,6 +68,15 @@ class LastView:
 
 
 @dataclass(frozen=True)
+class BrokenOff:
+    """No more views come, and nobody wants to know what these would give."""
+
+
+class BrokenOffError(Exception):
+    """The task is not wanted any more."""
+
+
+@dataclass(frozen=True)
 class Ready:
     """The process waits for a task."""
 
@@ -135,6 +144,8 @@ def _do(task: Task, pipe: Connection) -> Recognition | None:
         return recognition
     except INPUT_ERRORS as error:
         refused = Refused(422, error.slug, str(error))
+    except BrokenOffError:
+        refused = Refused(409, "aborted", "the scan was broken off")
     except (BrokenPipeError, EOFError):
         raise BrokenPipeError from None
     except Exception as error:
@@ -168,6 +179,8 @@ def _recognise(task: Task, pipe: Connection, on_stage: OnStage) -> Recognition:
     def coming() -> Iterator[View]:
         while isinstance(message := pipe.recv(), View):
             yield message
+        if isinstance(message, BrokenOff):
+            raise BrokenOffError
         assert isinstance(message, LastView)
         missing.extend(message.missing)
 

@@ -13,6 +13,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from cell.devices import View
+from cell.errors import RobotLostError
+from cell.recording import read_recording
 from cell.recording_header import RecordingHeader
 from recognition.gripper import Gripper
 from service.preview import draw_preview
@@ -63,6 +66,28 @@ def test_a_task_that_was_broken_off_leaves_no_answer_to_the_next(
     worker.start()
     worker.run(task(recording_file, tmp_path, "second"), lambda _: None, PATIENCE_S)
     assert (tmp_path / "second" / "model.json").exists(), "this was the answer to the first"
+
+
+def test_a_scan_that_is_broken_off_does_not_cost_the_process(
+    worker: RecognitionWorker, recording_file: Path, tmp_path: Path
+) -> None:
+    recording = read_recording(recording_file)
+
+    def until_the_arm_is_lost() -> Iterator[View]:
+        yield from recording.views[:2]
+        raise RobotLostError("the robot is gone")
+
+    worker.start()
+    process = worker._process
+    for number in range(2):
+        live = task(recording.header, tmp_path, f"broken off {number}")
+        with pytest.raises(RobotLostError):
+            worker.run(live, lambda _: None, PATIENCE_S, until_the_arm_is_lost())
+    assert worker.alive
+    assert worker._process is process
+    worker.run(task(recording_file, tmp_path, "next"), lambda _: None, PATIENCE_S)
+    assert (tmp_path / "next" / "model.json").exists()
+    assert not (tmp_path / "broken off 0").exists()
 
 
 def test_a_refused_task_does_not_cost_the_process(worker: RecognitionWorker, tmp_path: Path) -> None:
