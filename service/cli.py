@@ -258,8 +258,10 @@ def _simulate(options: argparse.Namespace) -> int:
 
 def _serve(options: argparse.Namespace) -> int:
     if options.supervised is None and not options.unsupervised:
+        from service.observing.json_log import start_log
         from service.supervision.supervisor import supervise
 
+        start_log("auto", "info")
         given = {"config": options.config, "host": options.host, "port": options.port, "data-dir": options.data_dir}
         return supervise([f"--{name}={value}" for name, value in given.items() if value is not None])
 

@@ -6,6 +6,7 @@ arm is done here: a service that hangs stops it itself, and for one that is dead
 """
 
 import contextlib
+import logging
 import selectors
 import signal
 import socket
@@ -15,6 +16,8 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from types import FrameType
+
+log = logging.getLogger(__name__)
 
 SERVE = (sys.executable, "-c", "import sys; from service.cli import main; sys.exit(main(sys.argv[1:]))", "serve")
 
@@ -65,7 +68,7 @@ class _Supervisor:
                     return code if code > 0 else 1
                 if time.monotonic() - begin > self._patience.well_s:
                     delay_s = self._patience.first_delay_s
-                print(f"pointchain serve: {why}; it is started again in {delay_s:g} s", file=sys.stderr, flush=True)
+                log.error("%s; it is started again in %g s", why, delay_s)
                 if not self._wait(delay_s):
                     return 0
                 delay_s = min(2 * delay_s, self._patience.longest_delay_s)
