@@ -1,11 +1,12 @@
 # `make demo` and `make test` are all that a fresh machine needs: both first install what is missing.
 
-.PHONY: help setup demo test soak serve lint bench lock clean
+.PHONY: help setup demo test soak fuzz serve lint bench lock clean
 
 help:
 	@echo 'make demo    a live scan by the simulated cell, the string in it recognised, the result shown'
 	@echo 'make test    run all tests'
 	@echo 'make soak    the tests that take long: 500 live scans, 20 random scenes, 200 stops'
+	@echo 'make fuzz    call every operation of the service in 1,000 odd ways; takes long'
 	@echo 'make serve   start the HTTP service'
 	@echo 'make lint    check style, types and the direction of imports'
 	@echo 'make bench   measure speed, the simulated cell, and accuracy on simulated scans'
@@ -29,6 +30,9 @@ test: setup
 soak: setup
 	@.venv/bin/pytest -m soak
 
+fuzz: setup
+	@.venv/bin/pytest -s -m fuzz
+
 serve: setup
 	@.venv/bin/pointchain serve
 
@@ -50,5 +54,5 @@ lock:
 		--output-file requirements.lock pyproject.toml
 
 clean:
-	rm -rf .venv .uv demo build dist *.egg-info .pytest_cache .ruff_cache .hypothesis .import_linter_cache
+	rm -rf .venv .uv demo build dist *.egg-info .pytest_cache .ruff_cache .hypothesis .schemathesis .import_linter_cache
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +

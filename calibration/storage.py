@@ -43,8 +43,9 @@ __all__ = [
     "write_result",
 ]
 
-CLOCKS_APART = timedelta(hours=1)
-"""So much may the clock of the machine that wrote a file be ahead of ours."""
+CLOCKS_APART = timedelta(hours=25)
+"""So much may the clock of the machine that wrote a file be ahead of ours. A day's mistake in either, by date or by
+time zone, is no reason to stop work: it only makes the file's age a day wrong."""
 BACKWARDS = -0.2
 """Cosine of the angle between the camera's view and the flange's z from which on it looks back: 102 degrees. Across is
 the most that a mounting is meant to turn it."""

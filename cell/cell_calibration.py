@@ -2,6 +2,7 @@
 
 import hashlib
 from dataclasses import dataclass
+from datetime import datetime
 from pathlib import Path
 
 import numpy as np
@@ -19,8 +20,10 @@ RULER_M, RULER_RAD = 0.03, np.deg2rad(10.0)
 """As sure as a ruler is asked to be: a file that differs by more is of another mounting."""
 
 
-def hand_eye_in_use(settings: HandEyeSettings, world: SimulatedWorld | None) -> HandEye:
+def hand_eye_in_use(settings: HandEyeSettings, world: SimulatedWorld | None, moment: datetime | None = None) -> HandEye:
     """The calibration of the active file; where there is none yet, what is told of a simulated cell's `world`.
+
+    `moment`: the one at which it must not be too old; the present unless given.
 
     Raises:
         CalibrationError: there is none, or the file cannot be used, or it is too old.
@@ -32,7 +35,7 @@ def hand_eye_in_use(settings: HandEyeSettings, world: SimulatedWorld | None) -> 
         where = "" if settings.active_file is None else f" {settings.active_file}"
         raise CalibrationError(f"there is no hand-eye calibration{where} yet: {MAKE_ONE}")
     try:
-        return load_hand_eye(file, settings.max_age_days)
+        return load_hand_eye(file, settings.max_age_days, moment)
     except HandEyeError as error:
         raise CalibrationError(str(error)) from error
 

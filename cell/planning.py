@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from datetime import UTC, datetime
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,9 +41,10 @@ class Planning:
         self._settings, self._equipment, self._status = settings, equipment, status
         self._last: tuple[ViewpointPlan, Basis] | None = None
 
-    def hand_eye(self) -> HandEye:
-        """The calibration in use, as its file is now. Raises CalibrationError."""
-        return hand_eye_in_use(self._settings.hand_eye, self._equipment.world)
+    def hand_eye(self, moment: datetime | None = None) -> HandEye:
+        """The calibration in use, as its file is now, not too old at `moment`, or at present. Raises
+        CalibrationError."""
+        return hand_eye_in_use(self._settings.hand_eye, self._equipment.world, moment)
 
     def require_usable(self) -> None:
         """Refuses a calibration that a scan by this camera and robot could not use. Raises CalibrationError."""
@@ -75,7 +77,8 @@ class Planning:
         """By what a scan that was prepared is to be done."""
         used = self._status().hand_eye
         assert used is not None
-        return Basis(used, lambda: require_unchanged(used, self.hand_eye()))
+        begun = datetime.now(UTC)  # neither midnight nor a clock that is set makes it too old on the way
+        return Basis(used, lambda: require_unchanged(used, self.hand_eye(begun)))
 
     @property
     def _ids(self) -> tuple[str | None, str | None]:

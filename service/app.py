@@ -14,6 +14,7 @@ from cell.cell import Cell
 from service.config import ServiceConfig, load_config
 from service.context import Context
 from service.data_folder import DataFolder
+from service.description import describe_better, operation_id
 from service.events.cell_event import publish_changes
 from service.events.slots import StreamSlots
 from service.idempotency import IdempotencyKeys
@@ -23,6 +24,7 @@ from service.observing.request_watch import RequestWatch
 from service.observing.scan_metrics import ScanMetrics
 from service.observing.state_metrics import StateMetrics
 from service.problems import install_problem_handlers
+from service.reading import Reading
 from service.retention import Retention
 from service.routes import calibration, cell, docs, events, health, recordings, results, scans
 from service.routes import metrics as metrics_route
@@ -40,7 +42,7 @@ DESCRIPTION = """Strings, cables and ropes as ordered 3D point chains.
 Start a live scan by the cell, or upload a recording and start a scan of it; follow the scan until its state is final,
 and fetch its model.
 Metres, radians and seconds everywhere. Errors are `application/problem+json` (RFC 9457); decide on their
-`type`.
+`type`. A request that is as described here is never refused as `invalid-request`; it can be for what it refers to.
 """
 
 
@@ -80,13 +82,16 @@ def create_app(config: ServiceConfig) -> FastAPI:
         docs_url=None,  # the page is ours, its files are the library's
         redoc_url=None,
         static_url=DOCS_FILES,
+        generate_unique_id_function=operation_id,
     )
     app.state.audit = audit
+    describe_better(app)
     install_security(app, config, audit, upload_path=recordings.PATH)
     app.state.metrics = metrics
     app.add_middleware(RequestWatch, metrics=metrics.requests)  # added last, it is outside of all others
     install_problem_handlers(app)
-    for resource in (cell, calibration, recordings, scans, results, events, health, metrics_route, docs):
+    # In this order they are looked for: what is asked for most comes first.
+    for resource in (scans, cell, results, recordings, calibration, events, health, metrics_route, docs):
         app.include_router(resource.router)
     return app
 
@@ -116,6 +121,7 @@ def _open(config: ServiceConfig, metrics: ScanMetrics, audit: AuditLog) -> Conte
         keys=IdempotencyKeys(store),
         retention=retention,
         streams=StreamSlots(config.limits.event_streams, config.limits.event_streams_each),
+        reading=Reading(),
         fault=fault,
     )
 
@@ -123,7 +129,8 @@ def _open(config: ServiceConfig, metrics: ScanMetrics, audit: AuditLog) -> Conte
 def _close(context: Context) -> None:
     """Closes all, the last to be opened first; what one of them raises keeps none of the others open."""
     with ExitStack() as opened:
-        for part in (context.store.folder, context.store, context.fault, context.cell, context.jobs, context.retention):
+        own = (context.fault, context.cell, context.jobs, context.retention)
+        for part in (context.store.folder, context.store, context.reading, *own):
             opened.callback(part.close)
 
 

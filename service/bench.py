@@ -1,4 +1,4 @@
-"""`pointchain bench`: how right and how fast recognition and the simulated cell are, as tables or JSON."""
+"""`pointchain bench`: how right and how fast recognition, the simulated cell and the service are, as tables or JSON."""
 
 import json
 import os
@@ -15,15 +15,17 @@ from cell.simulation.benchmark.speed import Speed, measure_speed
 from cell.simulation.tiers import TIERS
 from recognition.model import METHODS
 from service.bench_cell import cell_table, measure_cell
+from service.bench_service import measure_service, service_json, service_table
 
 START_S, SIMULATE_S, RECOGNISE_S = 5.0, 3.0, 1.0
 """What accuracy takes on one core, about: once, for each scene, and for each of its methods."""
-SPEED_S, CELL_S = 90.0, 240.0
-"""What the speed part and the cell's take, about. All are only to say how long it will be."""
+SPEED_S, CELL_S, SERVICE_S = 90.0, 240.0, 360.0
+"""What the speed part, the cell's and the service's take, about. All are only to say how long it will be."""
 
 
 def bench(only: str | None, tiers: Sequence[str], seeds: int, jobs: int | None, as_json: bool) -> int:
-    """Runs the part `only`, "speed", "cell" or "accuracy", or all; Markdown tables or one JSON document on stdout.
+    """Runs the part `only`, "speed", "cell", "service" or "accuracy", or all; Markdown tables or one JSON document on
+    stdout.
 
     `tiers` are names of `cell.simulation.tiers`, all when empty; `seeds` scenes of each are recognised by every
     method, on `jobs` processes (one a core when None). Returns 0, or 1 when it is wrongly called.
@@ -45,6 +47,10 @@ def bench(only: str | None, tiers: Sequence[str], seeds: int, jobs: int | None, 
         times = measure_cell(_say)
         document["cell"] = {name: round(value, 4) for name, value in asdict(times).items()}
         parts.append(cell_table(times))
+    if only in (None, "service"):
+        served = measure_service(_say)
+        document["service"] = service_json(served)
+        parts.append(service_table(served))
     if only in (None, "accuracy"):
         results = _run(tiers, seeds, jobs)
         summaries, sigma = accuracy.accuracy(results), accuracy.sigma(results)
@@ -87,6 +93,9 @@ def _announcement(only: str | None, scenes: int, jobs: int) -> str:
     if only in (None, "cell"):
         parts.append("the simulated cell")
         seconds += CELL_S
+    if only in (None, "service"):
+        parts.append("the service under load")
+        seconds += SERVICE_S
     if only in (None, "accuracy"):
         parts.append(f"{scenes} scenes by {', '.join(METHODS)} on {jobs} process{'es' if jobs > 1 else ''}")
         seconds += START_S + scenes * (SIMULATE_S + RECOGNISE_S * len(METHODS)) / min(jobs, scenes)

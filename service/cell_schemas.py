@@ -2,7 +2,7 @@
 
 import time
 from dataclasses import replace
-from typing import Literal
+from typing import Annotated, Literal
 
 from pydantic import BaseModel, Field
 
@@ -10,6 +10,7 @@ from cell.cell_status import CellStatus, State
 from cell.devices import RobotMode, SafetyMode
 from cell.settings import CellSettings
 from service.calibrations.schemas import CellWarning
+from service.schemas import WHOLE
 
 Matrix = list[list[float]]
 
@@ -97,7 +98,7 @@ class CellResource(BaseModel):
 class PlanRequest(BaseModel):
     """How many viewpoints to plan; null takes the cell's number."""
 
-    views: int | None = Field(default=None, ge=2, le=32)
+    views: Annotated[int, Field(ge=2, le=32), WHOLE] | None = None
 
 
 def cell_resource(

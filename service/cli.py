@@ -106,12 +106,12 @@ def _parser() -> argparse.ArgumentParser:
 
     bench = commands.add_parser(
         "bench",
-        help="speed and accuracy on simulated scenes, and the simulated cell's times",
+        help="speed and accuracy on simulated scenes, the simulated cell's times, and the service's under load",
         description="Measures speed, memory and growth on this machine, what a live scan of the simulated cell takes, "
-        "and the accuracy of every method on simulated scenes, tier by tier. Markdown tables on stdout, progress on "
-        "stderr; the same scenes every time.",
+        "what the service can do at once, and the accuracy of every method on simulated scenes, tier by tier. Markdown "
+        "tables on stdout, progress on stderr; the same scenes every time.",
     )
-    bench.add_argument("--only", choices=("speed", "cell", "accuracy"), help="one part alone")
+    bench.add_argument("--only", choices=("speed", "cell", "service", "accuracy"), help="one part alone")
     bench.add_argument("--seeds", type=int, default=40, metavar="N", help="scenes a tier (%(default)s)")
     bench.add_argument("--tiers", type=_names, default=(), metavar="A,B", help="an unknown name lists the known (all)")
     bench.add_argument("--jobs", type=int, metavar="N", help="processes for accuracy (one a core)")

@@ -13,6 +13,7 @@ from service.free_space import require_space
 from service.idempotency import IdempotencyKeys
 from service.jobs import Jobs
 from service.problems import ProblemError
+from service.reading import Reading
 from service.retention import Retention
 from service.schemas import ID_PATTERN
 from service.store import Store
@@ -37,6 +38,8 @@ class Context:
     retention: Retention
     streams: StreamSlots
     """Of those who follow events."""
+    reading: Reading
+    """The threads of what is asked for most."""
     fault: FaultMemory
 
     def require_space(self, coming_bytes: int = 0) -> None:

@@ -3,18 +3,21 @@
 import queue
 import secrets
 import sqlite3
+import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from datetime import UTC, datetime
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any, TypeVar
 
+from service import wall_clock
 from service.tables import MIGRATIONS, VERSION, stored
 
 T = TypeVar("T")
 
-BUSY_S = 5.0
-"""How long a statement waits for another program that holds the database."""
+BUSY_S = 4.0
+"""How long a statement waits for another program that holds the database. With all else that a request may wait for,
+its answer comes within 5 s."""
 
 
 class StoreVersionError(ValueError):
@@ -23,14 +26,47 @@ class StoreVersionError(ValueError):
     slug = "store-version"
 
 
+_MOMENT = "%Y%m%dt%H%M%S-%f"
+"""By which an id begins."""
+_OURS = f"{'[0-9]' * 8}t{'[0-9]' * 6}-{'[0-9]' * 6}-*"
+"""The same for GLOB."""
+
+
+class _Moments:
+    """The moments of ids, each later than all before, whatever the wall clock does."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._last = datetime.min.replace(tzinfo=UTC)
+
+    def next(self) -> datetime:
+        """The present one, or the next after the last where the clock was set back."""
+        with self._lock:
+            self._last = max(wall_clock.present(), self._last + timedelta(microseconds=1))
+            return self._last
+
+    def go_on_behind(self, given_id: str) -> None:
+        """Later ones only: this id was given already."""
+        try:
+            moment = datetime.strptime(given_id.rpartition("-")[0], _MOMENT).replace(tzinfo=UTC)
+        except ValueError:  # digits alone make no date
+            return
+        with self._lock:
+            self._last = max(moment, self._last)
+
+
+_moments = _Moments()
+
+
 def new_id() -> str:
-    """An id that is a safe file name and sorts by the moment of its making."""
-    return f"{datetime.now(UTC):%Y%m%dt%H%M%S-%f}-{secrets.token_hex(4)}"
+    """An id that is a safe file name and sorts behind all that were made before, also by earlier services on the same
+    database. It is the moment of its making, unless the clock was set back since."""
+    return f"{_moments.next():{_MOMENT}}-{secrets.token_hex(4)}"
 
 
 def now() -> str:
     """The present moment, RFC 3339 in UTC."""
-    return datetime.now(UTC).isoformat(timespec="milliseconds").replace("+00:00", "Z")
+    return wall_clock.present().isoformat(timespec="milliseconds").replace("+00:00", "Z")
 
 
 class Database:
@@ -46,6 +82,10 @@ class Database:
         self._free: queue.SimpleQueue[sqlite3.Connection] = queue.SimpleQueue()
         try:
             self._make_tables()
+            for table in ("recordings", "scans", "calibrations"):
+                newest = f"SELECT id FROM {table} WHERE id GLOB ? ORDER BY id DESC LIMIT 1"
+                for given_id in self.all(lambda row: row["id"], newest, _OURS):
+                    _moments.go_on_behind(given_id)
         except BaseException:
             self.close()
             raise

@@ -184,6 +184,8 @@ class Jobs:
         return running.row.id if running is not None and isinstance(running.row, CalibrationRow) else None
 
     def _interrupt(self, running: Running[Any] | None) -> None:
+        if running is not None:
+            running.given_up.set()
         of_scan = running is not None and isinstance(running.row, ScanRow)
         again = "what was recorded is kept: reprocess it" if of_scan else "start it again"
         self._stop(running, "interrupted", f"the service was stopped; {again}")

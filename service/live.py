@@ -91,9 +91,13 @@ def live_outcome(
             progress = StoredProgress(store, scan.id, len(plan.viewpoints), writer, metrics)
             with cell.scanning(plan, writer, progress) as views:
                 outcome = _recognise(store, scan.id, worker, task, limit_s, views, progress)
-                writer.write_result(json.loads((task.results / MODEL).read_bytes()))
-                writer.close()
-                keep_recording(store, scan.id)
+                try:
+                    writer.write_result(json.loads((task.results / MODEL).read_bytes()))
+                    writer.close()
+                    keep_recording(store, scan.id)
+                except BaseException:
+                    worker.kill()  # nobody will see the picture that it is drawing
+                    raise
                 yield outcome
     finally:
         keep_recording(store, scan.id)

@@ -1,6 +1,7 @@
 """The one place for what is under way: a scan or a calibration."""
 
 import threading
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
@@ -11,6 +12,9 @@ from service.running import Running
 SOON_S = 1.0
 """Whoever finds that something is being prepared waits so long to be told what. A replay is accepted within
 milliseconds; for a live scan the cell may have to be connected first."""
+TURN_S = 0.5
+"""Taking or leaving the place is a matter of milliseconds, unless the database is held by another program: then whoever
+comes next is not to wait for him who waits for it, and so on."""
 
 
 class Place:
@@ -52,10 +56,16 @@ class Place:
         """The place for as long as it takes to accept something; free again afterwards unless it was.
 
         Raises:
-            ProblemError: `cell-busy`, with the Location of what is under way; `not-ready` once it is closed.
+            ProblemError: `cell-busy`, with the Location of what is under way; `busy` when the row of what is accepted
+                or has ended cannot be written at once; `not-ready` once it is closed.
         """
-        with self._turn:
+        latest = time.monotonic() + TURN_S + SOON_S + TURN_S
+        if not self._turn.acquire(timeout=TURN_S):
+            raise _busy()
+        try:
             self._decided.wait_for(lambda: self._running is not None or not self._preparing, SOON_S)
+            if time.monotonic() > latest:  # it was waited for the turn once more
+                raise _busy()
             self._refuse_if_closed()
             if self._running is not None:
                 raise ProblemError(
@@ -72,6 +82,8 @@ class Place:
                     {"Retry-After": "2"},
                 )
             self._preparing = True
+        finally:
+            self._turn.release()
         try:
             yield
         finally:
@@ -96,14 +108,18 @@ class Place:
 
     @contextmanager
     def leaving(self, running: Running[Any]) -> Iterator[None]:
-        """The context in which the final row is written: at its end the place is free."""
+        """The context in which the final row is written: at its end the place is free. Left by an exception, it is
+        not."""
         with self._turn:
-            try:
-                yield
-            finally:
-                if self._running is running:
-                    self._running = None
+            yield
+            if self._running is running:
+                self._running = None
 
     def _refuse_if_closed(self) -> None:
         if self._closed:
             raise ProblemError(503, "not-ready", "the service is stopping")
+
+
+def _busy() -> ProblemError:
+    detail = "the database is held by another program, or the disk is slow; try again"
+    return ProblemError(503, "busy", detail, {"Retry-After": "5"})

@@ -1,6 +1,5 @@
 """Errors as `application/problem+json` (RFC 9457): every answer that is not a success has this shape."""
 
-import errno
 import sqlite3
 from typing import Any
 from urllib.parse import quote
@@ -17,6 +16,7 @@ from cell.recording_errors import RecordingError, RecordingTooLargeError
 from recognition.errors import RecognitionError
 from service.data_folder import OutsideError
 from service.security.headers import UNEXPECTED
+from service.storage_errors import is_full, is_held
 
 MEDIA_TYPE = "application/problem+json"
 
@@ -132,6 +132,16 @@ def cell_problem(error: CellError) -> dict[str, Any]:
     return problem_document(CELL_STATUS.get(error.slug, 409), error.slug, str(error))
 
 
+def storage_problem(error: Exception, kept: str) -> dict[str, Any] | None:
+    """A scan or calibration that ended because the disk is full or the database is held; `kept` says what is kept of
+    it. None: that is not why."""
+    if is_full(error):
+        return problem_document(507, "storage-full", f"no space is left in the data folder; {kept}")
+    if is_held(error):
+        return problem_document(503, "busy", f"another program held the database for too long; {kept}")
+    return None
+
+
 def problem_responses(*statuses: int) -> dict[int | str, dict[str, Any]]:
     """What an operation declares of its refusals, for the API's description; any other is a problem too."""
     content = {MEDIA_TYPE: {"schema": {"$ref": "#/components/schemas/Problem"}}}
@@ -196,17 +206,16 @@ def install_problem_handlers(app: FastAPI) -> None:
 
     @app.exception_handler(sqlite3.OperationalError)
     async def _database(request: Request, error: sqlite3.OperationalError) -> JSONResponse:
-        code = getattr(error, "sqlite_errorcode", None)
-        if code == sqlite3.SQLITE_FULL:
+        if is_full(error):
             return _storage_full(request)
-        if code in (sqlite3.SQLITE_BUSY, sqlite3.SQLITE_LOCKED):
+        if is_held(error):
             again = {"Retry-After": "5"}
             return respond(request, 503, "busy", "another program holds the database; try again", again)
         raise error
 
     @app.exception_handler(OSError)
     async def _system(request: Request, error: OSError) -> JSONResponse:
-        if error.errno in (errno.ENOSPC, errno.EDQUOT):
+        if is_full(error):
             return _storage_full(request)
         raise error
 

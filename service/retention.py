@@ -1,25 +1,31 @@
 """Old scans and recordings are removed, where it is configured: by their age, or as long as all together are too large.
 
 What a person has marked to be kept stays, with its recording; so does what is under way, and what ended a moment ago.
-Nothing here makes room for anything: a scan that finds too little of it is refused.
+Nothing is removed within an hour of the service's start, nor of a moment at which the machine's clock was set: an age
+is only believed of a clock that has gone steadily. Nothing here makes room for anything: a scan that finds too little
+of it is refused.
 """
 
 import logging
 import sqlite3
 import threading
 from collections.abc import Callable
-from datetime import UTC, datetime, timedelta
+from datetime import datetime, timedelta
 
+from service import wall_clock
 from service.config_sections import RetentionConfig
 from service.removal import oldest_first, remove
 from service.scan_queries import stamp
 from service.store import Store
+from service.wall_clock import Steadiness
 
 log = logging.getLogger(__name__)
 
 EVERY_S = 3600.0
 AGAIN_S = 60.0
 """While something is under way, and when the database was locked, it is tried again so much later."""
+STEADY_S = 3600.0
+"""So long the wall clock must have gone without being set."""
 UNTOUCHED = timedelta(hours=1)
 """Whoever asked for a scan has so long to fetch its result, and who has sent a recording to use it."""
 
@@ -60,6 +66,7 @@ class Retention:
         """`idle` tells whether nothing is under way. Starts the thread if there is anything to do for it."""
         self._store, self._config, self._idle = store, config, idle
         self._ending = threading.Event()
+        self._clock = Steadiness()
         self._thread = threading.Thread(target=self._work, name="retention", daemon=True)
         if config.max_age_days is not None or config.max_bytes is not None:
             self._thread.start()
@@ -71,14 +78,15 @@ class Retention:
             self._thread.join()
 
     def _may_go_on(self) -> bool:
-        return self._idle() and not self._ending.is_set()
+        return self._idle() and not self._ending.is_set() and self._clock.seconds() >= STEADY_S
 
     def _work(self) -> None:
         wait_s = 0.0
         while not self._ending.wait(wait_s):
             wait_s = AGAIN_S
+            moment = wall_clock.present()  # before it is asked whether the clock goes well
             try:
-                if self._may_go_on() and sweep(self._store, self._config, datetime.now(UTC), self._may_go_on):
+                if self._may_go_on() and sweep(self._store, self._config, moment, self._may_go_on):
                     wait_s = EVERY_S
             except (sqlite3.Error, OSError):  # locked, or a file that cannot be removed: nothing depends on it
                 log.exception("old scans could not all be removed; it is tried again in %.0f s", wait_s)

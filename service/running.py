@@ -19,6 +19,8 @@ class Running(Generic[R]):
         self.plan = plan
         """Of what the arm does; None for a replay, for which it does nothing."""
         self.ended = threading.Event()
+        self.given_up = threading.Event()
+        """The service is ending: its final row is written at once, or by the next start."""
         self._lock = threading.Lock()
         """Never held while something is written."""
         self._stop: tuple[ScanState, str] | None = None

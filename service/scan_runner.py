@@ -1,7 +1,6 @@
 """What becomes of one accepted scan: its views, its outcome, its final state, its picture."""
 
 import dataclasses
-import errno
 import logging
 import shutil
 import sqlite3
@@ -18,10 +17,11 @@ from recognition.gripper import Gripper
 from service.calibrations.drift_watch import DriftWatch
 from service.data_folder import PREVIEW
 from service.database import now
-from service.live import live_outcome
+from service.last_word import write_last
+from service.live import keep_recording, live_outcome
 from service.observing.json_log import log_scan
 from service.observing.scan_metrics import ScanMetrics
-from service.problems import cell_problem, problem_document
+from service.problems import cell_problem, problem_document, storage_problem
 from service.running import Running
 from service.scan_inputs import recognition_inputs
 from service.schemas import ScanState
@@ -34,7 +34,7 @@ from service.workflow import DONE_BEFORE, OnStage, Outcome
 log = logging.getLogger(__name__)
 
 Leaving = Callable[[Running[Any]], AbstractContextManager[None]]
-"""The context in which a scan's final row is written: at its end the one place is free."""
+"""The context in which a scan's final row is written: at its good end the one place is free."""
 
 
 class ScanRunner:
@@ -68,9 +68,9 @@ class ScanRunner:
                     self._run(running, until_home)
             except CellError as error:
                 log.warning("behind scan %s the arm did not get home: %s", running.row.id, error)
-            except Exception:  # whatever it is, this scan is told as failed and the next one is taken
+            except Exception as error:  # whatever it is, this scan is told as failed and the next one is taken
                 log.exception("scan %s could not be recorded", running.row.id)
-                self._give_up(running)
+                self._give_up(running, error)
         running.ended.set()
 
     def wait_for_preview(self, scan_id: str) -> None:
@@ -81,14 +81,15 @@ class ScanRunner:
 
     def _run(self, running: Running[ScanRow], until_home: ExitStack) -> None:
         results = self._store.folder.incoming(running.row.id)
-        outcome, problem = self._try(running, results, until_home)
+        outcome, stored = None, False
         try:
+            outcome, problem = self._try(running, results, until_home)
             self._record(running, outcome, problem, results)
+            stored = outcome is not None and running.stop is None
         finally:
             shutil.rmtree(results, ignore_errors=True)
             running.ended.set()
-        if outcome is not None and running.stop is None:
-            self._add_preview(running.row)
+            self._end_preview(running.row, outcome is not None and self._worker.wait_for_preview() and stored)
 
     def _try(
         self, running: Running[ScanRow], results: Path, until_home: ExitStack
@@ -110,10 +111,10 @@ class ScanRunner:
         except CellError as error:
             return None, cell_problem(error)
         except OSError as error:
-            if error.errno not in (errno.ENOSPC, errno.EDQUOT):
+            problem = storage_problem(error, "what was recorded before is kept")
+            if problem is None:
                 raise
-            detail = "no space is left in the data folder; what was recorded before is kept"
-            return None, problem_document(507, "storage-full", detail)
+            return None, problem
         return None, None
 
     def _outcome(self, running: Running[ScanRow], results: Path, until_home: ExitStack) -> Outcome:
@@ -133,11 +134,12 @@ class ScanRunner:
         live = live_outcome(scan, plan, self._cell, store, self._worker, task, self._limit_s, self._metrics)
         return until_home.enter_context(live)
 
-    def _add_preview(self, scan: ScanRow) -> None:
-        """The picture comes behind the result, which nobody shall wait for longer."""
+    def _end_preview(self, scan: ScanRow, whole: bool) -> None:
+        """The picture comes behind the result, which nobody shall wait for longer. What there is of one that is not
+        `whole`, or of no stored result, goes."""
         drawn = self._store.folder.incoming(f"{scan.id}.png")
         try:
-            if self._worker.wait_for_preview() and drawn.exists():
+            if whole and drawn.exists():
                 drawn.replace(self._store.folder.results(scan.id) / PREVIEW)
         finally:
             self._drawing = None
@@ -188,16 +190,31 @@ class ScanRunner:
         log.info("scan %s %s after %.1f s", scan.id, state, seconds)
         self._metrics.ended(scan.mode, state, seconds)
 
-    def _give_up(self, running: Running[ScanRow]) -> None:
-        """The disk or the database failed. If this cannot be written either, the next start mends the row."""
+    def _give_up(self, running: Running[ScanRow], error: Exception) -> None:
+        """The disk or the database failed. What the scan has recorded, and how it has ended, is written once either
+        takes it again."""
         self._drawing = None
-        problem = problem_document(500, "internal", "the result could not be stored; the log has the reason")
-        self._tell_end(running.row, "failed")
-        with self._leaving(running):
-            try:
-                self._store.end_scan(running.row.id, "failed", problem)
-            except sqlite3.Error:
-                log.exception("nor could this be written of scan %s", running.row.id)
+        scan, state = running.row, "failed"
+        problem = storage_problem(error, "what was recorded is kept: reprocess it") or problem_document(
+            500, "internal", "the result could not be stored; the log has the reason"
+        )
+        if running.stop is not None:
+            state, detail = running.stop
+            problem = problem_document(409, state, detail)
+        self._tell_end(scan, state)
+
+        def write() -> None:
+            if scan.mode == "live":
+                self._keep_recording(scan.id)
+            self._store.end_scan(scan.id, state, problem)
+
+        write_last(running, self._leaving, write)
+
+    def _keep_recording(self, scan_id: str) -> None:
+        try:
+            keep_recording(self._store, scan_id)
+        except OSError:
+            log.exception("the recording of scan %s cannot be read; the next start tries again", scan_id)
 
     def _progress(self, scan_id: str) -> OnStage:
         def on_stage(name: str) -> None:

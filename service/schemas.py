@@ -3,9 +3,9 @@
 The point chain model's own document is described in `service.model_schema`.
 """
 
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, StrictBool
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, StrictBool
 
 from recognition.model import Method
 from recognition.parameters import R_MAX, R_MIN
@@ -28,6 +28,18 @@ RESULT_STATES: tuple[ScanState, ...] = ("succeeded", "partial")
 Radius = Annotated[
     float, Field(strict=True, allow_inf_nan=False, json_schema_extra={"minimum": R_MIN, "maximum": R_MAX})
 ]
+
+
+def _whole(value: Any) -> int:
+    if isinstance(value, float) and value.is_integer():
+        return int(value)
+    if isinstance(value, bool) or not isinstance(value, int):
+        raise ValueError("a whole number is needed")
+    return value
+
+
+WHOLE = BeforeValidator(_whole)
+"""Makes an int a whole number as JSON has it: 3.0 is one, "3" and true are not."""
 
 
 class Problem(BaseModel):
@@ -61,7 +73,7 @@ class LiveScan(_Request):
     """A scan by the cell's arm and camera."""
 
     mode: Literal["live"]
-    views: int | None = Field(default=None, ge=2, le=32)
+    views: Annotated[int, Field(ge=2, le=32), WHOLE] | None = None
     """How many viewpoints; null takes the cell's."""
 
 

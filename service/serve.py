@@ -13,6 +13,10 @@ from service.security.binding import check_binding
 from service.server import Server
 from service.supervision.supervised import Supervised
 
+SWITCH_S = 0.001
+"""A thread that waits for the interpreter gets it after so long. With Python's own 5 ms, whoever moves the arm waits
+too long for its turns when many clients ask: its controller then ends the motion."""
+
 
 def serve(config: ServiceConfig, line: int | None = None) -> int:
     """Serves until SIGINT or SIGTERM; 0 when it ended in order, 1 when it could not start.
@@ -43,6 +47,7 @@ def serve(config: ServiceConfig, line: int | None = None) -> int:
     supervised = None if line is None else Supervised(line)
     if supervised is not None:
         supervised.when_it_ends(lambda: os.kill(os.getpid(), signal.SIGTERM))
+    sys.setswitchinterval(SWITCH_S)
     server = Server(create_app(config), supervised, log_config=None, access_log=False)
     with listening:
         server.run(sockets=[listening])

@@ -128,12 +128,17 @@ class Store:
         files: dict[str, Any] | None = None,
     ) -> None:
         """Puts the folder `results`, whose files are synced, in its place, then writes the scan's row, with the hashes
-        of the `files`."""
+        of the `files`. What cannot be written leaves no folder behind."""
         final = self.folder.results(scan_id)
         sync_folder(results)
         results.rename(final)
-        sync_folder(final.parent)
-        self.update_scan(scan_id, state=state, summary=summary, files=files, stage=None, fraction=1.0, ended_at=now())
+        try:
+            sync_folder(final.parent)
+            ended = {"state": state, "stage": None, "fraction": 1.0, "ended_at": now()}
+            self.update_scan(scan_id, summary=summary, files=files, **ended)
+        except BaseException:
+            shutil.rmtree(final, ignore_errors=True)
+            raise
 
     def set_view(
         self, scan_id: str, view: int, state: ViewState, reason: str | None = None, written: Written | None = None

@@ -4,7 +4,6 @@ import logging
 import sqlite3
 from collections.abc import Sequence
 from dataclasses import asdict
-from datetime import UTC, datetime
 
 import numpy as np
 
@@ -12,6 +11,7 @@ from calibration.drift import Drift
 from calibration.storage import HandEye
 from cell.cell import Cell
 from cell.errors import CellError
+from service import wall_clock
 from service.calibrations.activation import why_not_activated
 from service.calibrations.drift_watch import DriftWatch
 from service.calibrations.result_schema import CalibrationResult, FindingResource, VerificationResource
@@ -83,7 +83,7 @@ def in_use(hand_eye: HandEye, drift: Drift) -> CalibrationInUse:
         verdict=hand_eye.verdict,
         findings=[FindingResource(**asdict(finding)) for finding in hand_eye.findings],
         created_at=None if created is None else created.isoformat(),
-        age_s=None if created is None else (datetime.now(UTC) - created).total_seconds(),
+        age_s=None if created is None else (wall_clock.present() - created).total_seconds(),
         camera_id=hand_eye.camera_id,
         robot_serial=hand_eye.robot_serial,
         board=None if hand_eye.board is None else hand_eye.board.to_json(),

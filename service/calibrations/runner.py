@@ -1,9 +1,7 @@
 """What becomes of one accepted calibration or verification: its views, its result, its final state."""
 
-import errno
 import json
 import logging
-import sqlite3
 from collections.abc import Callable
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
@@ -18,7 +16,8 @@ from cell.cell import Cell
 from cell.errors import CellError, StoppedError
 from service.calibrations.store import CalibrationStore
 from service.database import now
-from service.problems import cell_problem, problem_document
+from service.last_word import write_last
+from service.problems import cell_problem, problem_document, storage_problem
 from service.running import Running
 from service.store import Store
 from service.tables import CalibrationRow
@@ -93,14 +92,15 @@ class CalibrationRunner:
         try:
             done, problem = self._try(running)
             self._record(running, done, problem)
-        except Exception:  # whatever it is, this one is told as failed and the next is taken
+        except Exception as error:  # whatever it is, this one is told as failed and the next is taken
             log.exception("%s could not be done", running.words)
-            problem = problem_document(500, "internal", f"the {row.kind} met an unexpected error; the log has it")
-            with self._leaving(running):
-                try:
-                    self._store.end(row.id, "failed", problem)
-                except sqlite3.Error:  # the next start mends the row
-                    log.exception("nor could this be written of %s", running.words)
+            state, problem = "failed", storage_problem(error, "the pictures taken before are kept")
+            if problem is None:
+                problem = problem_document(500, "internal", f"the {row.kind} met an unexpected error; the log has it")
+            if running.stop is not None:
+                state, detail = running.stop
+                problem = problem_document(409, state, detail)
+            write_last(running, self._leaving, lambda: self._store.end(row.id, state, problem))
         running.ended.set()
 
     def _try(self, running: Running[CalibrationRow]) -> tuple[_Done | None, dict[str, Any] | None]:
@@ -116,9 +116,9 @@ class CalibrationRunner:
         except (HandEyeError, BoardDetectionError) as error:
             return None, problem_document(422, error.slug, str(error))
         except OSError as error:
-            if error.errno in (errno.ENOSPC, errno.EDQUOT):
-                detail = "no space is left in the data folder; the pictures taken before are kept"
-                return None, problem_document(507, "storage-full", detail)
+            problem = storage_problem(error, "the pictures taken before are kept")
+            if problem is not None:
+                return None, problem
             if error.filename is None:  # of no file
                 raise
             detail = f"{error.filename} cannot be written: {error.strerror}; the pictures taken before are kept"

@@ -1,13 +1,13 @@
 """What goes over HTTP about hand-eye calibration, as JSON. Metres, radians, seconds, pixels, UTC."""
 
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, JsonValue
 
-from calibration.board import Board, BoardKind, usual_board
+from calibration.board import FEWEST, LARGEST_PITCH_M, MARKERS, MOST, SMALLEST_PITCH_M, Board, BoardKind, usual_board
 from calibration.hand_eye_result import Verdict
 from service.calibrations.result_schema import CalibrationResult, FindingResource, VerificationResource
-from service.schemas import Id, Problem, ScanState, ViewState
+from service.schemas import WHOLE, Id, Problem, ScanState, ViewState
 
 Matrix = list[list[float]]
 
@@ -21,21 +21,26 @@ class CellWarning(BaseModel):
     """For people, and what to do."""
 
 
+# Told to readers of the description only: the board itself refuses what is outside, with words that say more.
+COUNT: dict[str, JsonValue] = {"minimum": min(FEWEST.values()), "maximum": MOST}
+LENGTH: dict[str, JsonValue] = {"minimum": SMALLEST_PITCH_M, "maximum": LARGEST_PITCH_M}
+
+
 class BoardRequest(BaseModel):
     """A calibration board, as printed; the usual one where nothing is told."""
 
     model_config = ConfigDict(extra="forbid", allow_inf_nan=False, strict=True)
 
     kind: BoardKind | None = None
-    columns: int | None = None
+    columns: Annotated[int, WHOLE] | None = Field(default=None, json_schema_extra=COUNT)
     """Squares in a row, or dots."""
-    rows: int | None = None
+    rows: Annotated[int, WHOLE] | None = Field(default=None, json_schema_extra=COUNT)
     """Rows of squares, or of dots."""
-    pitch_m: float | None = None
+    pitch_m: float | None = Field(default=None, json_schema_extra=LENGTH)
     """Side of a square, or distance from dot to dot, as measured on the print."""
-    marker_m: float | None = None
+    marker_m: float | None = Field(default=None, json_schema_extra=LENGTH)
     """Side of a ChArUco marker; in proportion to the squares unless told."""
-    dictionary: str | None = Field(default=None, max_length=40)
+    dictionary: str | None = Field(default=None, max_length=40, json_schema_extra={"enum": [*MARKERS, None]})
     """OpenCV's name of the markers' dictionary."""
 
     def board(self) -> Board:
@@ -50,7 +55,7 @@ class CalibrationRequest(BaseModel):
 
     board: BoardRequest | None = None
     """The board on the table; null is the usual one."""
-    poses: int = Field(default=15, ge=10, le=40, strict=True)
+    poses: Annotated[int, Field(ge=10, le=40), WHOLE] = 15
     """To solve from; two more verify the result."""
 
 

@@ -5,7 +5,6 @@ import logging
 import re
 import secrets
 from collections.abc import MutableMapping
-from contextlib import ExitStack
 from time import monotonic
 from typing import Any
 from urllib.parse import quote
@@ -80,11 +79,11 @@ class RequestWatch:
             await send(message)
 
         scan = SCAN_PATH.match(scope["path"])
-        with ExitStack() as about:
-            arrived = about.enter_context(arriving())
-            about.enter_context(log_request(f"{STARTED}-{next(self._numbers)}"))
-            if scan is not None:
-                about.enter_context(log_scan(scan[1]))
+        with (
+            arriving() as arrived,
+            log_request(f"{STARTED}-{next(self._numbers)}"),
+            log_scan(None if scan is None else scan[1]),
+        ):
             try:
                 await self._app(scope, receive, seen)
             except Exception:

@@ -8,7 +8,6 @@ import shutil
 import threading
 import time
 from collections.abc import Callable, Iterator
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import get_args
 
@@ -18,6 +17,7 @@ from prometheus_client.registry import Collector
 from cell.cell import Cell
 from cell.cell_status import State
 from cell.devices import RobotMode, SafetyMode
+from service import wall_clock
 from service.data_folder import DataFolder
 
 SIZES_S = 60.0
@@ -76,7 +76,7 @@ class StateMetrics(Collector):
             heard_s = time.monotonic() - arm.read_s + arm.age_s
             yield _gauge("pointchain_arm_state_age_seconds", "How long ago the arm was last heard of", heard_s)
         if status.hand_eye is not None and status.hand_eye.created is not None:
-            age = datetime.now(UTC) - status.hand_eye.created
+            age = wall_clock.present() - status.hand_eye.created
             yield _gauge(
                 "pointchain_calibration_age_seconds", "Age of the calibration that was last used", age.total_seconds()
             )

@@ -13,6 +13,7 @@ from service.calibrations.resources import RUNS, calibration_warnings, in_use, r
 from service.calibrations.runner import picture_file, run_folder
 from service.calibrations.schemas import BoardRequest, CalibrationRequest, CalibrationStatus, RunList, RunResource
 from service.context import SPACE, Before, Id, Limit, Service
+from service.description import links
 from service.problems import ProblemError, problem_responses
 from service.routes.files import NOT_MODIFIED, IfNoneMatch, send_file
 from service.routes.recordings import BINARY
@@ -31,6 +32,7 @@ def _find(id: Id, service: Service) -> CalibrationRow:  # noqa: A002 (the path's
 Run = Annotated[CalibrationRow, Depends(_find)]
 """The run that the address names, or a problem 404."""
 Index = Annotated[int, Path(ge=0, le=999)]
+STARTED = {202: links("get_run", "cancel_run", "activate", "get_picture")}
 
 
 @router.get("", responses=problem_responses())
@@ -52,7 +54,7 @@ def get_calibration(service: Service) -> CalibrationStatus:
     )
 
 
-@router.post("/runs", status_code=202, dependencies=[SPACE], responses=problem_responses(409, 422, 503, 507))
+@router.post("/runs", status_code=202, dependencies=[SPACE], responses=problem_responses(409, 422, 503, 507) | STARTED)
 def start_run(response: Response, service: Service, wanted: CalibrationRequest | None = None) -> RunResource:
     """Calibrates: the arm moves through poses from which the camera sees the board, which must lie flat on the table in
     the middle of the workspace. The result is not in use before it is activated. One thing at a time: 409 names what is
@@ -67,7 +69,7 @@ def start_run(response: Response, service: Service, wanted: CalibrationRequest |
     return run_resource(row, ())
 
 
-@router.post("/verify", status_code=202, dependencies=[SPACE], responses=problem_responses(409, 503, 507))
+@router.post("/verify", status_code=202, dependencies=[SPACE], responses=problem_responses(409, 503, 507) | STARTED)
 def start_verification(response: Response, service: Service) -> RunResource:
     """Looks from two poses at the board of the calibration in use, which must lie on the table: does it still hold, and
     was the board moved? A run of its own; the arm moves."""

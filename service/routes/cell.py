@@ -13,15 +13,16 @@ from service.calibrations.resources import calibration_warnings, recent_drift, u
 from service.cell_schemas import CellResource, PlanRequest, cell_resource
 from service.context import Context, Service, ViewCount
 from service.problems import problem_responses
+from service.reading import json_answer
 from service.routes.recordings import BINARY
 
 router = APIRouter(prefix="/api", tags=["cell"])
 
 
-@router.get("/cell", responses=problem_responses())
-def get_cell(service: Service) -> CellResource:
+@router.get("/cell", response_model=CellResource, responses=problem_responses())
+async def get_cell(service: Service) -> Response:
     """The cell as last seen: state, robot, camera, calibration, viewpoints."""
-    return _resource(service)
+    return await service.reading.answer(lambda: json_answer(_resource(service)))
 
 
 @router.post("/cell/connect", responses=problem_responses(409, 503))

@@ -55,26 +55,36 @@ async def _of_all(request: Request, service: Service, last: LastEventId = None) 
         yield OfAll(news, *await to_thread.run_sync(_begin_all, service.store.events, last))
 
 
+CHANGES = ("state", "progress", "view", "resync")
 SCAN_DATA = "`scan` and `resync` the scan as `GET /api/scans/SCAN` has it"
 ALL_DATA = "`cell` and `resync` an object with the cell's `state`, `problem` and `reason`"
 
 
-def _responses(whole: str, *statuses: int) -> dict[int | str, dict[str, Any]]:
-    described = {
-        "type": "string",
-        "description": f"""Server-sent events. Each has a name and, as JSON, its data: {whole};
+def _responses(names: tuple[str, ...], whole: str, *statuses: int) -> dict[int | str, dict[str, Any]]:
+    described = f"""Server-sent events. Each has a name and, as JSON, its data: {whole};
 those named `state`, `progress` and `view` an object with `id`, `scan`, `at`, `kind` and, as `data`, what has changed
 (`state`: state, stage, fraction, problem, summary; `progress`: stage, fraction; `view`: index, state, reason).
-Ids rise from change to change.""",
+Ids rise from change to change."""
+    content = {EventStream.media_type: {"itemSchema": _event(names)}}
+    return {200: {"description": described, "content": content}} | problem_responses(*statuses)
+
+
+def _event(names: tuple[str, ...]) -> dict[str, Any]:
+    """One event of a stream, for the API's description."""
+    properties = {
+        "event": {"enum": names},
+        "id": {"type": "string", "pattern": "^[0-9]+$"},
+        "data": {"type": "string", "contentMediaType": "application/json"},
+        "retry": {"type": "integer"},
     }
-    return {200: {"content": {EventStream.media_type: {"schema": described}}}} | problem_responses(*statuses)
+    return {"type": "object", "properties": properties, "required": ["event", "data"]}
 
 
 @router.get(
     "/scans/{id}/events",
     status_code=200,
     response_class=EventStream,
-    responses=_responses("`scan` and `resync` the scan, as it can be got", 404, 422, 503)
+    responses=_responses((*CHANGES, "scan"), SCAN_DATA, 404, 422, 503)
     | {204: {"description": "It has ended, and all is told"}},
 )
 async def follow_scan(stream: Annotated[OfScan, Depends(_of_scan)], service: Service) -> Response:
@@ -95,7 +105,7 @@ async def follow_scan(stream: Annotated[OfScan, Depends(_of_scan)], service: Ser
     "/events",
     status_code=200,
     response_class=EventStream,
-    responses=_responses(ALL_DATA, 422, 503),
+    responses=_responses((*CHANGES, "cell"), ALL_DATA, 422, 503),
 )
 async def follow_all(stream: Annotated[OfAll, Depends(_of_all)], service: Service) -> Response:
     """The changes of all scans and of the cell as server-sent events, without an end.

@@ -12,6 +12,8 @@ from starlette.types import Receive, Scope, Send
 from service.etags import matches, tag_of_file, tag_of_hash
 from service.problems import ProblemError
 
+AT_ONCE_BYTES = 1 << 20
+"""A file up to this is read in one go, by the thread that has looked for it; larger ones piece by piece."""
 NOT_MODIFIED: dict[int | str, dict[str, str]] = {304: {"description": "The client has it already"}}
 """What an operation with an ETag declares besides."""
 
@@ -48,16 +50,34 @@ def present(path: Path, sha256: str | None = None, size_bytes: int | None = None
     return found, tag_of_file(found) if sha256 is None else tag_of_hash(sha256)
 
 
+def _read(path: Path, size_bytes: int) -> bytes:
+    try:
+        content = path.read_bytes()
+    except FileNotFoundError:  # removed a moment ago
+        raise ProblemError(404, "no-result", "the file is gone from the data folder") from None
+    if len(content) != size_bytes:
+        raise ProblemError(500, "damaged", f"{path.name} is being changed: run `pointchain doctor`")
+    return content
+
+
 class WholeFile(FileResponse):
     """A file that is always sent whole: a Range refused by Starlette would not be answered by a problem."""
 
     def __init__(self, path: Path, media_type: str, filename: str | None, found: os.stat_result, etag: str) -> None:
-        """`filename` is what a browser saves it as; None shows it instead. `found` and `etag` as `present` has them."""
+        """`filename` is what a browser saves it as; None shows it instead. `found` and `etag` as `present` has them.
+
+        Reads a small file at once. Raises as `present`.
+        """
         headers = {"accept-ranges": "none", "etag": etag}
         super().__init__(path, media_type=media_type, filename=filename, headers=headers, stat_result=found)
+        self._content = _read(path, found.st_size) if found.st_size <= AT_ONCE_BYTES else None
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Sends the file as if no Range had been asked for."""
+        if self._content is not None:
+            await send({"type": "http.response.start", "status": self.status_code, "headers": self.raw_headers})
+            await send({"type": "http.response.body", "body": self._content})
+            return
         headers = [(name, value) for name, value in scope["headers"] if name.lower() != b"range"]
         await super().__call__({**scope, "headers": headers}, receive, send)
 

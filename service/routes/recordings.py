@@ -12,6 +12,7 @@ from starlette.requests import ClientDisconnect
 
 from service.context import Before, Context, Limit, Recording, Service
 from service.database import new_id
+from service.description import links
 from service.foreign_recording import describe_foreign_recording
 from service.problems import ProblemError, problem_responses
 from service.routes.files import NOT_MODIFIED, IfNoneMatch, send_file
@@ -26,16 +27,22 @@ router = APIRouter(prefix=PATH, tags=["recordings"])
 
 BINARY = {"schema": {"type": "string", "format": "binary"}}
 BODY = {"required": True, "content": {MCAP: BINARY}}
+REPLAY = {"operationId": "start_scan", "requestBody": {"mode": "replay", "recording": "$response.body#/id"}}
+FOLLOWING = links("get_recording", "download_recording")
+KEPT = problem_responses(413, 422, 507) | {201: {"links": FOLLOWING["links"] | {"start_scan": REPLAY}}}
 
 
-@router.post("", status_code=201, responses=problem_responses(413, 422, 507), openapi_extra={"requestBody": BODY})
+@router.post("", status_code=201, responses=KEPT, openapi_extra={"requestBody": BODY})
 async def upload_recording(request: Request, response: Response, service: Service) -> RecordingResource:
     """Takes a recording (the MCAP file as the body) and keeps it if it can be used."""
     recording_id = new_id()
     # RecordingErrors name the file, so it gets a name that tells the sender something.
     path = service.store.folder.incoming(f"upload-{recording_id}.mcap")
-    length = request.headers.get("content-length", "")
-    await to_thread.run_sync(service.require_space, int(length) if length.isdecimal() else 0)
+    declared = request.headers.get("content-length", "")
+    length = int(declared) if declared.isdecimal() else 0
+    # One that is larger than any may be is refused for that, as soon as it is read.
+    coming = 0 if length > service.config.limits.upload_bytes else length
+    await to_thread.run_sync(service.require_space, coming)
     try:
         sha256 = await _receive(request, path)
         row = await to_thread.run_sync(describe_foreign_recording, recording_id, path, sha256, limiter=service.parsing)

@@ -7,7 +7,7 @@ from typing import Any
 from fastapi import APIRouter, Response
 from fastapi.responses import FileResponse
 
-from service.context import Context, Scan, Service
+from service.context import Context, Id, Scan, Service, find_scan
 from service.data_folder import CLOUD, MODEL, PREVIEW
 from service.etags import matches
 from service.model_schema import GraspsDocument, ModelDocument
@@ -33,9 +33,9 @@ JSON: Responses = {200: {"model": ModelDocument, "content": {"application/json":
 
 
 @router.get("/{id}/model", response_class=FileResponse, responses=JSON | REFUSALS)
-def get_model(scan: Scan, service: Service, has: IfNoneMatch) -> Response:
+async def get_model(id: Id, service: Service, has: IfNoneMatch) -> Response:  # noqa: A002 (the path's own name)
     """The point chain model."""
-    return _send(scan, service, MODEL, "application/json", has)
+    return await service.reading.answer(lambda: _send(find_scan(id, service), service, MODEL, "application/json", has))
 
 
 @router.get("/{id}/grasps", response_model=GraspsDocument, responses=REFUSALS)

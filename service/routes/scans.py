@@ -7,8 +7,10 @@ from anyio import to_thread
 from fastapi import APIRouter, Request, Response
 
 from service.context import Before, Context, Id, Limit, Scan, Service, find_scan
+from service.description import links
 from service.new_rows import Asked
 from service.problems import ProblemError, problem_responses
+from service.reading import json_answer
 from service.routes.asking import Asks
 from service.routes.lists import Filter, page
 from service.scan_resource import SCANS, scan_resource, scan_resources
@@ -18,8 +20,15 @@ from service.workflow import check_radius
 
 router = APIRouter(prefix=SCANS, tags=["scans"])
 
+STARTED = problem_responses(404, 409, 413, 422, 503, 507) | {
+    202: links(
+        *("get_scan", "follow_scan", "cancel_scan", "keep_scan", "reprocess_scan"),
+        *("get_model", "get_grasps", "get_cloud", "get_preview", "get_scan_recording"),
+    )
+}
 
-@router.post("", status_code=202, responses=problem_responses(404, 409, 413, 422, 503, 507))
+
+@router.post("", status_code=202, responses=STARTED)
 def start_scan(wanted: ScanRequest, response: Response, service: Service, asking: Asks) -> ScanResource:
     """Starts a scan; follow it at the address in Location. One at a time: 409 names the one under way.
 
@@ -40,7 +49,7 @@ def start_scan(wanted: ScanRequest, response: Response, service: Service, asking
     return _start(response, service, asked, submit)
 
 
-@router.post("/{id}/reprocess", status_code=202, responses=problem_responses(404, 409, 413, 422, 503, 507))
+@router.post("/{id}/reprocess", status_code=202, responses=STARTED)
 def reprocess_scan(
     source: Scan, response: Response, service: Service, asking: Asks, wanted: Reprocess | None = None
 ) -> ScanResource:
@@ -62,19 +71,24 @@ def reprocess_scan(
     return _start(response, service, asked, submit)
 
 
-@router.get("", responses=problem_responses(422))
-def list_scans(
+@router.get("", response_model=ScanList, responses=problem_responses(422))
+async def list_scans(
     request: Request, service: Service, wanted: Filter, limit: Limit = 100, before: Before = None
-) -> ScanList:
+) -> Response:
     """The scans, the newest first; each of the filters must hold."""
-    rows, following = page(service.store.scans(limit + 1, before, wanted), limit, request)
-    return ScanList(scans=scan_resources(rows, service.store.views([row.id for row in rows])), next=following)
+
+    def read() -> Response:
+        rows, following = page(service.store.scans(limit + 1, before, wanted), limit, request)
+        scans = scan_resources(rows, service.store.views([row.id for row in rows]))
+        return json_answer(ScanList(scans=scans, next=following))
+
+    return await service.reading.answer(read)
 
 
-@router.get("/{id}", responses=problem_responses(404, 422))
-def get_scan(scan: Scan, service: Service) -> ScanResource:
+@router.get("/{id}", response_model=ScanResource, responses=problem_responses(404, 422))
+async def get_scan(id: Id, service: Service) -> Response:  # noqa: A002 (the path's own name)
     """State, progress and results of a scan."""
-    return _told(scan, service)
+    return await service.reading.answer(lambda: json_answer(_told(find_scan(id, service), service)))
 
 
 @router.post("/{id}/cancel", responses=problem_responses(404, 409, 422))

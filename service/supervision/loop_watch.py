@@ -54,8 +54,9 @@ class LoopWatch:
             self._missed += 1
             if self._missed >= HUNG_TICKS and not self._told:
                 self._told = True
+                doing = self._doing()  # by the time that the arm is stopped, it may be elsewhere
                 self._hung()  # before anything is written, which may wait
-                log.critical("the event loop hangs, the arm is stopped; it is at\n%s", self._doing())
+                log.critical("the event loop hangs, the arm is stopped; it is at\n%s", doing)
 
     def _turned(self) -> None:
         if self._told:

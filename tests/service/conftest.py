@@ -33,6 +33,14 @@ class ServedClient(httpx.Client):
         super().__init__(base_url=f"http://127.0.0.1:{port}", timeout=PATIENCE_S)
         self.app = app
 
+    @property
+    def recognition_pid(self) -> int:
+        """The process id of this service's recognition: others may have theirs in the same test process."""
+        process = self.app.state.context.jobs._worker._process
+        assert process is not None
+        assert process.pid is not None
+        return process.pid
+
 
 Serve = Callable[..., AbstractContextManager[ServedClient]]
 
@@ -70,7 +78,7 @@ def serve() -> Serve:
 
 
 @pytest.fixture(scope="session")
-def client(serve: Serve, tmp_path_factory: pytest.TempPathFactory) -> Iterator[httpx.Client]:
+def client(serve: Serve, tmp_path_factory: pytest.TempPathFactory) -> Iterator[ServedClient]:
     """A client of a service that many tests share."""
     limits = {"request_bytes": 4096, "upload_bytes": 2_000_000}
     with serve(tmp_path_factory.mktemp("data"), limits=limits) as shared:
@@ -120,16 +128,14 @@ def finished() -> Callable[[httpx.Client, str], dict[str, Any]]:
 
 
 @pytest.fixture
-def recognition_process(client: httpx.Client) -> int:
+def recognition_process(client: ServedClient) -> int:
     """The process id of the shared service's recognition, once it waits for a task."""
     # A ready one may still be at work on the picture of the last scan.
     for scan in client.get("/api/scans?limit=1").json()["scans"]:
         if scan["links"]["preview"] is not None:
             client.get(scan["links"]["preview"])
     wait_until(lambda: client.get("/readyz").status_code == 200)
-    (pid,) = [child.pid for child in multiprocessing.active_children() if child.name == "recognition"]
-    assert pid is not None
-    return pid
+    return client.recognition_pid
 
 
 @pytest.fixture

@@ -73,12 +73,14 @@ class LiveCell:
 
 
 @contextmanager
-def live_cell(serve: Serve, data: Path, time_factor: float = 20.0, **settings: Any) -> Iterator[LiveCell]:
+def live_cell(
+    serve: Serve, data: Path, time_factor: float = 20.0, scene: str = "figure-eight", **settings: Any
+) -> Iterator[LiveCell]:
     """A service with a quick simulated cell at an address of its own."""
     host = free_host()
     # A busy machine may keep a thread of ours waiting for longer than the default watchdog does.
     arm = SimulatedArm(host=host, time_factor=time_factor, watchdog_hz=1.0)
-    with serve(data, arm=arm, camera=SimulatedCamera(model="ideal", **FAST), **settings) as client:
+    with serve(data, arm=arm, camera=SimulatedCamera(model="ideal", scene=scene, **FAST), **settings) as client:
         cell = LiveCell(client, host)
         try:
             yield cell

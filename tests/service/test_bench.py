@@ -1,6 +1,7 @@
 """`pointchain bench` as it is called: what is on stdout, on stderr, and the exit code."""
 
 import json
+from dataclasses import replace
 
 import pytest
 
@@ -10,6 +11,7 @@ from cell.simulation.camera import camera_model
 from cell.simulation.scenes import make_scene
 from cell.simulation.simulate import simulate
 from recognition.model import METHODS
+from service.bench_service import Answers, ServiceTimes
 from service.cli import main
 
 SERIES = rows([1.0, 2.0], [Timing(0.2, {}, 100), Timing(0.3, {}, 200)])
@@ -75,6 +77,41 @@ def test_people_get_tables(capsys: pytest.CaptureFixture[str]) -> None:
     out, err = capsys.readouterr()
     assert "| 640x400 | 0.250 s |" in out
     assert "about 90 s" in err
+
+
+def test_the_service_is_told_too(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    answers = Answers(1234.5, 0.00612345, 0.0187)
+    times = ServiceTimes(
+        idle=answers,
+        scanning=answers,
+        kinds={"the cell": answers},
+        scan_s=20.0,
+        loaded_scan_s=21.0,
+        failed_scans=0,
+        stopping=answers,
+        streams_let_in=32,
+        streams_refused=168,
+        wrong=[],
+        stops=40,
+        wire_p50_s=0.01,
+        wire_p99_s=0.02,
+        answer_p50_s=0.03,
+        answer_p99_s=0.04,
+        still_p99_s=0.3,
+    )
+    monkeypatch.setattr("service.bench.measure_service", lambda say: times)
+    assert main(["bench", "--only", "service", "--json"]) == 0
+    document = json.loads(capsys.readouterr().out)
+    assert set(document) == {"machine", "service"}
+    assert document["service"]["kinds"]["the cell"] == {"per_s": 1234.5, "p50_s": 0.00612, "p99_s": 0.0187}
+    assert main(["bench", "--only", "service"]) == 0
+    out = capsys.readouterr().out
+    assert "| during a live scan | 1234 | 6.1 ms | 18.7 ms |" in out
+    assert "| a live scan, under load | 21.0 s, 1.05 times as long |" in out
+    assert "| stop to the controller, 50 % and 99 % of 40 | 10 ms, 20 ms |" in out
+    monkeypatch.setattr("service.bench.measure_service", lambda say: replace(times, loaded_scan_s=None, failed_scans=2))
+    assert main(["bench", "--only", "service"]) == 0
+    assert "| a live scan, under load | none came to its end |" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(

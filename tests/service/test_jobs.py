@@ -75,9 +75,7 @@ def start(client: httpx.Client, recording_file: Path) -> str:
 def recognition(client: ServedClient) -> int:
     """The process of this very service, once it waits for a task."""
     wait_until(lambda: client.get("/readyz").status_code == 200)
-    process = client.app.state.context.jobs._worker._process  # among the children may be another service's
-    assert process is not None
-    return process.pid
+    return client.recognition_pid
 
 
 def test_stop_and_cancel_wait_for_no_other_request(

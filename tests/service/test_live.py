@@ -111,18 +111,6 @@ def test_a_released_arm_is_free_for_other_programs_until_the_next_scan(cell: Liv
     assert finished(cell.client, cell.start())["state"] == "succeeded"
 
 
-def test_viewpoints_out_of_reach_are_refused_by_number(serve: Serve, tmp_path: Path, assert_problem: Problem) -> None:
-    with live_cell(serve, tmp_path / "data", workspace={"x_m": (0.9, 1.2)}) as cell:
-        answer = cell.client.post("/api/scans", json=SCAN)
-        detail = assert_problem(answer, 422, "viewpoints-unreachable")
-        assert "7: out of the arm's reach" in detail
-        plan = cell.client.post("/api/viewpoints/plan", json={}).json()
-        assert len(plan["viewpoints"]) == 8
-        assert plan["viewpoints"][7]["reason"] == "out of the arm's reach"
-        assert cell.client.get("/api/scans").json() == {"scans": [], "next": None}
-        assert not cell.moving()
-
-
 def test_the_plan_is_shown_before_anything_is_connected(serve: Serve, tmp_path: Path) -> None:
     with live_cell(serve, tmp_path / "data") as cell:
         plan = cell.client.post("/api/viewpoints/plan", json={"views": 4}).json()

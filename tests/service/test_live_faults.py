@@ -1,8 +1,6 @@
-"""Live scans over HTTP that go wrong: what is refused, what fails, what is kept, and who must look at the cell."""
+"""Live scans over HTTP whose calibration or recognition fails them: what is refused, and what is kept."""
 
-import multiprocessing
 import os
-import re
 import signal
 import time
 from collections.abc import Callable, Iterator
@@ -15,7 +13,7 @@ import pytest
 
 from calibration.storage import write_hand_eye
 from cell.simulation.poses import T_FLANGE_CAMERA
-from tests.service.conftest import Serve, wait_until
+from tests.service.conftest import Serve
 from tests.service.live_cell import SCAN, LiveCell, live_cell
 
 pytestmark = pytest.mark.xdist_group("cell")  # one at a time: each is several busy processes
@@ -58,74 +56,7 @@ def taken(cell: LiveCell, scan: dict[str, Any]) -> int:
     return count
 
 
-def counted(cell: LiveCell) -> dict[tuple[str, str], float]:
-    """The metrics of views, by name and label."""
-    told = re.findall(r'^pointchain_(views?_\w*total)\{\w+="(\w+)"\} (\S+)', cell.client.get("/metrics").text, re.M)
-    return {(name, label): float(value) for name, label, value in told}
-
-
-def test_a_protective_stop_needs_a_person(cell: LiveCell, finished: Finished, assert_problem: Problem) -> None:
-    location = cell.start()
-    cell.wait_for_motion(location)
-    cell.controller.protective_stop()
-    scan = finished(cell.client, location)
-    assert scan["state"] == "failed"
-    assert scan["problem"]["type"] == "urn:pointchain:protective-stop"
-    assert taken(cell, scan) >= 1
-    assert cell.state()["state"] == "fault"
-    assert cell.state()["robot"]["safety_mode"] == "protective_stop"
-    # Planning, which anybody may do at any moment, makes no fault forgotten.
-    assert cell.client.post("/api/viewpoints/plan", json={"views": 2}).status_code == 200
-    assert_problem(cell.client.post("/api/scans", json=SCAN), 409, "acknowledge-required")
-    assert_problem(cell.client.post("/api/cell/connect"), 409, "acknowledge-required")
-
-    def acknowledged() -> bool:
-        answer = cell.client.post("/api/cell/acknowledge")
-        if answer.status_code != 200:
-            assert_problem(answer, 409, "too-early")
-        return answer.status_code == 200
-
-    wait_until(acknowledged)
-    assert cell.state()["state"] == "not_ready"
-    assert not cell.moving()
-    assert_problem(cell.client.post("/api/cell/acknowledge"), 409, "no-fault")
-    cell.is_well()
-
-
-@pytest.mark.parametrize("fault", ["drop", "freeze"])
-def test_a_lost_robot_fails_the_scan_and_is_a_fault(
-    cell: LiveCell, finished: Finished, assert_problem: Problem, fault: str
-) -> None:
-    location = cell.start()
-    cell.wait_for_motion(location)
-    getattr(cell.controller, fault)()
-    scan = finished(cell.client, location)
-    assert (scan["state"], scan["problem"]["type"]) == ("failed", "urn:pointchain:robot-lost")
-    assert taken(cell, scan) >= 1
-    assert cell.state()["robot"]["moving"] is None, "nobody knows"
-    assert cell.state()["reason"].startswith("look at the cell and acknowledge first: ")
-    assert_problem(cell.client.post("/api/scans", json=SCAN), 409, "acknowledge-required")
-    assert_problem(cell.client.post("/api/cell/release"), 409, "acknowledge-required")
-    cell.controller.clear()
-    assert cell.client.post("/api/cell/acknowledge").status_code == 200
-    cell.is_well()
-
-
-@pytest.mark.parametrize("fault", ["local_mode", "foreign_program"])
-def test_a_robot_that_is_not_ours_is_left_alone(cell: LiveCell, assert_problem: Problem, fault: str) -> None:
-    cell.client.post("/api/cell/connect")
-    cell.client.post("/api/cell/stop")
-    before = time.monotonic()
-    getattr(cell.controller, fault)()
-    assert_problem(cell.client.post("/api/scans", json=SCAN), 409, "robot-not-ready")
-    assert cell.state()["state"] == "not_ready"
-    assert cell.events("script_upload", "motion_start", after_s=before) == []
-    cell.controller.clear()
-    if fault == "foreign_program":
-        cell.controller.reset()  # somebody ends it at the pendant
-    cell.is_well()
-
-
+@pytest.mark.fault(17)
 def test_a_missing_or_old_calibration_is_refused_before_anything_moves(
     cell: LiveCell, calibrated: Path, assert_problem: Problem
 ) -> None:
@@ -141,6 +72,7 @@ def test_a_missing_or_old_calibration_is_refused_before_anything_moves(
     assert cell.client.get("/api/scans").json() == scans
 
 
+@pytest.mark.fault(17)
 def test_a_calibration_that_changes_during_the_scan_fails_it(
     cell: LiveCell, calibrated: Path, finished: Finished
 ) -> None:
@@ -155,44 +87,10 @@ def test_a_calibration_that_changes_during_the_scan_fails_it(
     assert 1 <= taken(cell, scan) < 8
 
 
-def test_a_camera_that_fails_for_a_while_makes_a_partial_result(cell: LiveCell, finished: Finished) -> None:
-    before = counted(cell)
-    location = cell.start()
-    cell.wait_for_motion(location)
-    cell.camera.fault("zero")
-    wait_until(lambda: "missing" in cell.views(location).values())
-    cell.camera.fault("none")
-    scan = finished(cell.client, location)
-    assert scan["state"] == "partial", scan
-    missing = [view for view in scan["progress"]["views"] if view["state"] == "missing"]
-    assert taken(cell, scan) == 8 - len(missing)
-    warnings = cell.client.get(scan["links"]["model"]).json()["quality"]["warnings"]
-    for view in missing:
-        assert view["reason"]
-        assert any(f"view {view['index']} is missing" in warning for warning in warnings)
-    more = {name: value - before[name] for name, value in counted(cell).items()}
-    assert more["views_total", "recorded"] == 8 - len(missing)
-    assert more["views_total", "missing"] == more["view_failures_total", "camera"] == len(missing)
-
-
-def test_too_few_views_fail_the_scan_and_are_kept(cell: LiveCell, finished: Finished) -> None:
-    location = cell.start()
-    cell.wait_for_motion(location)
-    cell.camera.fault("zero")
-    scan = finished(cell.client, location)
-    assert (scan["state"], scan["problem"]["type"]) == ("failed", "urn:pointchain:insufficient-views")
-    assert 1 <= taken(cell, scan) < 4
-    cell.camera.fault("none")
-    wait_until(lambda: cell.state()["state"] != "busy")
-    assert cell.state()["problem"] == "urn:pointchain:insufficient-views"
-    cell.is_well()  # the arm has gone home, and the next scan may be better
-
-
 def test_recognition_that_hangs_is_ended_and_the_views_are_kept(cell: LiveCell, finished: Finished) -> None:
     location = cell.start()
     cell.wait_for_motion(location)
-    (recognition,) = [child.pid for child in multiprocessing.active_children() if child.name == "recognition"]
-    assert recognition is not None
+    recognition = cell.client.recognition_pid
     os.kill(recognition, signal.SIGSTOP)
     scan = finished(cell.client, location)
     assert (scan["state"], scan["problem"]["type"]) == ("failed", "urn:pointchain:recognition-timeout")

@@ -181,6 +181,7 @@ def test_the_service_does_it_by_itself_and_refuses_what_may_not_fit(
     with closing(DataFolder(tmp_path)) as folder, closing(Store(folder)) as before:
         add_scan(before, "old", 99)
         add_scan(before, "marked", 99, kept=True)
+    monkeypatch.setattr("service.retention.STEADY_S", 0.0)
     with serve(tmp_path, retention={"max_age_days": 30}, limits={"min_free_bytes": 10 * 2**20}) as client:
         wait_until(lambda: client.get("/api/scans/old").status_code == 404)
         assert client.get("/api/scans/marked").status_code == 200

@@ -2,7 +2,6 @@
 
 import json
 import math
-import multiprocessing
 import os
 import signal
 import time
@@ -20,6 +19,7 @@ from calibration.transforms import from_rotation_vector
 from cell.devices import View
 from cell.recording import RecordingHeader, RecordingWriter, read_recording
 from service.model_schema import GraspsDocument, ModelDocument
+from tests.service.conftest import ServedClient, wait_until
 
 AssertProblem = Callable[[httpx.Response, int, str], str]
 Finished = Callable[[httpx.Client, str], dict[str, Any]]
@@ -280,15 +280,7 @@ def test_a_crash_of_recognition_fails_the_scan_and_nothing_else(
 
 
 def test_a_crash_between_scans_is_mended_without_waiting_for_one(
-    client: httpx.Client, recognition_process: int
+    client: ServedClient, recognition_process: int
 ) -> None:
     os.kill(recognition_process, signal.SIGKILL)
-    while True:
-        others = [
-            child.pid
-            for child in multiprocessing.active_children()
-            if child.name == "recognition" and child.pid != recognition_process
-        ]
-        if others and client.get("/readyz").status_code == 200:
-            break
-        time.sleep(0.02)
+    wait_until(lambda: client.get("/readyz").status_code == 200 and client.recognition_pid != recognition_process)

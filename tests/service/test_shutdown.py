@@ -21,15 +21,35 @@ from service.store import Store
 from tests.cell.loopback import free_host
 from tests.cell.virtual_arm import motion_commands, stops, until
 from tests.service.conftest import PATIENCE_S, Serve, wait_until
+from tests.service.faults.figures import Figures, rounds
 from tests.service.service_process import process
 
 END = ": the service is stopping"
 FOLLOWERS = 5
 """So many read what they are told, and as many do not."""
+STOP_S, EXIT_S = 0.05, 5.0
+"""So soon behind the signal the controller has been told, and the service has ended."""
 
 
+@pytest.mark.fault(26)
 @pytest.mark.xdist_group("cell")  # one at a time: several busy processes
-def test_in_the_middle_of_a_move_the_arm_is_stopped_then_all_are_told_and_it_ends_in_order(tmp_path: Path) -> None:
+@rounds(1, 20)
+def test_in_the_middle_of_a_move_the_arm_is_stopped_then_all_are_told_and_it_ends_in_order(
+    tmp_path: Path, request: pytest.FixtureRequest, count: int
+) -> None:
+    figures = Figures(request.node.name, request.node.get_closest_marker("soak") is not None)
+    stops_s, exits_s = [], []
+    for number in range(count):
+        (tmp_path / str(number)).mkdir()
+        stop_s, exit_s = ended_in_a_move(tmp_path / str(number))
+        stops_s.append(stop_s)
+        exits_s.append(exit_s)
+    figures.at_most("stop on the wire behind the signal", stops_s, STOP_S)
+    figures.at_most("exit", exits_s, EXIT_S)
+
+
+def ended_in_a_move(tmp_path: Path) -> tuple[float, float]:
+    """How long behind the signal the controller was told to stop, and the service had ended."""
     data, host = tmp_path / "data", free_host()
     variables = {"POINTCHAIN_ARM__HOST": host, "POINTCHAIN_ARM__TIME_FACTOR": "4", "POINTCHAIN_ARM__WATCHDOG_HZ": "1"}
     with process(data, tmp_path / "log", **variables) as (service, client), ExitStack() as open_ones:
@@ -69,7 +89,6 @@ def test_in_the_middle_of_a_move_the_arm_is_stopped_then_all_are_told_and_it_end
     assert stops(seen), f"the arm was not stopped: {seen}"
     assert not motion_commands(seen)
     stopped_s = stops(seen)[0]
-    print(f"stop {1e3 * (stopped_s - told_s):.0f} ms, exit {ended_s:.2f} s behind the signal")
     for number, one in enumerate(heard):
         (interrupted,) = [at_s for at_s, line in one if line.startswith("data: ") and '"interrupted"' in line]
         assert interrupted > stopped_s
@@ -82,6 +101,7 @@ def test_in_the_middle_of_a_move_the_arm_is_stopped_then_all_are_told_and_it_end
         events = store.events.behind(scan["id"], 0)
         assert events is not None
         assert events.events[-1].data["state"] == "interrupted"
+    return stopped_s - told_s, ended_s
 
 
 def lines(client: httpx.Client, path: str, begun: threading.Event) -> list[tuple[float, str]]:

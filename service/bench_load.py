@@ -1,0 +1,212 @@
+"""Load for `pointchain bench`: many clients of a service at once, in a process of its own so that its work is not the
+service's. Standard library only.
+
+    python -m service.bench_load '{"port": 8000, "connections": 8, "requests": [...], "streams": [...]}'
+
+It asks until its stdin ends, and then tells on stdout what it has met, as one JSON document.
+"""
+
+import asyncio
+import gc
+import itertools
+import json
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+ROOT = Path(__file__).resolve().parents[1]
+HOST = "127.0.0.1"
+HEAD_END = b"\r\n\r\n"
+AGAIN_S = 5.0
+"""Who is not let in to follow events comes again after so long, as the service's Retry-After says."""
+STALLED_BYTES = 4096
+"""Of the system's room for what a client has not read, of one that never reads."""
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """What is asked for, again and again."""
+
+    name: str
+    """Of its kind, for the report."""
+    path: str
+    status: int = 200
+    """That must come."""
+    has: str | None = None
+    """The ETag of what the client has already."""
+
+    def request(self, port: int) -> bytes:
+        """As it goes over the wire."""
+        has = "" if self.has is None else f"If-None-Match: {self.has}\r\n"
+        return f"GET {self.path} HTTP/1.1\r\nHost: {HOST}:{port}\r\n{has}\r\n".encode()
+
+
+@dataclass(frozen=True)
+class Load:
+    """What is to be done."""
+
+    port: int
+    connections: int
+    """So many clients ask, each for one thing after the other ..."""
+    requests: Sequence[Wanted]
+    pause_s: float = 0.0
+    """... with so long between an answer and the next request ..."""
+    streams: int = 0
+    """... and so many more want to follow events: every other one of these never reads."""
+    stream_path: str = "/api/events"
+
+    def to_json(self) -> str:
+        """For the other process."""
+        return json.dumps(asdict(self))
+
+    @staticmethod
+    def from_json(text: str) -> "Load":
+        """What `to_json` gave."""
+        known = json.loads(text)
+        return Load(**known | {"requests": [Wanted(**one) for one in known["requests"]]})
+
+
+@dataclass
+class Met:
+    """What the clients have met."""
+
+    seconds: dict[str, list[float]] = field(default_factory=dict)
+    """From each request to the end of its answer, by kind."""
+    wrong: list[str] = field(default_factory=list)
+    """Answers that should not have come, and connections that broke."""
+    let_in: int = 0
+    """How often a client was let in to follow events, ..."""
+    refused: int = 0
+    """... and how often it was not."""
+    news_bytes: int = 0
+    """Read by those who do."""
+
+
+class Asking(asyncio.Protocol):
+    """One client: asks for the next when the last has come whole."""
+
+    def __init__(self, load: Load, requests: Iterator[Wanted], met: Met, ending: asyncio.Event) -> None:
+        self._load, self._requests, self._met, self._ending = load, requests, met, ending
+        self._received, self._whole = b"", 0
+        self._asked_s = 0.0
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        """Asks for the first."""
+        assert isinstance(transport, asyncio.Transport)
+        self._transport = transport
+        self._ask()
+
+    def data_received(self, data: bytes) -> None:
+        """An answer is whole when its length has come."""
+        self._received += data
+        if not self._whole:
+            end = self._received.find(HEAD_END)
+            if end < 0:
+                return
+            self._whole = end + len(HEAD_END) + length_of(self._received[:end])
+        if len(self._received) < self._whole:
+            return
+        if self._ending.is_set():  # the report is made
+            self._transport.close()
+            return
+        self._met.seconds.setdefault(self._wanted.name, []).append(time.perf_counter() - self._asked_s)
+        status = int(self._received[9:12])
+        if status != self._wanted.status:
+            self._met.wrong.append(f"{self._wanted.path}: {status} instead of {self._wanted.status}")
+        if self._load.pause_s > 0:
+            asyncio.get_running_loop().call_later(self._load.pause_s, self._ask)
+        else:
+            self._ask()
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        """Only at the end."""
+        if not self._ending.is_set():
+            self._met.wrong.append(f"{self._wanted.path}: the connection was lost")
+
+    def _ask(self) -> None:
+        if self._transport.is_closing():
+            return
+        self._received, self._whole = b"", 0
+        self._wanted = next(self._requests)
+        self._asked_s = time.perf_counter()
+        self._transport.write(self._wanted.request(self._load.port))
+
+
+def length_of(head: bytes) -> int:
+    """Content-Length of a head; 0 when it has none."""
+    _, found, rest = head.lower().partition(b"\r\ncontent-length:")
+    return int(rest.split(b"\r\n", 1)[0]) if found else 0
+
+
+async def follow(load: Load, met: Met, reading: bool) -> None:
+    """One client that wants to follow events, and comes again when it is not let in. One that is not `reading` takes
+    nothing more once it is."""
+    loop = asyncio.get_running_loop()
+    wanted = Wanted("events", load.stream_path).request(load.port)
+    while True:
+        connection = socket.socket()
+        if not reading:
+            connection.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, STALLED_BYTES)
+        connection.setblocking(False)
+        with connection:
+            await loop.sock_connect(connection, (HOST, load.port))
+            await loop.sock_sendall(connection, wanted)
+            head = await loop.sock_recv(connection, 512)
+            if head[9:12] == b"200":
+                met.let_in += 1
+                await _stay(connection, met, reading)
+            elif head[9:12] == b"503":
+                met.refused += 1
+            else:
+                met.wrong.append(f"{load.stream_path}: {head[:12]!r}")
+        await asyncio.sleep(AGAIN_S)
+
+
+async def _stay(connection: socket.socket, met: Met, reading: bool) -> None:
+    if not reading:
+        await asyncio.Event().wait()
+    while data := await asyncio.get_running_loop().sock_recv(connection, 1 << 16):
+        met.news_bytes += len(data)
+
+
+async def run(load: Load) -> dict[str, Any]:
+    """Asks until stdin ends; the report."""
+    loop, met, ending = asyncio.get_running_loop(), Met(), asyncio.Event()
+    following = [asyncio.create_task(follow(load, met, number % 2 == 0)) for number in range(load.streams)]
+    begin = time.perf_counter()
+    for number in range(load.connections):
+        # Each begins elsewhere in the mix, lest all ask for the same at the same time.
+        requests = itertools.islice(itertools.cycle(load.requests), number, None)
+        await loop.create_connection(lambda requests=requests: Asking(load, requests, met, ending), HOST, load.port)
+    await asyncio.to_thread(sys.stdin.read)
+    ending.set()
+    seconds = time.perf_counter() - begin
+    for task in following:
+        task.cancel()
+    broken = [error for error in await asyncio.gather(*following, return_exceptions=True) if isinstance(error, OSError)]
+    met.wrong += [f"{load.stream_path}: {error}" for error in broken]
+    return vars(met) | {"duration_s": seconds}
+
+
+@contextmanager
+def asking(load: Load) -> Iterator[dict[str, Any]]:
+    """The load for as long as this lasts; what it has met is in the dictionary behind it."""
+    met: dict[str, Any] = {}
+    command = [sys.executable, "-m", __name__, load.to_json()]
+    with subprocess.Popen(command, cwd=ROOT, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as process:
+        try:
+            yield met
+            met |= json.loads(process.communicate()[0])
+        finally:
+            process.kill()
+
+
+if __name__ == "__main__":
+    gc.disable()  # its pauses would be taken for the service's
+    print(json.dumps(asyncio.run(run(Load.from_json(sys.argv[1])))))

@@ -1,0 +1,34 @@
+"""What tests of faults measure, and how often: few times in CI, as often as is promised with `-m soak`."""
+
+import math
+import statistics
+from collections.abc import Sequence
+
+import pytest
+
+
+class Figures:
+    """Compares what was measured with what is promised, and prints it: `pytest -m soak -rP` shows all."""
+
+    def __init__(self, test: str, whole: bool) -> None:
+        """`whole`: the test runs in full, on a machine that does nothing else. Only then a time is asserted."""
+        self._test = test
+        self.whole = whole
+
+    def at_most(self, what: str, seconds: Sequence[float], promised_s: float, share: float = 1.0) -> None:
+        """`share` of the times must not be longer than promised; without it, none."""
+        ordered = sorted(seconds)
+        reached_s = ordered[max(0, math.ceil(share * len(ordered)) - 1)]
+        print(
+            f"{self._test}: {what}: {len(ordered)} times, median {1e3 * statistics.median(ordered):.1f} ms, "
+            f"longest {1e3 * ordered[-1]:.1f} ms, {100 * share:g} % within {1e3 * reached_s:.1f} ms "
+            f"(promised: {1e3 * promised_s:g} ms)"
+        )
+        if self.whole:
+            assert reached_s <= promised_s, f"{what}: {ordered}"
+
+
+def rounds(reduced: int, whole: int, timeout_s: int = 7200) -> pytest.MarkDecorator:
+    """The test's argument `count`: `reduced` in CI, `whole` with `-m soak`."""
+    in_full = pytest.param(whole, marks=[pytest.mark.soak, pytest.mark.timeout(timeout_s)])
+    return pytest.mark.parametrize("count", [reduced, in_full])

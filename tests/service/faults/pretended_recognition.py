@@ -1,0 +1,78 @@
+"""What takes a service's time, at no cost, for tests of what is around it: recognition that has the same result each
+time, written as the real one is, and a stranger's recording read without a process of its own."""
+
+import errno
+from collections.abc import Callable, Iterable, Sequence
+from functools import cache
+from pathlib import Path
+
+from calibration.disk import write_synced
+from cell.devices import View
+from recognition.pipeline import Recognition
+from service.recording_rows import describe_recording
+from service.tables import RecordingRow
+from service.worker import TaskFailedError
+from service.worker_process import Task
+from service.workflow import DONE_BEFORE, Outcome, recognise_recording, write_results
+
+PICTURE = b"\x89PNG\r\n\x1a\n of nothing"
+
+
+class PretendedRecognition:
+    """In the place of `service.worker.RecognitionWorker`."""
+
+    alive, starts = True, 1
+    not_ready = None
+
+    def __init__(self, recognition: Recognition) -> None:
+        self._recognition = recognition
+
+    def prepare(self) -> None:
+        """There is nothing to start."""
+
+    start = kill = close = prepare
+
+    def run(
+        self,
+        task: Task,
+        on_stage: Callable[[str], None],
+        limit_s: float,
+        views: Iterable[View] = (),
+        missing: Sequence[str] = (),
+    ) -> Outcome:
+        """Writes the result, at the end of all views."""
+        for _ in views:
+            pass
+        for stage in DONE_BEFORE:
+            on_stage(stage)
+        try:
+            outcome = write_results(self._recognition, task.results)
+        except OSError as error:
+            if error.errno != errno.ENOSPC:
+                raise
+            raise TaskFailedError(507, "storage-full", "no space is left in the data folder") from error
+        try:
+            write_synced(task.preview, PICTURE)
+        except OSError:
+            task.preview.unlink(missing_ok=True)
+        return outcome
+
+    def wait_for_preview(self) -> bool:
+        """It is there, or will not be."""
+        return True
+
+
+def pretended(recording: Path) -> Callable[[], PretendedRecognition]:
+    """What makes one; its result is that of this recording."""
+    recognition = _recognised(recording)
+    return lambda: PretendedRecognition(recognition)
+
+
+@cache
+def _recognised(recording: Path) -> Recognition:
+    return recognise_recording(recording)
+
+
+def describe_here(recording_id: str, path: Path, sha256: str) -> RecordingRow:
+    """In the place of `service.foreign_recording.describe_foreign_recording`: without a process of its own."""
+    return describe_recording(recording_id, path, sha256)

@@ -1,0 +1,106 @@
+"""Services that start in a moment and cost little, to be killed by hundreds.
+
+As a program: a process that has everything loaded and makes a copy of itself, a service, for each line on stdin:
+`DATA_DIR RETENTION HOST`, and answers with `PID PORT`. One runs at a time; it is killed before the next line.
+"""
+
+import os
+import socket
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from datetime import timedelta
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[3]
+PROGRAM = "import sys; from tests.service.faults.quick_service import main; main(sys.argv[1])"
+
+
+@dataclass(frozen=True)
+class Life:
+    """A service that runs."""
+
+    pid: int
+    port: int
+
+
+class QuickServices:
+    """Whoever asks the program for services."""
+
+    def __init__(self, program: subprocess.Popen[str]) -> None:
+        self._program = program
+
+    def start(self, data: Path, *, retention: bool = False, host: str = "-") -> Life:
+        """A service; `host` of the simulated controller, if there is to be one."""
+        assert self._program.stdin is not None
+        assert self._program.stdout is not None
+        self._program.stdin.write(f"{data} {int(retention)} {host}\n")
+        self._program.stdin.flush()
+        pid, port = self._program.stdout.readline().split()
+        return Life(int(pid), int(port))
+
+
+@contextmanager
+def quick_services(recording: Path, log: Path) -> Iterator[QuickServices]:
+    """The program, for as long as the body takes. What its services say is in `log`."""
+    with (
+        log.open("wb") as told,
+        subprocess.Popen(
+            [sys.executable, "-c", PROGRAM, str(recording)],
+            cwd=ROOT,
+            text=True,
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=told,
+        ) as program,
+    ):
+        try:
+            yield QuickServices(program)
+        finally:
+            program.kill()
+
+
+def main(recording: str) -> None:
+    """The program."""
+    import service.app
+    import service.jobs
+    import service.retention
+    import service.routes.recordings
+    from tests.service.faults.pretended_recognition import describe_here, pretended
+
+    service.jobs.RecognitionWorker = pretended(Path(recording))  # type: ignore[misc,assignment]
+    service.routes.recordings.describe_foreign_recording = describe_here
+    service.retention.STEADY_S, service.retention.EVERY_S = 0.0, 0.05
+    service.retention.UNTOUCHED = timedelta(seconds=3)
+    for line in sys.stdin:
+        data, retention, host = line.split()
+        listening = socket.create_server(("127.0.0.1", 0))
+        pid = os.fork()
+        if pid == 0:
+            try:
+                _serve(Path(data), retention == "1", host, listening)
+            finally:
+                os._exit(1)
+        print(pid, listening.getsockname()[1], flush=True)
+        listening.close()
+        os.waitpid(pid, 0)
+
+
+def _serve(data: Path, retention: bool, host: str, listening: socket.socket) -> None:
+    from cell.arm_settings import SimulatedArm
+    from cell.camera_settings import SimulatedCamera
+    from service.app import create_app
+    from service.config import ServiceConfig
+    from service.server import Server
+
+    settings = {
+        "data_dir": data,
+        "retention": {"max_bytes": 2 << 20} if retention else {},
+        "camera": SimulatedCamera(model="ideal", fps=30.0, exposures=1, settle_s=0.0),
+    }
+    if host != "-":
+        settings["arm"] = SimulatedArm(host=host, time_factor=20.0, watchdog_hz=1.0)
+    app = create_app(ServiceConfig(**settings))  # type: ignore[arg-type] (sections of several types)
+    Server(app, log_level="warning", access_log=False).run(sockets=[listening])

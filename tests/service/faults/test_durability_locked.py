@@ -1,0 +1,146 @@
+"""Fault 22: another program holds the database, as somebody who looks into it by hand and forgets to let it go."""
+
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import httpx
+import pytest
+
+from service.data_folder import DATABASE
+from service.doctor.doctor import Examined, examine
+from tests.service.conftest import Serve, wait_until
+from tests.service.faults.pretended_recognition import PretendedRecognition, pretended
+from tests.service.live_cell import live_cell
+
+pytestmark = [pytest.mark.fault(22), pytest.mark.xdist_group("cell")]
+
+Problem = Callable[[httpx.Response, int, str], str]
+Finished = Callable[[httpx.Client, str], dict[str, Any]]
+Make = Callable[[], PretendedRecognition]
+
+HOLD = """
+import sqlite3, sys
+db = sqlite3.connect(sys.argv[1], isolation_level=None)
+db.execute("BEGIN EXCLUSIVE")
+print("held", flush=True)
+sys.stdin.read()
+"""
+ANSWER_S = 5.5
+"""Within which a refusal must come. Asserted where the service waits as long as it really does."""
+REAL = pytest.param(None, marks=[pytest.mark.soak, pytest.mark.timeout(600)], id="as-it-is")
+SHORT = pytest.param(0.5, id="short")
+"""How long the service waits for the database."""
+
+
+@contextmanager
+def held(data: Path) -> Iterator[None]:
+    """By another process, for as long as the body takes."""
+    program = [sys.executable, "-c", HOLD, str(data / DATABASE)]
+    with subprocess.Popen(program, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as holder:
+        try:
+            assert holder.stdout is not None
+            assert holder.stdout.readline() == b"held\n"
+            yield
+        finally:
+            holder.kill()
+
+
+@pytest.fixture(scope="module")
+def recognition(recording_file: Path) -> Make:
+    return pretended(recording_file)
+
+
+@pytest.fixture
+def busy_s(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch, recognition: Make) -> float | None:
+    """How long the service waits; None: as it is."""
+    monkeypatch.setattr("service.jobs.RecognitionWorker", recognition)
+    if request.param is not None:
+        monkeypatch.setattr("service.database.BUSY_S", request.param)
+        monkeypatch.setattr("service.last_word.AGAIN_S", 0.1)
+    return request.param
+
+
+@pytest.mark.parametrize("busy_s", [SHORT, REAL], indirect=True)
+def test_changes_are_refused_in_time_and_reading_goes_on(
+    serve: Serve,
+    tmp_path: Path,
+    recording_file: Path,
+    busy_s: float | None,
+    assert_problem: Problem,
+    finished: Finished,
+) -> None:
+    content, times = recording_file.read_bytes(), list[float]()
+    with serve(tmp_path / "data") as client, ThreadPoolExecutor(10) as pool:
+        recording = client.post("/api/recordings", content=content).json()["id"]
+        wish = {"mode": "replay", "recording": recording}
+        done = client.post("/api/scans", json=wish).headers["Location"]
+        assert finished(client, done)["state"] == "succeeded"
+
+        def refused(method: str, path: str, **body: Any) -> None:
+            begun = time.monotonic()
+            answer = client.request(method, path, **body)
+            times.append(time.monotonic() - begun)
+            if answer.status_code == 409:  # while another is told that it cannot be
+                assert_problem(answer, 409, "cell-busy")
+            else:
+                assert_problem(answer, 503, "busy")
+            assert int(answer.headers["Retry-After"]) > 0
+
+        with held(tmp_path / "data"):
+            until = time.monotonic() + (10.0 if busy_s is None else 0.0)
+            while True:
+                waiting = [pool.submit(refused, "POST", "/api/scans", json=wish) for _ in range(6)]
+                waiting += [pool.submit(refused, "PUT", f"{done}/keep", json={"kept": True})]
+                waiting += [pool.submit(refused, "POST", "/api/recordings", content=content)]
+                while not all(one.done() for one in waiting):
+                    for path in (done, "/api/scans", f"/api/recordings/{recording}", f"{done}/model", "/api/cell"):
+                        assert client.get(path).status_code == 200
+                    time.sleep(0.05)
+                for one in waiting:
+                    one.result()
+                assert client.post("/api/cell/stop").status_code == 200
+                if time.monotonic() > until:
+                    break
+        if busy_s is None:
+            assert max(times) <= ANSWER_S
+        kept = client.put(f"{done}/keep", json={"kept": True})
+        assert kept.json()["kept"]
+        assert finished(client, client.post("/api/scans", json=wish).headers["Location"])["state"] == "succeeded"
+
+
+@pytest.mark.parametrize("busy_s", [SHORT, REAL], indirect=True)
+@pytest.mark.parametrize("stop", [True, pytest.param(False, marks=pytest.mark.soak)])
+def test_a_live_scan_does_not_move_on(
+    serve: Serve, tmp_path: Path, busy_s: float | None, stop: bool, finished: Finished
+) -> None:
+    with live_cell(serve, tmp_path / "data", time_factor=5.0) as cell:
+        location = cell.start(views=3)
+        cell.wait_for_motion(location)
+        views = cell.views(location)
+        with held(tmp_path / "data"):
+            if stop:
+                assert cell.client.post("/api/cell/stop").status_code == 200
+            still_s = time.monotonic()
+            while time.monotonic() < still_s + 0.5:
+                if cell.moving():  # to the view that it was sent to before
+                    still_s = time.monotonic()
+            assert cell.client.get(location).status_code == 200
+            wait_until(lambda: time.monotonic() > still_s + (10.0 if busy_s is None else 2.0))
+            assert cell.events("motion_start", after_s=still_s) == []
+            assert cell.views(location) == views  # nothing could be told
+        scan = finished(cell.client, location)
+        state, slug = ("aborted", "aborted") if stop else ("failed", "busy")
+        assert (scan["state"], scan["problem"]["type"]) == (state, f"urn:pointchain:{slug}")
+        recorded = [view["index"] for view in scan["progress"]["views"] if view["state"] == "recorded"]
+        assert cell.client.get(f"/api/recordings/{scan['recording']}").json()["views"] >= len(recorded) >= 1
+        assert cell.events("motion_start", after_s=still_s) == []
+        cell.is_well()
+        assert finished(cell.client, cell.start(views=2))["state"] == "succeeded"
+    data = tmp_path / "data"
+    assert examine(Examined(data, data / "calibration" / "runs", 0), running=False).findings == ()

@@ -1,0 +1,38 @@
+"""Fault 19 of files that are replaced, as the calibration in use, the pictures of a calibration, and the tokens."""
+
+from contextlib import suppress
+from pathlib import Path
+
+import pytest
+
+from calibration.disk import replace_synced
+from service.security.tokens import FILE, TokensError, add_token, read_tokens
+from tests.service.faults.full_disk import full_disk
+
+pytestmark = pytest.mark.fault(19)
+
+
+def test_what_is_replaced_is_as_before_or_whole(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    file, disk = tmp_path / "picture.png", full_disk(monkeypatch)
+    replace_synced(file, b"first")
+    for write in (1, 2):
+        disk.fill(write)
+        with pytest.raises(OSError, match="No space left"):
+            replace_synced(file, b"second")
+        disk.clear()
+        assert file.read_bytes() == (b"first", b"second")[write - 1]
+        assert list(tmp_path.iterdir()) == [file]
+
+
+def test_tokens_stay_as_they_were(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    add_token(tmp_path, "ann", "viewer")
+    disk = full_disk(monkeypatch)
+    before = (tmp_path / FILE).read_bytes()
+    disk.fill(1)
+    with suppress(TokensError):
+        add_token(tmp_path, "bob", "viewer")
+        pytest.fail("there was no space")
+    disk.clear()
+    assert (tmp_path / FILE).read_bytes() == before
+    add_token(tmp_path, "bob", "viewer")
+    assert [token.name for token in read_tokens(tmp_path / FILE)] == ["ann", "bob"]

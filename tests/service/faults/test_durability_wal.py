@@ -1,0 +1,142 @@
+"""Fault 21: power is lost in the middle of a write to the database: its write-ahead log ends anywhere."""
+
+import random
+import shutil
+import sqlite3
+from collections.abc import Callable, Iterator
+from contextlib import closing
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import pytest
+
+from calibration.disk import write_synced
+from service.data_folder import DATABASE, DataFolder
+from service.doctor.doctor import Examined, examine
+from service.doctor.repair import repair
+from service.idempotency import Key
+from service.new_rows import Asked, new_scan
+from service.recording_rows import describe_recording
+from service.store import Store
+from tests.service.faults.pretended_recognition import describe_here
+
+pytestmark = pytest.mark.fault(21)
+
+Told = dict[str, list[tuple[object, ...]]]
+SCANS = 6
+FOUND = {"recording-without-row", "result-without-row", "scan-unfinished", "database-missing", "database-older"}
+"""What the doctor may find: what was on the disk before the database told of it, and what nobody has ended."""
+
+
+@dataclass(frozen=True)
+class Written:
+    """A data folder as it is while a service is at work, and the whole of its database behind each commit."""
+
+    root: Path
+    commits: list[tuple[int, Told]]
+    """How many bytes the log had behind it, and each table's rows."""
+
+    def before(self, size_bytes: int) -> Told:
+        """What was committed with so much of the log."""
+        return [told for end, told in self.commits if end <= size_bytes][-1]
+
+
+def told_by(database: Path) -> Told:
+    """All rows, by table."""
+    with closing(sqlite3.connect(database)) as db:
+        names = [name for (name,) in db.execute("SELECT name FROM sqlite_master WHERE type = 'table' ORDER BY name")]
+        return {name: db.execute(f"SELECT * FROM {name} ORDER BY rowid").fetchall() for name in names}
+
+
+@pytest.fixture(scope="module")
+def written(tmp_path_factory: pytest.TempPathFactory, recording_file: Path) -> Iterator[Written]:
+    root = tmp_path_factory.mktemp("wal") / "data"
+    folder = DataFolder(root)
+    store = Store(folder)
+    commits: list[tuple[int, Told]] = []
+    log = root / f"{DATABASE}-wal"
+
+    def note() -> None:
+        commits.append((log.stat().st_size, told_by(folder.database)))
+
+    def do(change: Callable[[], object]) -> None:
+        change()
+        note()
+
+    commits.append((0, {}))
+    note()
+    for number in range(SCANS):
+        asked = Asked("ann", Key("ann", f"key {number}", "hash"))
+        row = new_scan("replay", "graph", None, asked)
+        shutil.copy(recording_file, received := folder.incoming("received"))
+        recording = describe_recording(row.id, received)
+        do(lambda received=received, recording=recording: store.add_recording(recording, received))
+        scan = replace(row, recording=recording.id)
+        do(lambda scan=scan, asked=asked: store.add_scan(scan, asked.key_row(scan)))
+        do(lambda scan=scan: store.set_view(scan.id, 0, "moving"))
+        do(lambda scan=scan: store.update_scan(scan.id, state="processing", stage="reading", fraction=0.5))
+        if number == SCANS - 1:
+            break
+        results = folder.incoming(scan.id)
+        results.mkdir()
+        write_synced(results / "model.json", b"{}")
+        files = {"model.json": {"sha256": "44136fa355b3678a1146ad16f7e8649e94fb4fc21fe77e8310c060f61caaff8a"}}
+        files["model.json"]["size_bytes"] = 2  # type: ignore[assignment] (as it is kept)
+        write_synced(results / "cloud.ply", b"{}")
+        files["cloud.ply"] = files["model.json"]
+        do(lambda scan=scan, results=results, files=files: store.finish_scan(scan.id, "succeeded", {}, results, files))
+    yield Written(root, commits)
+    store.close()
+    folder.close()
+
+
+def damaged(written: Written, root: Path, cut: int, behind: bytes) -> Path:
+    """A copy of the database whose log ends at `cut`, with something else `behind`."""
+    root.mkdir()
+    shutil.copy(written.root / DATABASE, root)
+    log = (written.root / f"{DATABASE}-wal").read_bytes()
+    (root / f"{DATABASE}-wal").write_bytes(log[:cut] + behind)
+    return root
+
+
+def is_a_prefix(written: Written, root: Path, cut: int) -> None:
+    """Each commit that is whole in the log is there, and of the next one nothing."""
+    with closing(sqlite3.connect(root / DATABASE)) as db:
+        assert db.execute("PRAGMA quick_check").fetchall() == [("ok",)]
+        assert db.execute("PRAGMA foreign_key_check").fetchall() == []
+    assert told_by(root / DATABASE) == written.before(cut), f"cut at {cut}"
+
+
+@pytest.mark.parametrize("cuts", [20, pytest.param(500, marks=pytest.mark.soak)])
+def test_cut_anywhere_it_tells_what_was_committed(written: Written, tmp_path: Path, cuts: int) -> None:
+    size, chance = written.commits[-1][0], random.Random(21)
+    ends = [end for end, _ in written.commits[1:]]
+    assert len(set(ends)) == len(ends), "the log was begun anew: its size tells no commits apart"
+    places = [*chance.sample(ends, 4), *(chance.randrange(size + 1) for _ in range(cuts - 4))]
+    for number, cut in enumerate(places):
+        # Behind what was synced a disk may have zeros, or what was there before.
+        behind = (b"", bytes(5000), chance.randbytes(5000))[number % 3]
+        root = damaged(written, tmp_path / f"{number}", cut, behind)
+        is_a_prefix(written, root, cut)
+        shutil.rmtree(root)
+
+
+@pytest.mark.parametrize("cuts", [3, pytest.param(50, marks=pytest.mark.soak)])
+def test_the_store_and_the_doctor_go_on_from_there(
+    written: Written, tmp_path: Path, cuts: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("service.doctor.repair.describe_foreign_recording", describe_here)
+    size, chance = written.commits[-1][0], random.Random(22)
+    for number in range(cuts):
+        root = damaged(written, tmp_path / f"{number}", chance.randrange(size + 1), b"")
+        for name in ("recordings", "scans"):
+            shutil.copytree(written.root / name, root / name)
+        store = Examined(root, root / "calibration" / "runs", 0)
+        found = {finding.code for finding in examine(store, running=False).findings}
+        assert found <= FOUND, found
+        assert repair(store, lambda _: None).findings == ()
+        with closing(DataFolder(root)) as folder, closing(Store(folder)) as opened:
+            before = [row.id for row in opened.scans(100)]
+            scan = new_scan("replay", "graph", None, Asked())
+            opened.add_scan(scan)
+            assert [row.id for row in opened.scans(100)] == [scan.id, *before]

@@ -1,0 +1,168 @@
+"""The arm is stopped on request: at once, whatever the service is at, and nothing that was seen is lost."""
+
+import os
+import random
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import closing, contextmanager
+from pathlib import Path
+from typing import Any
+
+import httpx
+import pytest
+
+from tests.cell.virtual_arm import dashboard_commands
+from tests.service.conftest import Serve, wait_until
+from tests.service.faults.figures import Figures, rounds
+from tests.service.faults.moves import assert_one_way, now_in, seen, still_s, wait_for_middle, wait_for_stop
+from tests.service.live_cell import LiveCell, live_cell
+
+pytestmark = pytest.mark.xdist_group("cell")  # one at a time: each is several busy processes
+
+Finished = Callable[[httpx.Client, str], dict[str, Any]]
+
+WIRE_S = 0.05
+"""So soon after the request the controller has been told: 99 of 100 times."""
+STILL_S = 0.35
+"""So soon after that the arm is at rest."""
+TIME_FACTOR = 3.0
+"""The arm is so many times as fast as a real one, and brakes in as small a part of the time."""
+
+LOCK = """
+import sqlite3, sys
+database = sqlite3.connect(sys.argv[1], timeout=60.0, isolation_level=None)
+for statement in sys.stdin:
+    database.execute(statement)
+    print("done", flush=True)
+database.close()
+"""
+
+
+@pytest.fixture(scope="module")
+def cell(serve: Serve, tmp_path_factory: pytest.TempPathFactory) -> Iterator[LiveCell]:
+    """A cell slow enough to be caught in motion; each test leaves it able to scan."""
+    with live_cell(serve, tmp_path_factory.mktemp("data"), time_factor=TIME_FACTOR) as shared:
+        yield shared
+
+
+class OtherProcess:
+    """One that can have the database for itself."""
+
+    def __init__(self, database: Path) -> None:
+        arguments = [sys.executable, "-c", LOCK, str(database)]
+        self._process = subprocess.Popen(arguments, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, bufsize=1)
+
+    @contextmanager
+    def locking(self) -> Iterator[None]:
+        """Within, it has."""
+        self._ask("BEGIN EXCLUSIVE")
+        try:
+            yield
+        finally:
+            self._ask("ROLLBACK")
+
+    def close(self) -> None:
+        """Ends it."""
+        self._process.communicate(timeout=30.0)
+
+    def _ask(self, statement: str) -> None:
+        assert self._process.stdin is not None
+        assert self._process.stdout is not None
+        self._process.stdin.write(f"{statement}\n")
+        assert self._process.stdout.readline() == "done\n"
+
+
+def assert_stopped(cell: LiveCell, begin: int, scan: dict[str, Any]) -> None:
+    """The scan was aborted, its views are kept, and the arm went nowhere else."""
+    assert (scan["state"], scan["problem"]["type"]) == ("aborted", "urn:pointchain:aborted")
+    states = [view["state"] for view in scan["progress"]["views"]]
+    recorded = states.count("recorded")
+    assert states == ["recorded"] * recorded + ["missing"] * (len(states) - recorded)
+    if recorded:
+        assert cell.client.get(f"/api/recordings/{scan['recording']}").json()["views"] == recorded
+    else:
+        assert scan["recording"] is None
+    assert_one_way(cell, begin)
+    state = cell.state()
+    assert (state["state"], state["problem"]) == ("not_ready", "urn:pointchain:stopped")
+    # Nobody knows its modes by now, but where it stands: it was seen to come to rest, unless the process that drives it
+    # had been too busy to stop it.
+    if "stop" not in dashboard_commands(seen(cell, begin)):
+        assert state["robot"]["q_rad"] == pytest.approx(list(cell.controller.state().q_rad), abs=2e-3)
+    assert state["robot"]["safety_mode"] is None
+
+
+@pytest.mark.fault(4)
+@rounds(2, 100)
+def test_in_the_middle_of_a_move(cell: LiveCell, finished: Finished, figures: Figures, count: int) -> None:
+    chance, waits, rests = random.Random(4), [], []
+    for number in range(count):
+        cell.is_well()
+        begin, location = now_in(cell), cell.start()
+        cell.wait_for_motion(location, views=(number + 1) % 2)
+        wait_for_middle(cell, chance.uniform(0.0, 0.5))
+        path = "/api/cell/stop" if number % 2 else f"{location}/cancel"
+        since, asked_s = now_in(cell), time.monotonic()
+        answer = cell.client.post(path)
+        assert answer.status_code == 200, answer.text
+        sent_s = wait_for_stop(cell, since)
+        waits.append(sent_s - asked_s)
+        rests.append(TIME_FACTOR * still_s(cell, since, sent_s))
+        assert_stopped(cell, begin, finished(cell.client, location))
+    figures.at_most("stop on the wire", waits, WIRE_S, share=0.99)
+    figures.at_most("arm at rest", rests, STILL_S)
+    assert cell.client.post("/api/cell/stop").status_code == 200  # also when nothing runs
+
+
+@pytest.mark.fault(5)
+@rounds(1, 100)
+def test_while_another_process_has_the_database(
+    cell: LiveCell, finished: Finished, figures: Figures, count: int
+) -> None:
+    chance, waits, rests = random.Random(5), [], []
+    database: Path = cell.client.app.state.context.store.folder.database
+    with closing(OtherProcess(database)) as other, ThreadPoolExecutor(1) as pool:
+        for _ in range(count):
+            cell.is_well()
+            begin, location = now_in(cell), cell.start()
+            cell.wait_for_motion(location, views=0)
+            wait_for_middle(cell, chance.uniform(0.0, 0.5))
+            with other.locking():
+                since, asked_s = now_in(cell), time.monotonic()
+                answer = pool.submit(cell.client.post, "/api/cell/stop")
+                sent_s = wait_for_stop(cell, since)
+                waits.append(sent_s - asked_s)
+                rests.append(TIME_FACTOR * still_s(cell, since, sent_s))
+            assert answer.result().status_code == 200, answer.result().text
+            assert_stopped(cell, begin, finished(cell.client, location))
+    figures.at_most("stop on the wire", waits, WIRE_S, share=0.99)
+    figures.at_most("arm at rest", rests, STILL_S)
+
+
+@pytest.mark.fault(5)
+@rounds(1, 100)
+def test_while_recognition_is_at_work(cell: LiveCell, finished: Finished, figures: Figures, count: int) -> None:
+    """It is frozen when the last view is taken, so that the stop meets it at work; the arm is on its way home."""
+    waits, rests = [], []
+    for _ in range(count):
+        cell.is_well()
+        wait_until(lambda: cell.client.get("/readyz").status_code == 200)
+        recognition = cell.client.recognition_pid
+        begin, location = now_in(cell), cell.start(views=2)
+        cell.wait_for_motion(location)
+        os.kill(recognition, signal.SIGSTOP)
+        wait_until(lambda location=location: list(cell.views(location).values()) == ["recorded"] * 2 and cell.moving())
+        since, asked_s = now_in(cell), time.monotonic()
+        assert cell.client.post("/api/cell/stop").status_code == 200
+        sent_s = wait_for_stop(cell, since)
+        waits.append(sent_s - asked_s)
+        rests.append(TIME_FACTOR * still_s(cell, since, sent_s))
+        scan = finished(cell.client, location)
+        assert [view["state"] for view in scan["progress"]["views"]] == ["recorded"] * 2
+        assert_stopped(cell, begin, scan)
+    figures.at_most("stop on the wire", waits, WIRE_S, share=0.99)
+    figures.at_most("arm at rest", rests, STILL_S)

@@ -1,0 +1,86 @@
+"""The whole service is suspended in the middle of a move: the controller stops the arm, and it stays where it is."""
+
+import signal
+import time
+from collections.abc import Callable
+from contextlib import closing
+from pathlib import Path
+from typing import Any
+
+import httpx
+import pytest
+
+from cell.simulation.controller.admin import AdminClient
+from tests.cell.loopback import free_host
+from tests.cell.virtual_arm import kinds, motion_commands, until
+from tests.service.conftest import wait_until
+from tests.service.faults.figures import Figures, rounds
+from tests.service.service_process import process
+
+Finished = Callable[[httpx.Client, str], dict[str, Any]]
+
+WATCHDOG_HZ = 2.5
+TIME_FACTOR = 0.5
+"""A move takes several times as long as the watchdog waits."""
+
+
+@pytest.mark.xdist_group("cell")  # one at a time: several busy processes
+@pytest.mark.fault(12)
+@rounds(1, 10)
+def test_the_watchdog_stops_the_arm_and_nothing_goes_on(
+    tmp_path: Path, finished: Finished, figures: Figures, count: int
+) -> None:
+    expired_s, host = [], free_host()
+    variables = {
+        "POINTCHAIN_ARM__HOST": host,
+        "POINTCHAIN_ARM__TIME_FACTOR": str(TIME_FACTOR),
+        "POINTCHAIN_ARM__WATCHDOG_HZ": str(WATCHDOG_HZ),
+        "POINTCHAIN_CAMERA__MODEL": "ideal",
+        "POINTCHAIN_CAMERA__EXPOSURES": "1",
+    }
+    with process(tmp_path / "data", tmp_path / "log", **variables) as (service, client):
+        for _ in range(count):
+            answer = client.post("/api/scans", json={"mode": "live", "string_radius_m": 0.0042, "views": 2})
+            assert answer.status_code == 202, answer.text
+            with closing(AdminClient(host)) as controller:
+                wait_for_long_move(controller)
+                since = controller.state().events
+                service.send_signal(signal.SIGSTOP)
+                suspended_s = time.monotonic()
+                try:
+                    wait_until_still(controller, since)
+                finally:
+                    service.send_signal(signal.SIGCONT)
+                events = controller.log(since)
+                (expired,) = kinds(events, "watchdog_expired")
+                # But for the time in which this machine kept the controller itself from running.
+                expired_s.append(expired["stamp_s"] - suspended_s - expired["details"]["excused_s"])
+                assert not kinds(events, "motion_done"), "it was stopped on its way"
+                scan = finished(client, answer.headers["Location"])
+                assert (scan["state"], scan["problem"]["type"]) == ("failed", "urn:pointchain:robot-lost")
+                wait_until(lambda: client.get("/api/cell").json()["state"] == "fault")
+                time.sleep(0.5)  # were anything to go on by itself, it would by now
+                events = controller.log(since)
+                assert not motion_commands(events)
+                assert not kinds(events, "motion_start", "script_upload")
+                assert not controller.state().moving
+            assert client.post("/api/cell/acknowledge").status_code == 200
+    figures.at_most("stopped by the controller", expired_s, 1.1 / WATCHDOG_HZ)
+
+
+def wait_until_still(controller: AdminClient, since: int) -> None:
+    """Until the arm has braked to rest."""
+    until(lambda: bool(kinds(controller.log(since), "still")), 10.0)
+
+
+def wait_for_long_move(controller: AdminClient) -> None:
+    """Until the arm is in the first half of a move that goes on for twice as long as the watchdog waits."""
+
+    def there() -> bool:
+        state = controller.state()
+        if not state.moving or state.progress < 0.1:
+            return False
+        move: dict[str, Any] = kinds(controller.log(max(0, state.events - 20)), "motion_start")[-1]
+        return (1 - state.progress) * move["details"]["duration_s"] / TIME_FACTOR > 2 / WATCHDOG_HZ
+
+    wait_until(there)
