@@ -95,7 +95,10 @@ def measure_service(say: Callable[[str], None]) -> ServiceTimes:
             with asking(Load(service.port, CLIENTS, mix)) as met:
                 loaded.append(service.ended(location))
             during.append(met)
-        with closing(AdminClient(host)) as controller, asking(Load(service.port, CLIENTS, mix, STREAMS)) as stopping:
+        with (
+            closing(AdminClient(host)) as controller,
+            asking(Load(service.port, CLIENTS, mix, streams=STREAMS)) as stopping,
+        ):
             stops = _stops(service, controller, say)
     loaded_s = [_duration(scan) for scan in loaded if scan["state"] == "succeeded"]
     names = dict.fromkeys(one.name for one in mix)
