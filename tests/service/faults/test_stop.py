@@ -81,7 +81,8 @@ def assert_stopped(cell: LiveCell, begin: int, scan: dict[str, Any]) -> None:
     assert (scan["state"], scan["problem"]["type"]) == ("aborted", "urn:pointchain:aborted")
     states = [view["state"] for view in scan["progress"]["views"]]
     recorded = states.count("recorded")
-    assert states == ["recorded"] * recorded + ["missing"] * (len(states) - recorded)
+    # They are told by number, not in the order taken; at most the one that the arm was on its way to is missing.
+    assert states.count("missing") == len(states) - recorded <= 1
     if recorded:
         assert cell.client.get(f"/api/recordings/{scan['recording']}").json()["views"] == recorded
     else:
