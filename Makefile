@@ -5,11 +5,11 @@
 help:
 	@echo 'make demo    a live scan by the simulated cell, the string in it recognised, the result shown'
 	@echo 'make test    run all tests'
-	@echo 'make soak    the tests that take long: 500 live scans, 20 random scenes, 200 stops'
+	@echo 'make soak    the tests that take long, hours of them: hundreds of scans, stops, faults, kills'
 	@echo 'make fuzz    call every operation of the service in 1,000 odd ways; takes long'
 	@echo 'make serve   start the HTTP service'
 	@echo 'make lint    check style, types and the direction of imports'
-	@echo 'make bench   measure speed, the simulated cell, and accuracy on simulated scans'
+	@echo 'make bench   measure speed, the simulated cell, the service under load, and accuracy'
 	@echo 'make setup   make .venv; what the others do first when it is missing or out of date'
 	@echo 'make lock    renew requirements.lock from pyproject.toml; UPGRADE=1 takes newer versions'
 	@echo 'make clean   remove what these commands made'

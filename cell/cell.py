@@ -21,20 +21,19 @@ from cell.errors import (
     CellBusyError,
     CellError,
     NothingToAcknowledgeError,
-    StoppedError,
 )
 from cell.idle_watch import IdleWatch
 from cell.planning import Basis, Planning
 from cell.recording_header import RecordingHeader
 from cell.scan import BackgroundScan, ScanListener, ScanMeans, ViewWriter, attended
 from cell.settings import CellSettings
+from cell.stops import Stops
 from cell.viewpoints import ViewpointPlan, require_enough
 
 TURN_S = 1.0
 """How long a method waits for the arm and the camera; the watch has them for a moment only."""
 HOME_S = 20.0
 """Whoever asks for a scan waits so long for the arm of the last one to come home."""
-STOPPED = "stopped by request: connect, or start a live scan"
 
 
 class Cell:
@@ -50,10 +49,9 @@ class Cell:
         self._turn = threading.Lock()
         """Of using arm and camera."""
         self._status = KeptStatus()
-        self._last_stop = object()
-        """Another one with every stop that somebody asks for ..."""
-        self._stop_before = self._last_stop
-        """... and the last before the scan that was prepared: it no longer counts."""
+        self._stops = Stops(self._status)
+        self._stop_before = self._stops.last
+        """The last before the scan that was prepared: it no longer counts."""
         self._planning = Planning(settings, self._equipment, lambda: self.status)
         self._closing = threading.Event()
         self._watch = IdleWatch(self._equipment, self._status, self._turn)
@@ -180,9 +178,9 @@ class Cell:
 
     def stop(self) -> None:
         """Stops the arm, whatever goes on. The scan under way or being prepared, if any, ends with StoppedError."""
-        self._last_stop = object()
+        self._stops.note()
         self._equipment.stop()
-        self._status.no_longer_ready("stopped", STOPPED)
+        self._stops.told()
 
     def release(self) -> None:
         """Ends our program on the robot, so that another can move it; the camera stays connected. Nothing moves.
@@ -247,7 +245,7 @@ class Cell:
     ) -> Iterator[BackgroundScan]:
         with self._using():
             before = self._stop_before
-            self._refuse_stopped_since(before)
+            self._stops.refuse_since(before)
             means = self._means(basis(), picture=what == "calibration")
             # Whatever else has happened to the arm since it was prepared, the scan's beginning tells.
             self._status.change(state="busy", slug="cell-busy", reason=f"a {what} is under way")
@@ -260,14 +258,14 @@ class Cell:
                 self._status.after(scan.error, FAULTS)
                 if what == "calibration":  # it was begun without asking for one that can be used
                     self._require_usable()
-                if self._last_stop is not before:  # one that came when the arm was home already
-                    self._status.no_longer_ready("stopped", STOPPED)
+                if self._stops.since(before):  # one that came when the arm was home already
+                    self._stops.told()
 
     def _prepare(
         self, board: Board | None, calibration: Callable[[], HandEye] | None, planned: Callable[[], ViewpointPlan]
     ) -> ViewpointPlan:
         """`board` None: to scan. `calibration` tells the one that is needed; None: none is."""
-        before = self._last_stop
+        before = self._stops.last
         with self._using(HOME_S):
             self._equipment.lay_board(board)
             self._connect(calibration)
@@ -278,16 +276,11 @@ class Cell:
                     self._require_usable()
                 raise
             self._stop_before = before
-            self._refuse_stopped_since(before)
+            self._stops.refuse_since(before)
             return plan
 
-    def _refuse_stopped_since(self, before: object) -> None:
-        if self._last_stop is not before:
-            self._status.no_longer_ready("stopped", STOPPED)
-            raise StoppedError("the arm was stopped by request before it began to move")
-
     def _connect(self, calibration: Callable[[], HandEye] | None) -> None:
-        status, before = self._status.now, self._last_stop
+        status, before = self._status.now, self._stops.last
         if status.state == "fault":
             raise AcknowledgeRequiredError(status.reason)
         try:
@@ -298,7 +291,7 @@ class Cell:
             raise
         known = hand_eye or status.hand_eye
         self._status.change(state="ready", reason=None, slug=None, hand_eye=known, **vars(seen))
-        self._refuse_stopped_since(before)
+        self._stops.refuse_since(before)
 
     def _require_usable(self) -> bool:
         """A cell whose calibration a scan could not use is not ready. Whether it could."""

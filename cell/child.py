@@ -73,7 +73,7 @@ class Child:
         # Not a process of multiprocessing: that would first import the program that runs here, with all that it needs.
         with theirs:
             self._process = subprocess.Popen(
-                [sys.executable, "-c", f"from cell.child import serve; serve({theirs.fileno()})"],
+                [sys.executable, "-P", "-c", f"from cell.child import serve; serve({theirs.fileno()})"],
                 stdin=subprocess.PIPE,  # held open; the child ends when it closes, however this process ends
                 pass_fds=[theirs.fileno()],
                 env={**os.environ, "PYTHONPATH": os.pathsep.join(path or str(Path.cwd()) for path in sys.path)},

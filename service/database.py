@@ -66,7 +66,7 @@ def new_id() -> str:
 
 def now() -> str:
     """The present moment, RFC 3339 in UTC."""
-    return wall_clock.present().isoformat(timespec="milliseconds").replace("+00:00", "Z")
+    return wall_clock.stamp(wall_clock.present())
 
 
 class Database:

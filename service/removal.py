@@ -50,6 +50,11 @@ def remove(store: Store, old: Old) -> int | None:
     return sum(map(_remove_file, gone)) if gone else None
 
 
+def tree_bytes(folder: Path) -> int:
+    """Bytes of all files in a folder, those in its folders too."""
+    return sum(part.stat().st_size for part in folder.rglob("*") if part.is_file())
+
+
 def _remove_scan(store: Store, db: sqlite3.Connection, scan_id: str) -> list[Path]:
     found = db.execute(f"SELECT recording FROM scans WHERE id = ? AND {_ENDED}", (scan_id, *ACTIVE_STATES)).fetchone()
     if found is None:
@@ -73,7 +78,7 @@ def _remove_recording(store: Store, db: sqlite3.Connection, recording_id: str) -
 def _remove_file(path: Path) -> int:
     """Bytes that a file or folder had; 0 when there was none."""
     if path.is_dir():
-        size = sum(part.stat().st_size for part in path.rglob("*") if part.is_file())
+        size = tree_bytes(path)
         shutil.rmtree(path)
         return size
     try:

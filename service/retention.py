@@ -14,10 +14,9 @@ from datetime import datetime, timedelta
 
 from service import wall_clock
 from service.config_sections import RetentionConfig
-from service.removal import oldest_first, remove
-from service.scan_queries import stamp
+from service.removal import oldest_first, remove, tree_bytes
 from service.store import Store
-from service.wall_clock import Steadiness
+from service.wall_clock import Steadiness, stamp
 
 log = logging.getLogger(__name__)
 
@@ -55,8 +54,7 @@ def sweep(store: Store, config: RetentionConfig, moment: datetime, may_go_on: Ca
 
 def _used(store: Store) -> int:
     """Bytes of all recordings and results."""
-    files = (path for name in ("recordings", "scans") for path in (store.folder.root / name).rglob("*"))
-    return sum(path.stat().st_size for path in files if path.is_file())
+    return sum(tree_bytes(store.folder.root / name) for name in ("recordings", "scans"))
 
 
 class Retention:

@@ -2,10 +2,11 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from datetime import UTC, datetime, timedelta
+from datetime import datetime
 from typing import Any, Literal
 
 from service.schemas import ScanState
+from service.wall_clock import stamp
 
 
 @dataclass(frozen=True)
@@ -48,11 +49,3 @@ def select_scans(wanted: ScanFilter, before: str | None, limit: int) -> tuple[st
         values += wanted.states
     where = f"WHERE {' AND '.join(conditions)} " if conditions else ""
     return f"SELECT * FROM scans {where}ORDER BY id DESC LIMIT ?", [*values, limit]
-
-
-def stamp(moment: datetime, *, up: bool = False) -> str:
-    """A moment as `service.database.now` writes it, cut to the millisecond, or rounded `up` to the next one."""
-    moment = moment.astimezone(UTC)
-    if up and moment.microsecond % 1000:
-        moment += timedelta(milliseconds=1)
-    return moment.isoformat(timespec="milliseconds").replace("+00:00", "Z")

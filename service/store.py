@@ -171,7 +171,3 @@ class Store:
             detail = "the service ended while this scan was under way; what was recorded is kept: reprocess it"
             problem = problem_document(500, "interrupted", detail)
             self.end_scan(scan.id, "interrupted", problem)
-
-    def check(self) -> None:
-        """Asks the database for something; raises sqlite3.Error when it does not answer."""
-        self.database.all(tuple, "SELECT 1")

@@ -5,7 +5,7 @@ decided by an age waits until it has kept pace with the monotonic clock for a wh
 """
 
 import time
-from datetime import UTC, datetime
+from datetime import UTC, datetime, timedelta
 
 STEP_S = 60.0
 """Between two looks it may lose or gain so much; more means that it was set."""
@@ -14,6 +14,15 @@ STEP_S = 60.0
 def present() -> datetime:
     """The present moment, as far as the machine knows it, in UTC."""
     return datetime.now(UTC)
+
+
+def stamp(moment: datetime, *, up: bool = False) -> str:
+    """A moment as it is written everywhere, so that the texts compare as the moments do: RFC 3339 in UTC, cut to the
+    millisecond, or rounded `up` to the next one."""
+    moment = moment.astimezone(UTC)
+    if up and moment.microsecond % 1000:
+        moment += timedelta(milliseconds=1)
+    return moment.isoformat(timespec="milliseconds").replace("+00:00", "Z")
 
 
 class Steadiness:

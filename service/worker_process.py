@@ -1,6 +1,5 @@
 """The recognition process: its own loop, and what goes through the pipe to and from it."""
 
-import errno
 import logging
 import multiprocessing
 import os
@@ -24,6 +23,7 @@ from recognition.pipeline import Recognition
 from service.observing.json_log import log_scan
 from service.preview import draw_preview
 from service.problems import INPUT_ERRORS
+from service.storage_errors import is_full
 from service.workflow import (
     READING,
     WRITING,
@@ -149,7 +149,7 @@ def _do(task: Task, pipe: Connection) -> Recognition | None:
     except (BrokenPipeError, EOFError):
         raise BrokenPipeError from None
     except Exception as error:
-        if isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT):
+        if is_full(error):
             refused = Refused(507, "storage-full", "no space is left in the data folder; free some and scan again")
         else:
             log.exception("recognition of %s failed", task.source)

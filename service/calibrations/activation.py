@@ -1,7 +1,5 @@
 """Making the result of a calibration the one in use."""
 
-import errno
-
 from calibration.folder import HAND_EYE
 from calibration.storage import HandEyeError, activate
 from cell.cell import Cell
@@ -10,6 +8,7 @@ from service.calibrations.store import CalibrationStore
 from service.database import now
 from service.problems import ProblemError
 from service.schemas import ACTIVE_STATES
+from service.storage_errors import is_full
 from service.tables import CalibrationRow
 
 
@@ -44,7 +43,7 @@ def activate_run(row: CalibrationRow, store: CalibrationStore, cell: Cell) -> No
     except HandEyeError as error:
         raise ProblemError(409, error.slug, str(error)) from error
     except OSError as error:
-        if error.errno in (errno.ENOSPC, errno.EDQUOT):
+        if is_full(error):
             raise
         words = f"{active_file} cannot be written: {error.strerror or error}; the former calibration stays in use"
         raise ProblemError(409, "calibration", words) from error

@@ -18,6 +18,8 @@ AGAIN_S = 0.5
 """Before the events are asked for again, or the scan is looked at."""
 LOST_S = 60.0
 """For so long a service that does not answer is asked again: it may be starting anew."""
+FOR_NOW = frozenset({"not-ready", "busy"})
+"""Refusals of a service that is just ending or starting, or whose database another program holds."""
 
 
 @dataclass(frozen=True)
@@ -76,23 +78,26 @@ def follow(http: httpx.Client, address: str, deadline: float | None) -> Iterator
     heard = time.monotonic()
     while progress is None or not progress.ended:
         try:
-            for event in _events(http, address, last, deadline):
-                heard, last = time.monotonic(), event.id or last
-                content = json.loads(event.data) if event.data else {}
-                if event.event in ("scan", "resync"):
-                    progress = progress_of(content)
-                elif progress is not None:
-                    progress = progress.after(content)
-                else:
-                    continue
+            try:
+                for event in _events(http, address, last, deadline):
+                    heard, last = time.monotonic(), event.id or last
+                    content = json.loads(event.data) if event.data else {}
+                    if event.event in ("scan", "resync"):
+                        progress = progress_of(content)
+                    elif progress is not None:
+                        progress = progress.after(content)
+                    else:
+                        continue
+                    yield progress
+                    _refuse_late(deadline, address)
+            except ProblemError as error:
+                if error.slug != "too-many-streams":
+                    raise
+                progress, heard = _look(http, address), time.monotonic()
                 yield progress
-                _refuse_late(deadline, address)
-        except ProblemError as error:
-            if error.slug != "too-many-streams":
+        except (httpx.TransportError, SSEError, ProblemError) as error:
+            if isinstance(error, ProblemError) and error.slug not in FOR_NOW:
                 raise
-            progress, heard = _look(http, address), time.monotonic()
-            yield progress
-        except (httpx.TransportError, SSEError) as error:
             if time.monotonic() - heard > LOST_S:
                 raise UnreachableError(f"{http.base_url} has not answered for {LOST_S:.0f} s: {error}") from error
         if progress is None or not progress.ended:

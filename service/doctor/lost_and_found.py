@@ -40,13 +40,22 @@ class LostAndFound:
 
     def keep_row(self, table: str, values: dict[str, Any], why: str) -> None:
         """Keeps a row's content, as a line of `rows.jsonl`. Raises OSError."""
-        self.folder.mkdir(parents=True, exist_ok=True)
+        self._make_folder()
         line = json.dumps({"table": table, "why": why, "row": values}, default=_text)
         with (self.folder / "rows.jsonl").open("a") as file:
             file.write(line + "\n")
+            file.flush()
+            os.fsync(file.fileno())  # it is deleted from the database next
+        sync_folder(self.folder)
+
+    def _make_folder(self) -> None:
+        if not self.folder.exists():
+            self.folder.mkdir(parents=True)
+            sync_folder(self.folder.parent)
+            sync_folder(self._root)
 
     def _place(self, path: Path) -> Path:
-        self.folder.mkdir(parents=True, exist_ok=True)
+        self._make_folder()
         place, number = self.folder / path.name, 1
         while place.exists() or place.is_symlink():
             number += 1

@@ -20,7 +20,6 @@ from service.doctor.lost_and_found import LostAndFound
 from service.doctor.recordings import hash_file
 from service.doctor.salvage import salvage
 from service.foreign_recording import describe_foreign_recording
-from service.live import keep_recording
 from service.problems import problem_document
 from service.security.tokens import FILE
 from service.store import Store
@@ -33,7 +32,7 @@ _NOT_OURS = {"database-newer", "database-locked"}
 """Findings with which nothing may be changed."""
 
 UNFINISHED = "the service ended while it was under way"
-DAMAGED = "its result was damaged, and was put into lost+found: do it again"
+DAMAGED = "its result was damaged or lost; what was left of it is in lost+found: do it again"
 
 
 def repair(store: Examined, say: Callable[[str], None]) -> Examination:
@@ -202,7 +201,7 @@ class _Mending:
             return f"{self._aside(path, str(error))}: {error}"
         scan = self._store.scan(row.id)
         if scan is not None and scan.mode == "live":
-            keep_recording(self._store, row.id)
+            self._store.add_scan_recording(row)
         else:
             with self._store.database.transaction() as db:
                 insert(db, "recordings", row)

@@ -97,12 +97,12 @@ def _corrupt(where: str, what: str) -> Finding:
 def _rows(db: sqlite3.Connection) -> tuple[Rows, list[Finding]]:
     rows, found = Rows(), []
 
-    def of(table: str, make: Callable[[sqlite3.Row], Any], keep: Callable[[Any], None]) -> None:
+    def of(table: str, make: Callable[[Any], Any], keep: Callable[[Any], None]) -> None:
         for row in db.execute(f"SELECT rowid AS doctor_rowid, * FROM {table}"):
             values = dict(row)
             rowid = values.pop("doctor_rowid")
             try:
-                made = make(values)  # type: ignore[arg-type] (a row is read by its columns' names)
+                made = make(values)  # by its columns' names, as of a sqlite3.Row
                 require_id(made)
             except (ValueError, TypeError) as error:
                 what = f"it cannot be read: {error}"

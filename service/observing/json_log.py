@@ -18,6 +18,7 @@ from typing import Any, Literal
 
 from cell.child_log import in_every_child
 from service.observing.log_writer import LogWriter
+from service.wall_clock import stamp
 
 Format = Literal["auto", "json", "text"]
 Level = Literal["debug", "info", "warning", "error"]
@@ -60,7 +61,7 @@ class JsonFormatter(logging.Formatter):
     def format(self, record: logging.LogRecord) -> str:
         """The line, without its end."""
         document: dict[str, Any] = {
-            "at": _at(record).isoformat(timespec="milliseconds").replace("+00:00", "Z"),
+            "at": stamp(_at(record)),
             "level": record.levelname.lower(),
             "logger": record.name,
             "message": record.getMessage(),

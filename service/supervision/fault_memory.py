@@ -44,6 +44,7 @@ class FaultMemory:
         self._ending.set()
         self._changed.set()
         self._thread.join()
+        self._write()  # what has changed since its last look
 
     def _see(self, status: CellStatus) -> None:
         fault = (status.slug or "fault", status.reason or "") if status.state == "fault" else None

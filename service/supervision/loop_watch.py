@@ -55,7 +55,10 @@ class LoopWatch:
             if self._missed >= HUNG_TICKS and not self._told:
                 self._told = True
                 doing = self._doing()  # by the time that the arm is stopped, it may be elsewhere
-                self._hung()  # before anything is written, which may wait
+                try:
+                    self._hung()  # before anything is written, which may wait
+                except Exception:  # the watch goes on: nobody else would notice the next time
+                    log.exception("the arm could not be stopped")
                 log.critical("the event loop hangs, the arm is stopped; it is at\n%s", doing)
 
     def _turned(self) -> None:

@@ -19,7 +19,8 @@ from types import FrameType
 
 log = logging.getLogger(__name__)
 
-SERVE = (sys.executable, "-c", "import sys; from service.cli import main; sys.exit(main(sys.argv[1:]))", "serve")
+# Nothing is imported from the folder that somebody happens to be in.
+SERVE = (sys.executable, "-P", "-c", "import sys; from service.cli import main; sys.exit(main(sys.argv[1:]))", "serve")
 
 
 @dataclass(frozen=True)
