@@ -121,7 +121,7 @@ def _open(config: ServiceConfig, metrics: ScanMetrics, audit: AuditLog) -> Conte
         keys=IdempotencyKeys(store),
         retention=retention,
         streams=StreamSlots(config.limits.event_streams, config.limits.event_streams_each),
-        reading=Reading(),
+        reading=Reading(store.database),
         fault=fault,
     )
 

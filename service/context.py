@@ -39,7 +39,7 @@ class Context:
     streams: StreamSlots
     """Of those who follow events."""
     reading: Reading
-    """The threads of what is asked for most."""
+    """Of what is asked for most."""
     fault: FaultMemory
 
     def require_space(self, coming_bytes: int = 0) -> None:

@@ -80,6 +80,8 @@ class Database:
         """
         self._path = path
         self._free: queue.SimpleQueue[sqlite3.Connection] = queue.SimpleQueue()
+        self.change = object()
+        """Another one after each change that was made: what was read behind it is as it was while it is the same."""
         try:
             self._make_tables()
             for table in ("recordings", "scans", "calibrations"):
@@ -121,6 +123,7 @@ class Database:
             try:
                 yield db
                 db.execute("COMMIT")
+                self.change = object()
             except BaseException:
                 if db.in_transaction:
                     db.execute("ROLLBACK")

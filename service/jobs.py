@@ -9,6 +9,7 @@ import queue
 import sqlite3
 import threading
 import time
+from collections.abc import Callable
 from contextlib import AbstractContextManager
 from typing import Any
 
@@ -21,7 +22,7 @@ from service.observing.arrival import arrived_s
 from service.observing.scan_metrics import ScanMetrics
 from service.place import Place
 from service.problems import ProblemError
-from service.running import Running
+from service.running import Running, kind
 from service.scan_runner import ScanRunner
 from service.schemas import ScanState
 from service.store import Store
@@ -120,20 +121,20 @@ class Jobs:
         """Returns when the picture of a scan that has a result is there, or will not be."""
         self._scans.wait_for_preview(scan_id)
 
-    def cancel(self, row: ScanRow | CalibrationRow) -> None:
-        """Stops it, the arm first, and waits until it has ended; it may have succeeded just before.
+    def cancel(self, row_id: str, find: Callable[[], ScanRow | CalibrationRow]) -> None:
+        """Stops the scan or calibration of this id, the arm first, and waits until it has ended; it may have succeeded
+        just before. `find` gives its row, and is asked only when it is not under way.
 
         Raises:
-            ProblemError: `not-cancellable` when it had ended already, unless it was aborted.
+            ProblemError: `not-cancellable` when it had ended already, unless it was aborted; what `find` raises.
         """
         running = self._place.running
-        kind = "scan" if isinstance(row, ScanRow) else row.kind
-        if running is not None and running.row.id == row.id:
+        if running is not None and running.row.id == row_id:
             # The arm of a scan that has just ended may be at work for the next one.
             arm = running.plan is not None and not running.ended.is_set()
-            self._stop(running, "aborted", f"the {kind} was cancelled", arm)
-        elif row.state != "aborted":
-            raise ProblemError(409, "not-cancellable", f"the {kind} is {row.state} already")
+            self._stop(running, "aborted", f"the {kind(running.row)} was cancelled", arm)
+        elif (row := find()).state != "aborted":
+            raise ProblemError(409, "not-cancellable", f"the {kind(row)} is {row.state} already")
 
     def stop_arm(self, reason: str = "the arm was stopped by request") -> None:
         """Stops the arm, whatever goes on, and aborts the live scan or calibration under way, if any."""
@@ -192,6 +193,7 @@ class Jobs:
 
     def _stop(self, running: Running[Any] | None, state: ScanState, detail: str, arm: bool = True) -> None:
         """Stops the arm and what is under way, if anything is, and waits for its end."""
+        until_s = time.monotonic() + SETTLE_S
         # First the deed, then its record; the wish is only noted, so that a scan that the stop ends knows why.
         asked = running is not None and running.ask_to_stop(state, detail)
         if arm:
@@ -212,7 +214,7 @@ class Jobs:
         # A live scan ends with its arm, and recognition waits for the next one; unless it is at work on the last views.
         if asked and of_scan and not running.ended.wait(BY_ITSELF_S):
             self._end_recognition(running)
-        running.ended.wait(SETTLE_S)
+        running.ended.wait(max(0.0, until_s - time.monotonic()))
 
     def _end_recognition(self, running: Running[Any]) -> None:
         if not running.ended.is_set():  # it could by now be at work on the next one

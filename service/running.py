@@ -10,6 +10,11 @@ from service.tables import CalibrationRow, ScanRow
 R = TypeVar("R", bound=ScanRow | CalibrationRow)
 
 
+def kind(row: ScanRow | CalibrationRow) -> str:
+    """What it is, in a word."""
+    return "scan" if isinstance(row, ScanRow) else row.kind
+
+
 class Running(Generic[R]):
     """One scan or calibration between its acceptance and its final state, and the wish to stop it."""
 
@@ -29,7 +34,7 @@ class Running(Generic[R]):
     @property
     def words(self) -> str:
         """What it is, for people."""
-        return f"{'scan' if isinstance(self.row, ScanRow) else self.row.kind} {self.row.id}"
+        return f"{kind(self.row)} {self.row.id}"
 
     @property
     def location(self) -> str:

@@ -97,7 +97,7 @@ async def cancel_run(id: Id, service: Service) -> RunResource:  # noqa: A002 (th
     """Stops a run, the arm first. It may have ended just before: the answer says in which state it is."""
 
     def cancel() -> RunResource:
-        service.jobs.cancel(_find(id, service))
+        service.jobs.cancel(id, lambda: _find(id, service))
         return get_run(_find(id, service), service)
 
     return await to_thread.run_sync(cancel, limiter=service.stopping)

@@ -1,15 +1,14 @@
 """The cell: its state, connecting, stopping, acknowledging, and where it would look from."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 from anyio import to_thread
 from fastapi import APIRouter, Response
 
-from calibration.drift import Drift
 from calibration.storage import HandEye
-from cell.cell_status import CellStatus
 from service.calibrations.resources import calibration_warnings, recent_drift, usable_hand_eye
+from service.calibrations.schemas import CellWarning
 from service.cell_schemas import CellResource, PlanRequest, cell_resource
 from service.context import Context, Service, ViewCount
 from service.problems import problem_responses
@@ -22,7 +21,8 @@ router = APIRouter(prefix="/api", tags=["cell"])
 @router.get("/cell", response_model=CellResource, responses=problem_responses())
 async def get_cell(service: Service) -> Response:
     """The cell as last seen: state, robot, camera, calibration, viewpoints."""
-    return await service.reading.answer(lambda: json_answer(_resource(service)))
+    in_use = await service.reading.known("calibration", lambda: _in_use(service))
+    return json_answer(_told(service, in_use))
 
 
 @router.post("/cell/connect", responses=problem_responses(409, 503))
@@ -37,8 +37,9 @@ async def stop_cell(service: Service) -> CellResource:
     """Stops the arm at once, whatever goes on; a live scan or calibration under way is aborted. Not an emergency
     stop."""
     await to_thread.run_sync(service.jobs.stop_arm, limiter=service.stopping)
-    # From memory alone: neither a locked database nor a slow disk may keep the next stop waiting.
-    return _told(service, service.cell.status, None, service.jobs.drift.latest)
+    # Asks neither the database nor the disk: a locked or a slow one may not keep the next stop waiting.
+    warnings = calibration_warnings(None, service.jobs.drift.latest, service.store.calibrations)
+    return _told(service, _InUse(None, warnings))
 
 
 @router.post("/cell/release", responses=problem_responses(409, 503))
@@ -73,15 +74,28 @@ def draw_viewpoints(service: Service, views: ViewCount = None) -> Response:
     return Response(draw_plan(service.cell.plan(views), service.cell.settings), media_type="image/png")
 
 
+@dataclass(frozen=True)
+class _InUse:
+    """The calibration in use, as far as it is known."""
+
+    hand_eye: HandEye | None
+    warnings: list[CellWarning]
+
+
+def _in_use(service: Context) -> _InUse:
+    """As its file is now: one may have been activated since the cell was connected."""
+    hand_eye = usable_hand_eye(service.cell)
+    drift = None if hand_eye is None else recent_drift(hand_eye, service.jobs.drift)
+    return _InUse(hand_eye, calibration_warnings(hand_eye, drift, service.store.calibrations))
+
+
 def _resource(service: Context) -> CellResource:
-    """With the calibration as its file is now: one may have been activated since the cell was connected."""
-    status, drift = service.cell.status, None
-    if (hand_eye := usable_hand_eye(service.cell)) is not None:
-        status, drift = replace(status, hand_eye=hand_eye), recent_drift(hand_eye, service.jobs.drift)
-    return _told(service, status, hand_eye, drift)
+    return _told(service, _in_use(service))
 
 
-def _told(service: Context, status: CellStatus, hand_eye: HandEye | None, drift: Drift | None) -> CellResource:
-    """`hand_eye` None: from memory alone, without asking the database."""
-    warnings = calibration_warnings(hand_eye, drift, service.store.calibrations)
-    return cell_resource(status, service.cell.settings, service.jobs.using_arm, warnings)
+def _told(service: Context, in_use: _InUse) -> CellResource:
+    """From memory alone."""
+    status = service.cell.status
+    if in_use.hand_eye is not None:
+        status = replace(status, hand_eye=in_use.hand_eye)
+    return cell_resource(status, service.cell.settings, service.jobs.using_arm, in_use.warnings)

@@ -64,20 +64,12 @@ class WholeFile(FileResponse):
     """A file that is always sent whole: a Range refused by Starlette would not be answered by a problem."""
 
     def __init__(self, path: Path, media_type: str, filename: str | None, found: os.stat_result, etag: str) -> None:
-        """`filename` is what a browser saves it as; None shows it instead. `found` and `etag` as `present` has them.
-
-        Reads a small file at once. Raises as `present`.
-        """
+        """`filename` is what a browser saves it as; None shows it instead. `found` and `etag` as `present` has them."""
         headers = {"accept-ranges": "none", "etag": etag}
         super().__init__(path, media_type=media_type, filename=filename, headers=headers, stat_result=found)
-        self._content = _read(path, found.st_size) if found.st_size <= AT_ONCE_BYTES else None
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Sends the file as if no Range had been asked for."""
-        if self._content is not None:
-            await send({"type": "http.response.start", "status": self.status_code, "headers": self.raw_headers})
-            await send({"type": "http.response.body", "body": self._content})
-            return
         headers = [(name, value) for name, value in scope["headers"] if name.lower() != b"range"]
         await super().__call__({**scope, "headers": headers}, receive, send)
 
@@ -95,7 +87,10 @@ def send_file(
     found, etag = present(path, sha256, size_bytes)
     if matches(if_none_match, etag):
         return not_modified(etag)
-    return WholeFile(path, media_type, save_as, found, etag)
+    file = WholeFile(path, media_type, save_as, found, etag)
+    if found.st_size > AT_ONCE_BYTES:
+        return file
+    return Response(_read(path, found.st_size), headers=dict(file.headers))
 
 
 def not_modified(etag: str) -> Response:

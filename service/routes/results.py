@@ -35,7 +35,11 @@ JSON: Responses = {200: {"model": ModelDocument, "content": {"application/json":
 @router.get("/{id}/model", response_class=FileResponse, responses=JSON | REFUSALS)
 async def get_model(id: Id, service: Service, has: IfNoneMatch) -> Response:  # noqa: A002 (the path's own name)
     """The point chain model."""
-    return await service.reading.answer(lambda: _send(find_scan(id, service), service, MODEL, "application/json", has))
+
+    def read() -> Response:
+        return _send(find_scan(id, service), service, MODEL, "application/json", has)
+
+    return await service.reading.answer(("model", id, has), read)
 
 
 @router.get("/{id}/grasps", response_model=GraspsDocument, responses=REFUSALS)

@@ -82,13 +82,13 @@ async def list_scans(
         scans = scan_resources(rows, service.store.views([row.id for row in rows]))
         return json_answer(ScanList(scans=scans, next=following))
 
-    return await service.reading.answer(read)
+    return await service.reading.answer(("scans", request.url.query), read)
 
 
 @router.get("/{id}", response_model=ScanResource, responses=problem_responses(404, 422))
 async def get_scan(id: Id, service: Service) -> Response:  # noqa: A002 (the path's own name)
     """State, progress and results of a scan."""
-    return await service.reading.answer(lambda: json_answer(_told(find_scan(id, service), service)))
+    return await service.reading.answer(("scan", id), lambda: json_answer(_told(find_scan(id, service), service)))
 
 
 @router.post("/{id}/cancel", responses=problem_responses(404, 409, 422))
@@ -96,7 +96,7 @@ async def cancel_scan(id: Id, service: Service) -> ScanResource:  # noqa: A002 (
     """Stops a scan. It may have ended just before: the answer says in which state it is."""
 
     def cancel() -> ScanResource:
-        service.jobs.cancel(find_scan(id, service))
+        service.jobs.cancel(id, lambda: find_scan(id, service))
         return _told(find_scan(id, service), service)
 
     return await to_thread.run_sync(cancel, limiter=service.stopping)

@@ -1,11 +1,18 @@
-"""What is asked for most has threads of its own, and says what FastAPI would have said."""
+"""What is asked for most has threads and a memory of its own, and says what FastAPI would have said."""
 
+import asyncio
 import threading
+from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import closing
+from pathlib import Path
 
 import httpx
 import pytest
+from starlette.responses import Response
 
+from service.database import Database
+from service.reading import REMEMBERED, SMALL_BYTES, Reading
 from service.schemas import ScanList
 from service.store import Store
 from tests.service.conftest import PATIENCE_S, wait_until
@@ -41,3 +48,90 @@ def test_what_goes_wrong_in_them_is_told_as_elsewhere(client: httpx.Client) -> N
     assert (answer.status_code, answer.json()["type"]) == (404, "urn:pointchain:scan-not-found")
     assert client.get("/api/scans/none/model").status_code == 404
     assert client.get("/api/scans").headers["content-type"] == "application/json"
+
+
+@pytest.fixture
+def database(tmp_path: Path) -> Iterator[Database]:
+    with closing(Database(tmp_path / "store.db")) as database:
+        yield database
+
+
+class Reads:
+    """Counts how often something is read; `hold` keeps the readers waiting."""
+
+    def __init__(self) -> None:
+        self.times = 0
+        self.hold: threading.Event | None = None
+
+    def __call__(self) -> Response:
+        self.times += 1
+        if self.hold is not None:
+            assert self.hold.wait(PATIENCE_S)
+        return Response(str(self.times))
+
+
+def test_what_has_not_changed_is_read_once(database: Database) -> None:
+    async def ask(reading: Reading, read: Reads) -> list[bytes | memoryview]:
+        seen = [(await reading.answer("x", read)).body for _ in range(3)]
+        with database.transaction():
+            pass
+        return [*seen, (await reading.answer("x", read)).body]
+
+    with closing(Reading(database)) as reading:
+        assert asyncio.run(ask(reading, Reads())) == [b"1", b"1", b"1", b"2"]
+
+
+def test_what_others_may_have_changed_is_looked_at_again(database: Database, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("service.reading.FRESH_S", -1.0)
+
+    async def ask(reading: Reading, read: Reads) -> list[bytes | memoryview]:
+        return [(await reading.answer("x", read)).body for _ in range(2)]
+
+    with closing(Reading(database)) as reading:
+        assert asyncio.run(ask(reading, Reads())) == [b"1", b"2"]
+
+
+def test_many_who_ask_at_once_wait_for_one_who_reads_also_when_the_first_leaves(database: Database) -> None:
+    async def ask(reading: Reading, read: Reads) -> list[bytes | memoryview]:
+        read.hold = threading.Event()
+        first, *others = [asyncio.ensure_future(reading.answer("x", read)) for _ in range(5)]
+        await asyncio.sleep(0.02)
+        first.cancel()
+        await asyncio.sleep(0)
+        read.hold.set()
+        return [answer.body for answer in await asyncio.gather(*others)]
+
+    with closing(Reading(database)) as reading:
+        assert asyncio.run(ask(reading, Reads())) == [b"1"] * 4
+
+
+def test_neither_failures_nor_large_answers_are_remembered(database: Database) -> None:
+    large = Reads()
+
+    def fail() -> Response:
+        raise ValueError("for now")
+
+    def read_large() -> Response:
+        return Response(large().body * (SMALL_BYTES + 1))
+
+    async def ask(reading: Reading) -> bytes | memoryview:
+        with pytest.raises(ValueError, match="for now"):
+            await reading.answer("x", fail)
+        for _ in range(2):
+            await reading.answer("y", read_large)
+        return (await reading.answer("x", Reads())).body
+
+    with closing(Reading(database)) as reading:
+        assert asyncio.run(ask(reading)) == b"1"
+    assert large.times == 2
+
+
+def test_no_more_than_so_many_are_remembered(database: Database) -> None:
+    async def ask(reading: Reading, read: Reads) -> None:
+        for what in (*range(REMEMBERED + 1), REMEMBERED, 0):
+            await reading.answer(what, read)
+
+    reads = Reads()
+    with closing(Reading(database)) as reading:
+        asyncio.run(ask(reading, reads))
+    assert reads.times == REMEMBERED + 2  # the first was forgotten for the last
