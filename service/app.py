@@ -8,7 +8,7 @@ from contextlib import ExitStack, asynccontextmanager
 
 from anyio import CapacityLimiter, to_thread
 from fastapi import FastAPI
-from fastapi_offline import FastAPIOffline
+from starlette.staticfiles import StaticFiles
 
 from cell.cell import Cell
 from service.config import ServiceConfig, load_config
@@ -74,16 +74,15 @@ def create_app(config: ServiceConfig) -> FastAPI:
             # A thread of its own: requests that were given up may still hold all others.
             await to_thread.run_sync(_close, context, limiter=CapacityLimiter(1))
 
-    app = FastAPIOffline(
+    app = FastAPI(
         title="Pointchain",
         version=API_VERSION,
         description=DESCRIPTION,
         lifespan=lifespan,
-        docs_url=None,  # the page is ours, its files are the library's
-        redoc_url=None,
-        static_url=DOCS_FILES,
+        openapi_url=None,  # description and page are ours, the page's files are a library's
         generate_unique_id_function=operation_id,
     )
+    app.mount(DOCS_FILES, StaticFiles(packages=[("fastapi_offline", "static")]))
     app.state.audit = audit
     describe_better(app)
     install_security(app, config, audit, upload_path=recordings.PATH)

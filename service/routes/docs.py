@@ -1,12 +1,17 @@
-"""The page of the API: Swagger UI from local files. No script is inside the page: its content policy forbids that."""
+"""The API's description, and its page: Swagger UI from local files. No script is inside the page: its content policy
+forbids that."""
 
-from fastapi import APIRouter
+import json
+
+from fastapi import APIRouter, Request
 from fastapi.responses import HTMLResponse, Response
 
+from service.context import Service
 from service.security.headers import DOCS
 from service.security.roles import DOCS_FILES
 
 START = f"{DOCS}/start.js"
+DESCRIPTION = "/openapi.json"
 
 PAGE = f"""<!DOCTYPE html>
 <html lang="en">
@@ -26,7 +31,7 @@ PAGE = f"""<!DOCTYPE html>
 """
 # Over plain HTTP, away from loopback, browsers send no Sec-Fetch-Site: the header says that no other page is calling.
 SCRIPT = """SwaggerUIBundle({
-  url: "/openapi.json",
+  url: "DESCRIPTION",
   dom_id: "#swagger-ui",
   layout: "BaseLayout",
   deepLinking: true,
@@ -39,7 +44,7 @@ SCRIPT = """SwaggerUIBundle({
     return request;
   },
 });
-"""
+""".replace("DESCRIPTION", DESCRIPTION)
 
 router = APIRouter(include_in_schema=False)
 
@@ -54,3 +59,14 @@ async def page() -> HTMLResponse:
 async def start() -> Response:
     """What the page begins with."""
     return Response(SCRIPT, media_type="text/javascript")
+
+
+@router.api_route(DESCRIPTION, methods=["GET", "HEAD"])
+async def description(request: Request, service: Service) -> Response:
+    """What can be asked of the service, for programs. Made by a thread when it is first asked for: it takes most of a
+    second, for which no stop shall wait."""
+
+    def make() -> Response:
+        return Response(json.dumps(request.app.openapi()), media_type="application/json")
+
+    return await service.reading.answer(DESCRIPTION, make)

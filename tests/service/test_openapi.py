@@ -2,6 +2,8 @@
 
 import json
 import re
+import threading
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +13,7 @@ import pytest
 import service
 from service.app import create_app, openapi_document
 from service.config import ServiceConfig
+from tests.service.conftest import PATIENCE_S, ServedClient
 
 COMMITTED = Path(service.__file__).parent / "openapi.json"
 
@@ -55,3 +58,24 @@ def test_the_page_of_the_api_needs_no_other_host(client: httpx.Client) -> None:
     for asset in assets:
         assert client.get(asset).status_code == 200, asset
     assert client.get("/openapi.json").json() == json.loads(COMMITTED.read_text())
+
+
+def test_nobody_waits_while_the_description_is_made(client: ServedClient, monkeypatch: pytest.MonkeyPatch) -> None:
+    making, go_on = threading.Event(), threading.Event()
+
+    def make() -> dict[str, Any]:
+        making.set()
+        assert go_on.wait(PATIENCE_S)
+        return {"made": "at last"}
+
+    monkeypatch.setattr("service.reading.FRESH_S", -1.0)
+    monkeypatch.setattr(client.app, "openapi", make)
+    with ThreadPoolExecutor(1) as pool:
+        asked = pool.submit(client.get, "/openapi.json")
+        try:
+            assert making.wait(PATIENCE_S)
+            assert client.get("/healthz").status_code == 200
+            assert client.post("/api/cell/stop").status_code == 200
+        finally:
+            go_on.set()
+        assert asked.result().json() == {"made": "at last"}
