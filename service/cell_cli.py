@@ -1,0 +1,83 @@
+"""The commands that are about the configured cell: `pointchain scan`, `check` and `viewpoints`."""
+
+import argparse
+import sys
+from pathlib import Path
+
+METHODS = ("matching", "enhanced", "graph")
+"""As `recognition.model.Method`, which is not imported for --help."""
+
+
+def add_cell_commands(commands: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
+    """Adds `scan`, `check` and `viewpoints`."""
+    scan = commands.add_parser(
+        "scan",
+        help="one live scan by the configured cell (the simulated one unless configured)",
+        description="Moves the arm through the viewpoints and recognises what the camera sees. The model goes to "
+        "stdout as one JSON document. Ctrl-C stops the arm.",
+    )
+    scan.add_argument("out", nargs="?", type=Path, metavar="OUT.mcap", help="keep the recording in this new file")
+    scan.add_argument("--config", type=Path, metavar="TOML", help="configuration file: the cell and the gripper")
+    scan.add_argument(
+        "--radius", type=float, metavar="M", help="string radius in metres (the configuration's, else measured)"
+    )
+    scan.add_argument("--method", choices=METHODS, default="graph", help="default: %(default)s")
+    scan.add_argument("--views", type=_views, metavar="N", help="how many viewpoints (the configuration's)")
+    scan.set_defaults(run=_scan)
+
+    check = commands.add_parser(
+        "check",
+        help="test the configured cell step by step, without motion",
+        description="Tests configuration, robot, camera, calibration, table, viewpoints and disk, one after the other, "
+        "and says what is wrong and what to do. Nothing moves. Exit code 1 when something failed.",
+    )
+    check.add_argument("--config", type=Path, metavar="TOML", help="configuration file: the cell")
+    check.add_argument("--json", action="store_true", help="one JSON document instead of words")
+    check.set_defaults(run=_check)
+
+    viewpoints = commands.add_parser(
+        "viewpoints",
+        help="from where the configured cell would look, without motion",
+        description="Plans the viewpoints from the arm's home posture and says which can be reached, in which order, "
+        "and why others cannot. No device is asked. Exit code 1 when too few can be reached.",
+    )
+    viewpoints.add_argument("--config", type=Path, metavar="TOML", help="configuration file: the cell")
+    viewpoints.add_argument("--views", type=_views, metavar="N", help="how many (the configuration's)")
+    viewpoints.add_argument("--picture", type=Path, metavar="OUT.png", help="draw arm, workspace and cameras")
+    viewpoints.add_argument("--json", action="store_true", help="the plan as one JSON document")
+    viewpoints.set_defaults(run=_viewpoints)
+
+
+def _views(text: str) -> int:
+    least, most = 2, 32  # as `cell.settings.ScanSettings`, which is not imported for --help
+    if not (text.isascii() and text.isdigit() and least <= int(text) <= most):
+        raise argparse.ArgumentTypeError(f"{text!r}: from {least} to {most} views are possible")
+    return int(text)
+
+
+def _scan(options: argparse.Namespace) -> int:
+    from service.config import ConfigError, load_config
+
+    try:
+        config = load_config(options.config)
+    except ConfigError as error:
+        print(f"pointchain scan: {error}", file=sys.stderr)
+        return 1
+    from service.scan_once import Wanted, scan_once
+
+    wanted = Wanted(
+        options.out, options.radius, options.method, options.views, config.gripper.value, config.limits.recognition_s
+    )
+    return scan_once(config.cell, wanted)
+
+
+def _check(options: argparse.Namespace) -> int:
+    from service.check import check
+
+    return check(options.config, options.json)
+
+
+def _viewpoints(options: argparse.Namespace) -> int:
+    from service.show_viewpoints import show_viewpoints
+
+    return show_viewpoints(options.config, options.views, options.picture, options.json)
