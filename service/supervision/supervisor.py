@@ -100,8 +100,10 @@ class _Supervisor:
         ours.setblocking(False)
         with selectors.DefaultSelector() as selector:
             selector.register(ours, selectors.EVENT_READ)
-            while child.poll() is None:
-                if selector.select(0.2):
+            ended = False
+            while not ended:
+                ended = child.poll() is not None  # what it has said before is still read
+                if selector.select(0.0 if ended else 0.2):
                     with contextlib.suppress(ConnectionResetError):
                         received = ours.recv(4096)
                         if not received:  # it has ended, or is about to

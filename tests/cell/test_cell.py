@@ -31,6 +31,7 @@ from cell.viewpoints import ViewpointPlan
 from recognition.parameters import ChainParameters
 from recognition.pipeline import recognise
 from recognition.preprocess import Scene
+from tests.processes import children
 
 pytestmark = pytest.mark.xdist_group("cell")  # one at a time: each is several busy processes
 
@@ -76,11 +77,6 @@ def opened(settings: CellSettings) -> Iterator[Cell]:
         yield cell
     finally:
         cell.close()
-
-
-def children() -> set[str]:
-    """Ids of this process's children, zombies too."""
-    return {pid for task in Path("/proc/self/task").iterdir() for pid in (task / "children").read_text().split()}
 
 
 def scan(cell: Cell, path: Path, listener: Told, plan: ViewpointPlan | None = None) -> list[View]:
@@ -286,12 +282,12 @@ def test_two_cells_work_side_by_side_and_one_stops_alone(tmp_path: Path) -> None
 
 
 def test_closing_leaves_no_process_behind(tmp_path: Path) -> None:
-    before = children()
+    before = children(os.getpid())
     with opened(simulated()) as cell:
         cell.connect()
         admin = controller(cell)
-        assert len(children() - before) == 3  # controller, arm, camera
-    assert children() <= before
+        assert len(children(os.getpid()) - before) == 3  # controller, arm, camera
+    assert children(os.getpid()) <= before
     with pytest.raises(ConnectionError):
         admin.state()
     admin.close()

@@ -13,6 +13,7 @@ import pytest
 from cell.child import Child, ChildBusyError, ChildLostError, NotCalledError
 from cell.errors import CellError, MotionError
 from tests.cell.child_drivers import BrokenWhenIdle, Counted, Driver, refusing
+from tests.processes import runs
 
 
 @pytest.fixture
@@ -20,14 +21,6 @@ def child():
     child = Child("test", Driver, 100)
     yield child
     child.close()
-
-
-def is_running(pid: int) -> bool:
-    """The process exists and is no zombie."""
-    try:
-        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
-    except OSError:
-        return False
 
 
 def test_calls_return_what_the_driver_returns(child: Child):
@@ -216,7 +209,7 @@ def test_many_children_leave_nothing_behind():
     pids = [once() for _ in range(5)]
     assert open_files() <= files
     assert threading.active_count() == threads
-    assert not any(is_running(pid) for pid in pids)
+    assert not any(map(runs, pids))
 
 
 PARENT = """
@@ -244,6 +237,6 @@ def test_the_child_ends_with_its_parent(tmp_path: Path, then: str):
             parent.kill()
         assert parent.wait(timeout=20.0) == (0 if then == "pass" else -signal.SIGKILL)
     deadline = time.monotonic() + 10.0
-    while is_running(pid) and time.monotonic() < deadline:
+    while runs(pid) and time.monotonic() < deadline:
         time.sleep(0.02)
-    assert not is_running(pid)
+    assert not runs(pid)

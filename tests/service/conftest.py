@@ -21,6 +21,7 @@ from service.app import create_app
 from service.config import ServiceConfig
 from service.schemas import ACTIVE_STATES
 from service.serve import Server
+from tests.service.faults.figures import Figures
 
 # Generous, because it only bounds a hang: a loaded machine may take long to start a process.
 PATIENCE_S = 120.0
@@ -125,6 +126,12 @@ def finished() -> Callable[[httpx.Client, str], dict[str, Any]]:
         return found
 
     return wait
+
+
+@pytest.fixture
+def figures(request: pytest.FixtureRequest) -> Figures:
+    """What the test measures; its times are asserted where it runs in full."""
+    return Figures(request.node.name, request.node.get_closest_marker("soak") is not None)
 
 
 @pytest.fixture

@@ -32,3 +32,11 @@ def process(data_dir: Path, log: Path, **variables: str) -> Iterator[tuple[subpr
     finally:
         running.kill()
         running.wait()
+
+
+def answers(client: httpx.Client) -> bool:
+    """Whether the service does: its port may be there before it is."""
+    try:
+        return client.get("/api/scans?limit=1").status_code == 200
+    except httpx.TransportError:
+        return False

@@ -30,7 +30,7 @@ class Data:
 
     @property
     def store(self) -> Examined:
-        return Examined(self.root, self.root / "calibration" / "runs", 0)
+        return examined(self.root)
 
     def recording(self, recording_id: str) -> Path:
         return self.root / "recordings" / f"{recording_id}.mcap"
@@ -59,6 +59,11 @@ class Data:
         """What was put aside under this name."""
         (found,) = self.root.glob(f"lost+found/*/{name}")
         return found
+
+
+def examined(root: Path) -> Examined:
+    """A data folder, its calibrations where they are unless configured, on a disk with space enough."""
+    return Examined(root, root / "calibration" / "runs", 0)
 
 
 def make_data(root: Path, recording_file: Path) -> Data:

@@ -9,6 +9,7 @@ import pytest
 from cell.arm_settings import SimulatedArm
 from cell.camera_settings import SimulatedCamera
 from tests.cell.loopback import free_host
+from tests.processes import children, rss_bytes, state
 from tests.service.conftest import Serve, wait_until
 
 pytestmark = pytest.mark.xdist_group("cell")  # one at a time: each is several busy processes
@@ -33,7 +34,7 @@ def test_scans_in_a_row_leak_nothing(serve: Serve, tmp_path: Path, scans: int) -
     arm = SimulatedArm(host=host, time_factor=50.0, watchdog_hz=1.0)
     camera = SimulatedCamera(model="ideal", fps=60.0, exposures=1, settle_s=0.0)
     with serve(tmp_path / "data", arm=arm, camera=camera) as client:
-        warm: dict[str, int] = {}
+        warm: dict[int, int] = {}
         for number in range(scans):
             location = client.post("/api/scans", json={"mode": "live", "string_radius_m": 0.0042}).headers["Location"]
             scan = {}
@@ -49,13 +50,13 @@ def test_scans_in_a_row_leak_nothing(serve: Serve, tmp_path: Path, scans: int) -
             running = processes() - before
             assert not [pid for pid in running if state(pid) == "Z"], "a zombie"
             if number + 1 == max(1, round(WARM_UP * scans)):
-                warm = {pid: rss_bytes(pid) for pid in running | {str(os.getpid())}}
+                warm = {pid: rss_bytes(pid) for pid in running | {os.getpid()}}
         if scans > 100:  # few scans are still warming up
             grown = {pid: (then, rss_bytes(pid)) for pid, then in warm.items()}
             print({name(pid): sizes for pid, sizes in grown.items()})
             for pid, (then, now) in grown.items():
                 assert now <= GROWTH * then + GROWTH_BYTES, f"{name(pid)} grew from {then} to {now} bytes"
-            assert set(warm) == processes() - before | {str(os.getpid())}, "a process came or went"
+            assert set(warm) == processes() - before | {os.getpid()}, "a process came or went"
     assert processes() <= before  # what other tests share may have ended meanwhile
     for port in (29900, 29999, 30003, 30004):
         with socket.socket() as probe:
@@ -63,41 +64,19 @@ def test_scans_in_a_row_leak_nothing(serve: Serve, tmp_path: Path, scans: int) -
             probe.bind((host, port))  # raises if somebody still listens
 
 
-def processes() -> set[str]:
+def processes() -> set[int]:
     """Ids of this process's descendants, zombies too; multiprocessing's own helper stays as long as we do."""
-    found: set[str] = set()
-    new = {str(os.getpid())}
+    found: set[int] = set()
+    new = {os.getpid()}
     while new:
         found |= new
-        new = {child for pid in new for child in _children(pid)} - found
-    return {pid for pid in found - {str(os.getpid())} if "resource_tracker" not in name(pid)}
+        new = {child for pid in new for child in children(pid)} - found
+    return {pid for pid in found - {os.getpid()} if "resource_tracker" not in name(pid)}
 
 
-def _children(pid: str) -> set[str]:
-    try:
-        tasks = list(Path(f"/proc/{pid}/task").iterdir())
-        return {child for task in tasks for child in (task / "children").read_text().split()}
-    except (FileNotFoundError, ProcessLookupError):
-        return set()
-
-
-def state(pid: str) -> str:
-    """As "S", "Z" of /proc; empty when it is gone."""
-    try:
-        return Path(f"/proc/{pid}/stat").read_text().rsplit(") ", 1)[1][0]
-    except (FileNotFoundError, ProcessLookupError):
-        return ""
-
-
-def name(pid: str) -> str:
+def name(pid: int) -> str:
     """What the process runs."""
     try:
         return Path(f"/proc/{pid}/cmdline").read_text().replace("\0", " ")[:100]
     except (FileNotFoundError, ProcessLookupError):
-        return pid
-
-
-def rss_bytes(pid: str) -> int:
-    """Resident memory."""
-    pages = int(Path(f"/proc/{pid}/statm").read_text().split()[1])
-    return pages * os.sysconf("SC_PAGE_SIZE")
+        return str(pid)

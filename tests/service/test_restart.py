@@ -4,7 +4,6 @@ import hashlib
 import os
 import signal
 import time
-from contextlib import suppress
 from pathlib import Path
 
 import pytest
@@ -13,6 +12,7 @@ from cell.recording import read_recording
 from service.data_folder import DataFolder
 from service.store import Store
 from tests.cell.loopback import free_host
+from tests.processes import children, runs
 from tests.service.service_process import process
 
 
@@ -27,14 +27,14 @@ def test_killed_in_the_middle_of_a_scan(recording_file: Path, tmp_path: Path) ->
             time.sleep(0.02)
         finished = client.get(done).json()
         model = client.get(finished["links"]["model"]).content
-        children = child_processes(first.pid)
+        started = children(first.pid)
         # Frozen, the recognition process cannot finish the second scan before the kill.
-        for child in children:
+        for child in started:
             os.kill(child, signal.SIGSTOP)
         cut = client.post("/api/scans", json=wish).headers["location"]
         first.kill()
         first.wait()
-    for child in children:
+    for child in started:
         os.kill(child, signal.SIGCONT)
 
     with process(data, tmp_path / "second.log") as (second, client):
@@ -53,7 +53,7 @@ def test_killed_in_the_middle_of_a_scan(recording_file: Path, tmp_path: Path) ->
         second.send_signal(signal.SIGTERM)
         assert second.wait(timeout=60) == 0
 
-    wait_for_end(children)
+    wait_for_end(started)
     folder = DataFolder(data)
     store = Store(folder)
     scan = store.scan(again.json()["id"])
@@ -90,10 +90,10 @@ def test_killed_in_the_middle_of_a_live_scan(tmp_path: Path) -> None:
             assert time.monotonic() < deadline
             time.sleep(0.02)
         kept = acknowledged()
-        children = child_processes(first.pid)
+        started = children(first.pid)
         first.kill()
         first.wait()
-    wait_for_end(children)  # the arm's driver and its simulated controller too
+    wait_for_end(started)  # the arm's driver and its simulated controller too
 
     with process(data, tmp_path / "second.log", **variables) as (_, client):
         scan = client.get(location).json()
@@ -109,25 +109,8 @@ def test_killed_in_the_middle_of_a_live_scan(tmp_path: Path) -> None:
     assert len(views) == recording["views"] < 8
 
 
-def wait_for_end(children: list[int]) -> None:
+def wait_for_end(started: set[int]) -> None:
     deadline = time.monotonic() + 60
-    while any(map(runs, children)):
+    while any(map(runs, started)):
         assert time.monotonic() < deadline, "the killed service left a process behind"
         time.sleep(0.02)
-
-
-def child_processes(pid: int) -> list[int]:
-    """What its threads have started: recognition, drivers, what Python keeps beside them."""
-    found = []
-    for task in Path(f"/proc/{pid}/task").iterdir():
-        with suppress(FileNotFoundError, ProcessLookupError):  # the thread has ended
-            found += [int(child) for child in (task / "children").read_text().split()]
-    return found
-
-
-def runs(pid: int) -> bool:
-    """Not when it has ended but nobody has asked how: containers often have no process that does."""
-    try:
-        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
-    except (FileNotFoundError, ProcessLookupError):
-        return False

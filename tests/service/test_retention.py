@@ -19,10 +19,10 @@ from service.idempotency import Key
 from service.new_rows import Asked, new_scan
 from service.removal import Old, remove
 from service.retention import sweep
-from service.scan_queries import stamp
 from service.schemas import ScanState
 from service.store import Store
 from service.tables import MIGRATIONS, RecordingRow, ScanErrorRow
+from service.wall_clock import stamp
 from tests.service.conftest import Serve, wait_until
 
 AssertProblem = Callable[[httpx.Response, int, str], str]
@@ -204,5 +204,6 @@ def test_the_service_does_it_by_itself_and_refuses_what_may_not_fit(
             assert "retention" in assert_problem(answer, 507, "storage-full"), path
         store: Store = client.app.state.context.store
         assert [row.id for row in store.scans(10)] == ["marked"]
+        assert store.recordings(10) == []
         assert store.key("local", "/api/scans") is None
         assert client.get("/api/cell").json()["state"] == "not_ready"  # nothing was even connected

@@ -12,9 +12,10 @@ import pytest
 
 from service.data_folder import DataFolder
 from service.new_rows import NOBODY, new_scan
-from service.scan_queries import ScanFilter, stamp
+from service.scan_queries import ScanFilter
 from service.store import Store
 from service.tables import ScanRow
+from service.wall_clock import stamp
 from tests.service.conftest import ServedClient
 
 AssertProblem = Callable[[httpx.Response, int, str], str]

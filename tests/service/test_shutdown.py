@@ -35,9 +35,8 @@ STOP_S, EXIT_S = 0.05, 5.0
 @pytest.mark.xdist_group("cell")  # one at a time: several busy processes
 @rounds(1, 20)
 def test_in_the_middle_of_a_move_the_arm_is_stopped_then_all_are_told_and_it_ends_in_order(
-    tmp_path: Path, request: pytest.FixtureRequest, count: int
+    tmp_path: Path, figures: Figures, count: int
 ) -> None:
-    figures = Figures(request.node.name, request.node.get_closest_marker("soak") is not None)
     stops_s, exits_s = [], []
     for number in range(count):
         (tmp_path / str(number)).mkdir()

@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 
 from cell.simulation.benchmark.processes import in_fresh_process, in_processes
+from tests.processes import runs
 
 PATIENCE_S = 60.0
 """Only bounds a hang."""
@@ -38,19 +39,6 @@ held = current_rss_bytes()
 del block
 print(json.dumps([before, held, current_rss_bytes(), peak_rss_bytes()]))
 """
-
-
-def alive(pid: int) -> bool:
-    try:
-        os.kill(pid, 0)
-    except ProcessLookupError:
-        return False
-    # One that has ended stays a zombie until its new parent, which may not care, asks how.
-    stat = Path(f"/proc/{pid}/stat")
-    try:
-        return stat.read_text().rpartition(")")[2].split()[0] != "Z"
-    except FileNotFoundError:
-        return not stat.parents[1].exists()
 
 
 def test_results_come_in_order_from_other_processes() -> None:
@@ -82,10 +70,10 @@ def test_no_worker_outlives_the_benchmark(how: signal.Signals, tmp_path: Path) -
             assert parent.poll() is None
             time.sleep(0.02)
         workers = [int(file.read_text()) for file in begun]
-        assert all(alive(worker) for worker in workers)
+        assert all(map(runs, workers))
         parent.send_signal(how)
         assert parent.wait(PATIENCE_S) != 0
-        while any(alive(worker) for worker in workers):
+        while any(map(runs, workers)):
             assert time.monotonic() < end, "a worker goes on"
             time.sleep(0.02)
         assert not (tmp_path / "c").exists(), "no more work is begun"

@@ -1,22 +1,21 @@
 """Fault 22: another program holds the database, as somebody who looks into it by hand and forgets to let it go."""
 
-import subprocess
-import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
 import httpx
 import pytest
 
-from service.data_folder import DATABASE
-from service.doctor.doctor import Examined, examine
+from service.doctor.doctor import examine
 from tests.service.conftest import Serve, wait_until
+from tests.service.faults.held_database import OtherProcess
 from tests.service.faults.pretended_recognition import PretendedRecognition, pretended
 from tests.service.live_cell import live_cell
+from tests.service.stored_data import examined
 
 pytestmark = [pytest.mark.fault(22), pytest.mark.xdist_group("cell")]
 
@@ -24,31 +23,11 @@ Problem = Callable[[httpx.Response, int, str], str]
 Finished = Callable[[httpx.Client, str], dict[str, Any]]
 Make = Callable[[], PretendedRecognition]
 
-HOLD = """
-import sqlite3, sys
-db = sqlite3.connect(sys.argv[1], isolation_level=None)
-db.execute("BEGIN EXCLUSIVE")
-print("held", flush=True)
-sys.stdin.read()
-"""
 ANSWER_S = 5.5
 """Within which a refusal must come. Asserted where the service waits as long as it really does."""
 REAL = pytest.param(None, marks=[pytest.mark.soak, pytest.mark.timeout(600)], id="as-it-is")
 SHORT = pytest.param(0.5, id="short")
 """How long the service waits for the database."""
-
-
-@contextmanager
-def held(data: Path) -> Iterator[None]:
-    """By another process, for as long as the body takes."""
-    program = [sys.executable, "-c", HOLD, str(data / DATABASE)]
-    with subprocess.Popen(program, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as holder:
-        try:
-            assert holder.stdout is not None
-            assert holder.stdout.readline() == b"held\n"
-            yield
-        finally:
-            holder.kill()
 
 
 @pytest.fixture(scope="module")
@@ -92,7 +71,7 @@ def test_changes_are_refused_in_time_and_reading_goes_on(
                 assert_problem(answer, 503, "busy")
             assert int(answer.headers["Retry-After"]) > 0
 
-        with held(tmp_path / "data"):
+        with closing(OtherProcess(tmp_path / "data")) as other, other.locking():
             until = time.monotonic() + (10.0 if busy_s is None else 0.0)
             while True:
                 waiting = [pool.submit(refused, "POST", "/api/scans", json=wish) for _ in range(6)]
@@ -119,11 +98,12 @@ def test_changes_are_refused_in_time_and_reading_goes_on(
 def test_a_live_scan_does_not_move_on(
     serve: Serve, tmp_path: Path, busy_s: float | None, stop: bool, finished: Finished
 ) -> None:
-    with live_cell(serve, tmp_path / "data", time_factor=5.0) as cell:
+    data = tmp_path / "data"
+    with live_cell(serve, data, time_factor=5.0) as cell, closing(OtherProcess(data)) as other:
         location = cell.start(views=3)
         cell.wait_for_motion(location)
         views = cell.views(location)
-        with held(tmp_path / "data"):
+        with other.locking():
             if stop:
                 assert cell.client.post("/api/cell/stop").status_code == 200
             still_s = time.monotonic()
@@ -142,5 +122,4 @@ def test_a_live_scan_does_not_move_on(
         assert cell.events("motion_start", after_s=still_s) == []
         cell.is_well()
         assert finished(cell.client, cell.start(views=2))["state"] == "succeeded"
-    data = tmp_path / "data"
-    assert examine(Examined(data, data / "calibration" / "runs", 0), running=False).findings == ()
+    assert examine(examined(data), running=False).findings == ()

@@ -12,13 +12,14 @@ import pytest
 
 from calibration.disk import write_synced
 from service.data_folder import DATABASE, DataFolder
-from service.doctor.doctor import Examined, examine
+from service.doctor.doctor import examine
 from service.doctor.repair import repair
 from service.idempotency import Key
 from service.new_rows import Asked, new_scan
 from service.recording_rows import describe_recording
 from service.store import Store
 from tests.service.faults.pretended_recognition import describe_here
+from tests.service.stored_data import examined
 
 pytestmark = pytest.mark.fault(21)
 
@@ -131,10 +132,9 @@ def test_the_store_and_the_doctor_go_on_from_there(
         root = damaged(written, tmp_path / f"{number}", chance.randrange(size + 1), b"")
         for name in ("recordings", "scans"):
             shutil.copytree(written.root / name, root / name)
-        store = Examined(root, root / "calibration" / "runs", 0)
-        found = {finding.code for finding in examine(store, running=False).findings}
+        found = {finding.code for finding in examine(examined(root), running=False).findings}
         assert found <= FOUND, found
-        assert repair(store, lambda _: None).findings == ()
+        assert repair(examined(root), lambda _: None).findings == ()
         with closing(DataFolder(root)) as folder, closing(Store(folder)) as opened:
             before = [row.id for row in opened.scans(100)]
             scan = new_scan("replay", "graph", None, Asked())

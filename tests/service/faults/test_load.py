@@ -1,5 +1,6 @@
 """More clients than there is room for, of which many take nothing of what they are sent: the rest is as it was."""
 
+import os
 import random
 import time
 from collections.abc import Callable, Iterator
@@ -11,11 +12,11 @@ import pytest
 from service.bench_load import Load, Wanted, asking
 from service.config_sections import LimitsConfig
 from service.events.scan_events import ScanEvent
+from tests.processes import rss_bytes
 from tests.service.conftest import Serve, wait_until
 from tests.service.faults.figures import Figures, rounds
 from tests.service.faults.moves import assert_one_way, now_in, wait_for_middle, wait_for_stop
 from tests.service.live_cell import LiveCell, live_cell
-from tests.service.test_live_soak import rss_bytes
 
 pytestmark = pytest.mark.xdist_group("cell")  # one at a time: each is several busy processes
 
@@ -75,9 +76,9 @@ def test_two_hundred_followers_delay_no_stop(cell: LiveCell, finished: Finished,
 
 def tell_much(cell: LiveCell) -> None:
     """More than anybody takes at once: what those who do not read it cost is bounded."""
-    hub, before = cell.client.app.state.context.store.events.hub, rss_bytes("self")
+    hub, before = cell.client.app.state.context.store.events.hub, rss_bytes(os.getpid())
     for number in range(NEWS):
         hub.publish("scan", ScanEvent(number, "scan", "", "progress", {"stage": "x" * NEWS_BYTES, "fraction": 0.5}))
         if number % 20 == 0:
             assert cell.client.get("/healthz").status_code == 200  # the loop has brought these on their way
-    assert rss_bytes("self") - before < GROWTH_BYTES
+    assert rss_bytes(os.getpid()) - before < GROWTH_BYTES

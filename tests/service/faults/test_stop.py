@@ -3,13 +3,10 @@
 import os
 import random
 import signal
-import subprocess
-import sys
 import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import closing, contextmanager
-from pathlib import Path
+from contextlib import closing
 from typing import Any
 
 import httpx
@@ -18,6 +15,7 @@ import pytest
 from tests.cell.virtual_arm import dashboard_commands
 from tests.service.conftest import Serve, wait_until
 from tests.service.faults.figures import Figures, rounds
+from tests.service.faults.held_database import OtherProcess
 from tests.service.faults.moves import assert_one_way, now_in, seen, still_s, wait_for_middle, wait_for_stop
 from tests.service.live_cell import LiveCell, live_cell
 
@@ -32,48 +30,12 @@ STILL_S = 0.35
 TIME_FACTOR = 3.0
 """The arm is so many times as fast as a real one, and brakes in as small a part of the time."""
 
-LOCK = """
-import sqlite3, sys
-database = sqlite3.connect(sys.argv[1], timeout=60.0, isolation_level=None)
-for statement in sys.stdin:
-    database.execute(statement)
-    print("done", flush=True)
-database.close()
-"""
-
 
 @pytest.fixture(scope="module")
 def cell(serve: Serve, tmp_path_factory: pytest.TempPathFactory) -> Iterator[LiveCell]:
     """A cell slow enough to be caught in motion; each test leaves it able to scan."""
     with live_cell(serve, tmp_path_factory.mktemp("data"), time_factor=TIME_FACTOR) as shared:
         yield shared
-
-
-class OtherProcess:
-    """One that can have the database for itself."""
-
-    def __init__(self, database: Path) -> None:
-        arguments = [sys.executable, "-c", LOCK, str(database)]
-        self._process = subprocess.Popen(arguments, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, bufsize=1)
-
-    @contextmanager
-    def locking(self) -> Iterator[None]:
-        """Within, it has."""
-        self._ask("BEGIN EXCLUSIVE")
-        try:
-            yield
-        finally:
-            self._ask("ROLLBACK")
-
-    def close(self) -> None:
-        """Ends it."""
-        self._process.communicate(timeout=30.0)
-
-    def _ask(self, statement: str) -> None:
-        assert self._process.stdin is not None
-        assert self._process.stdout is not None
-        self._process.stdin.write(f"{statement}\n")
-        assert self._process.stdout.readline() == "done\n"
 
 
 def assert_stopped(cell: LiveCell, begin: int, scan: dict[str, Any]) -> None:
@@ -125,8 +87,7 @@ def test_while_another_process_has_the_database(
     cell: LiveCell, finished: Finished, figures: Figures, count: int
 ) -> None:
     chance, waits, rests = random.Random(5), [], []
-    database: Path = cell.client.app.state.context.store.folder.database
-    with closing(OtherProcess(database)) as other, ThreadPoolExecutor(1) as pool:
+    with closing(OtherProcess(cell.client.app.state.context.store.folder.root)) as other, ThreadPoolExecutor(1) as pool:
         for _ in range(count):
             cell.is_well()
             begin, location = now_in(cell), cell.start()

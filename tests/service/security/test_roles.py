@@ -12,6 +12,7 @@ from fastapi.routing import iter_route_contexts
 
 from service.app import create_app
 from service.config import ServiceConfig
+from service.database import BUSY_S
 from service.security.caller import ROLES, Caller
 from service.security.roles import DOCS_FILES, LEAST_ROLE, Call, OtherMethods, find_call
 from service.security.tokens import add_token, remove_token
@@ -162,8 +163,8 @@ def test_a_viewer_stops_the_arm_while_the_database_is_locked_and_all_threads_are
                 connections.enter_context(connect(port_of(guarded.client))).sendall(request.encode())
             wait_until(lambda: len(taken) == THREADS)
             for _ in range(3):
-                # The time only bounds a hang: the database is waited for 5 s elsewhere.
-                answer = guarded.client.post("/api/cell/stop", headers=guarded.headers["viewer"], timeout=4.0)
+                # Shorter than the database is waited for elsewhere: had the stop to wait for it, this would show.
+                answer = guarded.client.post("/api/cell/stop", headers=guarded.headers["viewer"], timeout=BUSY_S / 2)
                 assert answer.status_code == 200, answer.text
         finally:
             robot_answers.set()

@@ -3,9 +3,10 @@
 import os
 import re
 import signal
+import socket
 import subprocess
 import sys
-import time
+import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -13,9 +14,14 @@ from pathlib import Path
 import httpx
 import pytest
 
+from service.supervision import supervisor as supervisor_module
+from service.supervision.supervised import Supervised
+from tests.processes import children, runs
 from tests.service.conftest import PATIENCE_S, wait_until
+from tests.service.service_process import ROOT, answers
 
-ROOT = Path(__file__).resolve().parents[3]
+TOLD = 5
+"""Exit code of a service that was told to end, and has."""
 
 SUPERVISE = """
 import sys
@@ -28,10 +34,10 @@ SERVICE = """
 import os, pathlib, signal, socket, sys, time
 options = dict(zip(sys.argv[1::2], sys.argv[2::2]))
 line = socket.socket(fileno=int(options["--supervised"]))
+signal.signal(signal.SIGTERM, lambda *_: sys.exit(5))
+line.sendall(b"listening 4711" + bytes([10]))
 with open(options["--lives"], "a") as lives:
     print(os.getpid(), options.get("--port", "first"), file=lives)
-signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))
-line.sendall(b"listening 4711" + bytes([10]))
 line.setblocking(False)
 while True:
     line.sendall(b"beat" + bytes([10]))
@@ -61,17 +67,9 @@ def supervised(service: str, lives: Path) -> Iterator[subprocess.Popen[str]]:
 
 
 def read(lives: Path) -> list[tuple[int, str]]:
-    """Process ids and ports of the services so far."""
+    """Process ids and ports of the services so far that have said where they listen."""
     lines = [line.split() for line in lives.read_text().splitlines()]
     return [(int(pid), port) for pid, port in lines]
-
-
-def runs(pid: int) -> bool:
-    try:
-        os.kill(pid, 0)
-    except ProcessLookupError:
-        return False
-    return not Path("/proc").is_dir() or ") Z " not in Path(f"/proc/{pid}/stat").read_text()
 
 
 @pytest.mark.parametrize("ending", [signal.SIGKILL, signal.SIGSEGV, signal.SIGSTOP], ids=lambda s: s.name)
@@ -80,13 +78,12 @@ def test_a_service_that_dies_or_hangs_is_started_again_where_it_was(tmp_path: Pa
     with supervised(SERVICE, lives) as supervisor:
         for number in range(1, 3):
             wait_until(lambda number=number: len(read(lives)) == number)
-            time.sleep(0.3)  # it has said that it listens
             os.kill(read(lives)[-1][0], ending)
         wait_until(lambda: len(read(lives)) == 3)
         assert [port for _, port in read(lives)] == ["first", "4711", "4711"]
         assert [runs(pid) for pid, _ in read(lives)] == [False, False, True]
         supervisor.send_signal(signal.SIGTERM)
-        assert supervisor.wait(PATIENCE_S) == 0
+        assert supervisor.wait(PATIENCE_S) == TOLD
         assert supervisor.stderr is not None
         said = supervisor.stderr.read()
     assert ("had not been heard from" if ending == signal.SIGSTOP else ending.name) in said
@@ -98,17 +95,16 @@ def test_told_to_end_it_tells_the_service_and_ends_with_it(tmp_path: Path, numbe
     with supervised(SERVICE, lives) as supervisor:
         wait_until(lambda: len(read(lives)) == 1)
         supervisor.send_signal(number)
-        assert supervisor.wait(PATIENCE_S) == 0
+        assert supervisor.wait(PATIENCE_S) == TOLD
         assert not runs(read(lives)[0][0])
     assert len(read(lives)) == 1
 
 
 def test_a_service_that_does_not_end_is_killed(tmp_path: Path) -> None:
-    stubborn = SERVICE.replace("lambda *_: sys.exit(0)", "signal.SIG_IGN")
+    stubborn = SERVICE.replace("lambda *_: sys.exit(5)", "signal.SIG_IGN")
     lives = tmp_path / "lives"
     with supervised(stubborn, lives) as supervisor:
         wait_until(lambda: len(read(lives)) == 1)
-        time.sleep(0.3)
         supervisor.terminate()
         supervisor.wait(PATIENCE_S)
         assert not runs(read(lives)[0][0])
@@ -129,6 +125,18 @@ def test_the_service_learns_that_its_supervisor_is_gone(tmp_path: Path) -> None:
         wait_until(lambda: not runs(read(lives)[0][0]))
 
 
+def test_the_end_of_the_line_is_told_and_not_before() -> None:
+    ours, theirs = socket.socketpair()
+    supervised, ended = Supervised(theirs.detach()), threading.Event()
+    with ours, supervised._line:
+        supervised.when_it_ends(ended.set)
+        supervised.listening(4711)
+        assert ours.recv(100) == b"listening 4711\n"
+        assert not ended.wait(0.2)
+        ours.close()
+        assert ended.wait(PATIENCE_S)
+
+
 @pytest.mark.skipif(not Path("/proc").is_dir(), reason="looks for the service in /proc")
 def test_the_real_service_is_started_again_at_its_address(tmp_path: Path) -> None:
     serve = "import sys; from service.cli import main; sys.exit(main(['serve', '--port', '0']))"
@@ -141,11 +149,7 @@ def test_the_real_service_is_started_again_at_its_address(tmp_path: Path) -> Non
         assert found is not None, log
         with httpx.Client(base_url=found[1], timeout=PATIENCE_S) as client:
             wait_until(lambda: answers(client))
-            (service,) = [
-                int(child)
-                for task in Path(f"/proc/{supervisor.pid}/task").iterdir()
-                for child in (task / "children").read_text().split()
-            ]
+            (service,) = children(supervisor.pid)
             os.kill(service, signal.SIGKILL)
             wait_until(lambda: not runs(service))
             wait_until(lambda: answers(client))
@@ -157,8 +161,13 @@ def test_the_real_service_is_started_again_at_its_address(tmp_path: Path) -> Non
     assert "ended unexpectedly (SIGKILL); it is started again" in (tmp_path / "log").read_text()
 
 
-def answers(client: httpx.Client) -> bool:
-    try:
-        return client.get("/healthz").status_code == 200
-    except httpx.TransportError:
-        return False
+def test_what_a_service_said_just_before_its_end_counts() -> None:
+    """Whoever has listened is started again, however soon it died behind that."""
+    supervisor = supervisor_module._Supervisor([], [], supervisor_module.Patience())
+    ours, theirs = socket.socketpair()
+    with ours, subprocess.Popen([sys.executable, "-c", ""]) as child:
+        with theirs:
+            theirs.sendall(b"listening 4711\n")
+        child.wait(PATIENCE_S)
+        assert supervisor._listen(ours, child) is None
+    assert supervisor._port == "4711"
