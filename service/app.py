@@ -69,10 +69,8 @@ def create_app(config: ServiceConfig) -> FastAPI:
             yield
         finally:
             watch.close()
-            audit.note(SERVICE, "end")
-            await to_thread.run_sync(audit.close, limiter=CapacityLimiter(1))
             # A thread of its own: requests that were given up may still hold all others.
-            await to_thread.run_sync(_close, context, limiter=CapacityLimiter(1))
+            await to_thread.run_sync(_close, context, audit, limiter=CapacityLimiter(1))
 
     app = FastAPI(
         title="Pointchain",
@@ -116,6 +114,7 @@ def _open(config: ServiceConfig, metrics: ScanMetrics, audit: AuditLog) -> Conte
         own,
         jobs,
         parsing=CapacityLimiter(1),
+        planning=CapacityLimiter(1),
         stopping=CapacityLimiter(STOPS),
         keys=IdempotencyKeys(store),
         retention=retention,
@@ -125,11 +124,13 @@ def _open(config: ServiceConfig, metrics: ScanMetrics, audit: AuditLog) -> Conte
     )
 
 
-def _close(context: Context) -> None:
+def _close(context: Context, audit: AuditLog) -> None:
     """Closes all, the last to be opened first; what one of them raises keeps none of the others open."""
     with ExitStack() as opened:
-        own = (context.fault, context.cell, context.jobs, context.retention)
-        for part in (context.store.folder, context.store, context.reading, *own):
+        for part in (context.store.folder, context.store, context.reading, audit):
+            opened.callback(part.close)
+        opened.callback(audit.note, SERVICE, "end")
+        for part in (context.fault, context.cell, context.jobs, context.retention):
             opened.callback(part.close)
 
 

@@ -31,6 +31,8 @@ class Context:
     jobs: Jobs
     parsing: CapacityLimiter
     """Uploads are parsed one after the other: each may take much memory."""
+    planning: CapacityLimiter
+    """Viewpoints are planned one after the other: each takes the interpreter for seconds, and a stop needs it too."""
     stopping: CapacityLimiter
     """The threads of stops and cancels. Those of all other requests may all be waiting for a robot that does not
     answer, and a stop would wait for them."""

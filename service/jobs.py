@@ -10,6 +10,7 @@ import sqlite3
 import threading
 import time
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import AbstractContextManager
 from typing import Any
 
@@ -33,8 +34,11 @@ from service.worker import RecognitionWorker
 log = logging.getLogger(__name__)
 
 SETTLE_S = 5.0
-"""Whoever stops a scan waits for its end so long. It takes milliseconds, but for a camera that is just being looked
-for again."""
+"""Whoever cancels a scan waits for its end so long. It takes milliseconds, but for a camera that is just being looked
+for again, and for a database that another program holds."""
+
+STOPPED_S = 1.0
+"""Whoever stops the arm waits for the end of its scan no longer than this: he wants to know that it was stopped."""
 
 BY_ITSELF_S = 0.3
 """A live scan that is stopped has so long to end before its recognition is killed: the next one would wait for a new
@@ -68,6 +72,8 @@ class Jobs:
             store, cell, self._worker, recognition_limit_s, gripper, self._place.leaving, self.drift, self._metrics
         )
         self._calibrations = CalibrationRunner(store, cell, self._place.leaving)
+        self._notes = ThreadPoolExecutor(1, thread_name_prefix="stopping")
+        """Writes that something is being stopped: nobody who stops it waits for the database."""
         self._accepted: queue.SimpleQueue[Running[Any] | None] = queue.SimpleQueue()
         self.submit = Submissions(store, cell, self._place, self._accepted.put)
         """Where scans and calibrations are asked for."""
@@ -102,6 +108,7 @@ class Jobs:
             self._worker.kill()  # it may be starting
             self._accepted.put(None)
             self._thread.join()
+            self._notes.shutdown()
             self._worker.close()
 
     @property
@@ -117,9 +124,9 @@ class Jobs:
         """
         return self._place.taken()
 
-    def wait_for_preview(self, scan_id: str) -> None:
-        """Returns when the picture of a scan that has a result is there, or will not be."""
-        self._scans.wait_for_preview(scan_id)
+    def draws(self, scan_id: str) -> bool:
+        """Whether the picture of a scan that has a result is still being drawn."""
+        return self._scans.drawing == scan_id
 
     def cancel(self, row_id: str, find: Callable[[], ScanRow | CalibrationRow]) -> None:
         """Stops the scan or calibration of this id, the arm first, and waits until it has ended; it may have succeeded
@@ -140,7 +147,7 @@ class Jobs:
         """Stops the arm, whatever goes on, and aborts the live scan or calibration under way, if any."""
         running = self._place.running
         live = running is not None and running.plan is not None
-        self._stop(running if live else None, "aborted", reason)
+        self._stop(running if live else None, "aborted", reason, settle_s=STOPPED_S)
 
     def stop_unattended(self) -> None:
         """Stops an arm that may be moving, because the service does not answer: nobody else could stop it."""
@@ -191,9 +198,15 @@ class Jobs:
         again = "what was recorded is kept: reprocess it" if of_scan else "start it again"
         self._stop(running, "interrupted", f"the service was stopped; {again}")
 
-    def _stop(self, running: Running[Any] | None, state: ScanState, detail: str, arm: bool = True) -> None:
-        """Stops the arm and what is under way, if anything is, and waits for its end."""
-        until_s = time.monotonic() + SETTLE_S
+    def _stop(
+        self,
+        running: Running[Any] | None,
+        state: ScanState,
+        detail: str,
+        arm: bool = True,
+        settle_s: float = SETTLE_S,
+    ) -> None:
+        """Stops the arm and what is under way, if anything is, and waits for its end for so long."""
         # First the deed, then its record; the wish is only noted, so that a scan that the stop ends knows why.
         asked = running is not None and running.ask_to_stop(state, detail)
         if arm:
@@ -205,16 +218,19 @@ class Jobs:
         of_scan = isinstance(running.row, ScanRow)
         if asked and of_scan and running.plan is None:
             self._end_recognition(running)
-        try:
-            if running.stop is not None:
-                update = self._store.update_scan if of_scan else self._store.calibrations.update
-                update(running.row.id, state="stopping")
-        except sqlite3.Error:
-            log.exception("that %s is being stopped could not be written", running.words)
+        if asked:
+            self._notes.submit(self._note_stopping, running)
         # A live scan ends with its arm, and recognition waits for the next one; unless it is at work on the last views.
         if asked and of_scan and not running.ended.wait(BY_ITSELF_S):
             self._end_recognition(running)
-        running.ended.wait(max(0.0, until_s - time.monotonic()))
+        running.ended.wait(settle_s)
+
+    def _note_stopping(self, running: Running[Any]) -> None:
+        update = self._store.update_scan if isinstance(running.row, ScanRow) else self._store.calibrations.update
+        try:
+            update(running.row.id, state="stopping")
+        except sqlite3.Error:
+            log.exception("that %s is being stopped could not be written", running.words)
 
     def _end_recognition(self, running: Running[Any]) -> None:
         if not running.ended.is_set():  # it could by now be at work on the next one

@@ -61,8 +61,8 @@ class Reading:
         return answer
 
     async def known(self, what: Hashable, read: Callable[[], T]) -> T:
-        """The same of anything that depends on the database and on files alone. Who asks for what is just being read
-        waits for that."""
+        """The same of anything that depends on the database and on files alone; whatever else it depends on must be
+        part of `what`. Who asks for what is just being read waits for that."""
         now_s, change = time.monotonic(), self._database.change
         known = self._known.get(what)
         if known is None or known.change is not change or now_s - known.asked_s > FRESH_S:

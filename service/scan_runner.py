@@ -27,7 +27,7 @@ from service.scan_inputs import recognition_inputs
 from service.schemas import ScanState
 from service.store import Store
 from service.tables import ScanRow
-from service.worker import PREVIEW_S, RecognitionWorker, TaskFailedError
+from service.worker import RecognitionWorker, TaskFailedError
 from service.worker_process import Task
 from service.workflow import DONE_BEFORE, OnStage, Outcome
 
@@ -38,7 +38,7 @@ Leaving = Callable[[Running[Any]], AbstractContextManager[None]]
 
 
 class ScanRunner:
-    """Runs scans one after the other, in one thread; `wait_for_preview` belongs to any."""
+    """Runs scans one after the other, in one thread; `drawing` belongs to any."""
 
     def __init__(
         self,
@@ -56,8 +56,8 @@ class ScanRunner:
         self._drift, self._metrics = drift, metrics
         self._begun_s = 0.0
         """When the scan at work began, `time.monotonic()`."""
-        self._drawing: str | None = None
-        """Scan whose result is there and whose picture is to follow."""
+        self.drawing: str | None = None
+        """Id of the scan whose result is there and whose picture is to follow."""
 
     def run(self, running: Running[ScanRow]) -> None:
         """Brings a scan to its final state; a live one's arm is home when this returns, or has stopped."""
@@ -72,12 +72,6 @@ class ScanRunner:
                 log.exception("scan %s could not be recorded", running.row.id)
                 self._give_up(running, error)
         running.ended.set()
-
-    def wait_for_preview(self, scan_id: str) -> None:
-        """Returns when the picture of a scan that has a result is there, or will not be."""
-        deadline = time.monotonic() + PREVIEW_S
-        while self._drawing == scan_id and time.monotonic() < deadline:
-            time.sleep(0.02)
 
     def _run(self, running: Running[ScanRow], until_home: ExitStack) -> None:
         results = self._store.folder.incoming(running.row.id)
@@ -142,7 +136,7 @@ class ScanRunner:
             if whole and drawn.exists():
                 drawn.replace(self._store.folder.results(scan.id) / PREVIEW)
         finally:
-            self._drawing = None
+            self.drawing = None
             drawn.unlink(missing_ok=True)  # a part, if it is still there
 
     def _task(self, scan: ScanRow, source: Path | RecordingHeader, results: Path, missing: Sequence[str] = ()) -> Task:
@@ -161,7 +155,7 @@ class ScanRunner:
                 store.end_scan(scan.id, state, stopped)
             elif outcome is not None:
                 state = "partial" if outcome.partial else "succeeded"
-                self._drawing = scan.id
+                self.drawing = scan.id
                 store.finish_scan(scan.id, state, outcome.summary(), results, outcome.files)
             else:
                 log.warning("scan %s failed: %s", scan.id, problem)
@@ -193,7 +187,7 @@ class ScanRunner:
     def _give_up(self, running: Running[ScanRow], error: Exception) -> None:
         """The disk or the database failed. What the scan has recorded, and how it has ended, is written once either
         takes it again."""
-        self._drawing = None
+        self.drawing = None
         scan, state = running.row, "failed"
         problem = storage_problem(error, "what was recorded is kept: reprocess it") or problem_document(
             500, "internal", "the result could not be stored; the log has the reason"

@@ -21,7 +21,7 @@ class DriftWatch:
         self._store = store
         self._lock = threading.Lock()
         """Never held while the database is asked."""
-        self._added = 0
+        self.scans = 0
         """Scans since the start."""
         self._latest: tuple[str, int, Drift] | None = None
         """The last judgement: of which calibration, after how many scans."""
@@ -33,12 +33,12 @@ class DriftWatch:
         )
         self._store.add_scan_error(row)
         with self._lock:
-            self._added += 1
+            self.scans += 1
 
     def drift(self, hand_eye: HandEye) -> Drift:
         """What the recent scans by this calibration tell of it; asks the database only after another scan."""
         with self._lock:
-            added = self._added
+            added = self.scans
             if self._latest is not None and self._latest[:2] == (hand_eye.sha256, added):
                 return self._latest[2]
         drift = self._judge(hand_eye)

@@ -2,18 +2,17 @@
 
 import itertools
 import logging
-import re
 import secrets
 from collections.abc import MutableMapping
 from time import monotonic
 from typing import Any
-from urllib.parse import quote
 
 from prometheus_client import CollectorRegistry, Counter, Histogram
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from service.observing.arrival import arriving
 from service.observing.json_log import log_request, log_scan
+from service.request_line import scan_in, shown_path
 from service.security.caller import known_caller
 
 log = logging.getLogger("service.access")
@@ -22,8 +21,6 @@ QUIET = frozenset({"/healthz", "/readyz", "/metrics"})
 """Asked every few seconds by machines: told when somebody wants every detail."""
 METHODS = frozenset({"GET", "HEAD", "POST", "PUT", "DELETE", "PATCH", "OPTIONS"})
 SECONDS = (0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10, 30)
-MOST_PATH = 200
-SCAN_PATH = re.compile(r"/api/scans/([0-9a-z-]{1,64})(?:/|$)")
 STARTED = secrets.token_hex(3)
 """Tells the requests of this process from those of another."""
 GONE = 499
@@ -78,11 +75,10 @@ class RequestWatch:
                 )
             await send(message)
 
-        scan = SCAN_PATH.match(scope["path"])
         with (
             arriving() as arrived,
             log_request(f"{STARTED}-{next(self._numbers)}"),
-            log_scan(None if scan is None else scan[1]),
+            log_scan(scan_in(scope["path"])),
         ):
             try:
                 await self._app(scope, receive, seen)
@@ -103,8 +99,7 @@ class RequestWatch:
         if not log.isEnabledFor(level):
             return
         caller = known_caller(scope)
-        # Without the query string, where somebody may have put a token; and as one plain line.
-        shown = quote(path)[:MOST_PATH]
+        shown = shown_path(path)
         access = {
             "method": method[:20],
             "path": shown,

@@ -9,7 +9,7 @@ from pydantic import BaseModel
 from service.idempotency import LONGEST, Key, body_hash, check_key
 from service.new_rows import Asked
 from service.problems import ProblemError
-from service.security.caller import known_caller
+from service.security.caller import caller_of
 
 # Told to readers of the description only: the refusal has a type of its own.
 KEY_SCHEMA = {"minLength": 1, "maxLength": LONGEST, "pattern": "^[!-~]([ -~]*[!-~])?$"}
@@ -41,9 +41,7 @@ async def _asking(
     if len(request.headers.getlist("idempotency-key")) > 1:
         raise ProblemError(422, "idempotency-key", "there is more than one Idempotency-Key; send one")
     key = None if idempotency_key is None else check_key(idempotency_key)
-    caller = known_caller(request.scope)
-    if caller is None:
-        return Asking(request.url.path, "", None, key)
+    caller = caller_of(request)
     return Asking(request.url.path, caller.name, None if caller.local else caller.name, key)
 
 

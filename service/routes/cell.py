@@ -21,7 +21,7 @@ router = APIRouter(prefix="/api", tags=["cell"])
 @router.get("/cell", response_model=CellResource, responses=problem_responses())
 async def get_cell(service: Service) -> Response:
     """The cell as last seen: state, robot, camera, calibration, viewpoints."""
-    in_use = await service.reading.known("calibration", lambda: _in_use(service))
+    in_use = await service.reading.known(("calibration", service.jobs.drift.scans), lambda: _in_use(service))
     return json_answer(_told(service, in_use))
 
 
@@ -58,20 +58,25 @@ def acknowledge_fault(service: Service) -> CellResource:
 
 
 @router.post("/viewpoints/plan", responses=problem_responses(409, 422))
-def plan_viewpoints(service: Service, wanted: PlanRequest | None = None) -> dict[str, Any]:
+async def plan_viewpoints(service: Service, wanted: PlanRequest | None = None) -> dict[str, Any]:
     """The viewpoints, which of them can be reached and why not, their order and the way. Nothing moves."""
-    return service.cell.plan(wanted.views if wanted else None).to_json()
+    views = wanted.views if wanted else None
+    return await to_thread.run_sync(lambda: service.cell.plan(views).to_json(), limiter=service.planning)
 
 
 PNG: dict[int | str, dict[str, Any]] = {200: {"content": {"image/png": BINARY}}}
 
 
 @router.get("/viewpoints/plan.png", response_class=Response, responses=PNG | problem_responses(409, 422))
-def draw_viewpoints(service: Service, views: ViewCount = None) -> Response:
+async def draw_viewpoints(service: Service, views: ViewCount = None) -> Response:
     """The same as a picture."""
-    from cell.viewpoint_picture import draw_plan
 
-    return Response(draw_plan(service.cell.plan(views), service.cell.settings), media_type="image/png")
+    def draw() -> bytes:
+        from cell.viewpoint_picture import draw_plan
+
+        return draw_plan(service.cell.plan(views), service.cell.settings)
+
+    return Response(await to_thread.run_sync(draw, limiter=service.planning), media_type="image/png")
 
 
 @dataclass(frozen=True)

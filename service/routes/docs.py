@@ -2,6 +2,7 @@
 forbids that."""
 
 import json
+import threading
 
 from fastapi import APIRouter, Request
 from fastapi.responses import HTMLResponse, Response
@@ -46,6 +47,8 @@ SCRIPT = """SwaggerUIBundle({
 });
 """.replace("DESCRIPTION", DESCRIPTION)
 
+_MAKING = threading.Lock()
+"""Of the description, which is only whole when it is done."""
 router = APIRouter(include_in_schema=False)
 
 
@@ -67,6 +70,7 @@ async def description(request: Request, service: Service) -> Response:
     second, for which no stop shall wait."""
 
     def make() -> Response:
-        return Response(json.dumps(request.app.openapi()), media_type="application/json")
+        with _MAKING:
+            return Response(json.dumps(request.app.openapi()), media_type="application/json")
 
     return await service.reading.answer(DESCRIPTION, make)

@@ -1,6 +1,8 @@
 """What a scan gave: model, grasps, cloud, picture, recording. A client that has it already is told so by its ETag."""
 
+import asyncio
 import json
+import time
 from pathlib import Path
 from typing import Any
 
@@ -17,12 +19,15 @@ from service.routes.files import NOT_MODIFIED, IfNoneMatch, not_modified, presen
 from service.scan_resource import SCANS
 from service.schemas import ACTIVE_STATES, RESULT_STATES
 from service.tables import ScanRow
+from service.worker import PREVIEW_S
 
 router = APIRouter(prefix=SCANS, tags=["scans"])
 
 Responses = dict[int | str, dict[str, Any]]
 REFUSALS: Responses = NOT_MODIFIED | problem_responses(404, 409, 422)
 PLY = "application/octet-stream"
+LOOK_S = 0.02
+"""How often it is looked whether a picture is there."""
 
 
 def _file(media_type: str) -> Responses:
@@ -64,11 +69,16 @@ def get_cloud(scan: Scan, service: Service, has: IfNoneMatch) -> Response:
 
 
 @router.get("/{id}/preview.png", response_class=FileResponse, responses=_file("image/png") | REFUSALS)
-def get_preview(scan: Scan, service: Service, has: IfNoneMatch) -> Response:
+async def get_preview(id: Id, service: Service, has: IfNoneMatch) -> Response:  # noqa: A002 (the path's own name)
     """The result from above: cloud, chains, crossings. Drawn behind the model: the first to ask may wait a moment."""
-    if scan.state in RESULT_STATES:
-        service.jobs.wait_for_preview(scan.id)
-    return _send(scan, service, PREVIEW, "image/png", has)
+    deadline = time.monotonic() + PREVIEW_S
+    while service.jobs.draws(id) and time.monotonic() < deadline:
+        await asyncio.sleep(LOOK_S)  # no thread is held meanwhile
+
+    def read() -> Response:
+        return _send(find_scan(id, service), service, PREVIEW, "image/png", has)
+
+    return await service.reading.answer(("preview", id, has), read)
 
 
 RECORDING: Responses = _file(recordings.MCAP) | NOT_MODIFIED | problem_responses(404, 422)

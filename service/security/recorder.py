@@ -1,19 +1,16 @@
 """Each request that changes something, and each that was refused, is in the audit log before its answer goes out."""
 
 import asyncio
-import re
 from collections.abc import Iterable
-from urllib.parse import quote
 
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
+from service.request_line import scan_in, shown_path
 from service.security.audit import AuditLog
 from service.security.caller import known_caller
 from service.security.origin import SAFE
 from service.security.roles import STOPS
 
-PATH_MOST = 200
-"""So much of an address is kept."""
 REFUSALS = frozenset(
     {"unauthorized", "forbidden", "host-not-allowed", "cross-origin", "token-in-query", "target-too-long",
      "headers-too-large", "too-many-streams", "not-found", "method-not-allowed"}
@@ -21,7 +18,6 @@ REFUSALS = frozenset(
 """Problems by which a request came to nothing at all: of many alike, the first and the number are kept."""
 NOT_WORTH_IT = frozenset({"not-found", "method-not-allowed"})
 """Of requests that would have changed nothing anyway."""
-_SCAN = re.compile(r"/api/scans/([0-9a-z-]{1,64})(?:/|$)")
 
 
 class Recorder:
@@ -82,11 +78,10 @@ def _who(scope: Scope) -> tuple[str, str]:
 
 
 def _what(scope: Scope) -> str:
-    return f"{scope['method'][:10]} {quote(scope['path'])[:PATH_MOST]}"
+    return f"{scope['method'][:10]} {shown_path(scope['path'])}"
 
 
 def _scan(path: str, headers: Iterable[tuple[bytes, bytes]] = ()) -> str | None:
     """The scan that the address names, or the Location in the headers of the answer."""
     places = [path, *(value.decode("latin-1") for name, value in headers if name.lower() == b"location")]
-    found = next((match for match in map(_SCAN.match, places) if match), None)
-    return found[1] if found else None
+    return next(filter(None, map(scan_in, places)), None)

@@ -27,6 +27,8 @@ WIRE_S = 0.05
 """So soon after the request the controller has been told: 99 of 100 times."""
 STILL_S = 0.35
 """So soon after that the arm is at rest."""
+ANSWER_S = 2.0
+"""So soon whoever asked for it is told, whatever the database does: a client that hears nothing would ask again."""
 TIME_FACTOR = 3.0
 """The arm is so many times as fast as a real one, and brakes in as small a part of the time."""
 
@@ -86,7 +88,7 @@ def test_in_the_middle_of_a_move(cell: LiveCell, finished: Finished, figures: Fi
 def test_while_another_process_has_the_database(
     cell: LiveCell, finished: Finished, figures: Figures, count: int
 ) -> None:
-    chance, waits, rests = random.Random(5), [], []
+    chance, waits, rests, answers = random.Random(5), [], [], []
     with closing(OtherProcess(cell.client.app.state.context.store.folder.root)) as other, ThreadPoolExecutor(1) as pool:
         for _ in range(count):
             cell.is_well()
@@ -99,9 +101,11 @@ def test_while_another_process_has_the_database(
                 sent_s = wait_for_stop(cell, since)
                 waits.append(sent_s - asked_s)
                 rests.append(TIME_FACTOR * still_s(cell, since, sent_s))
-            assert answer.result().status_code == 200, answer.result().text
+                assert answer.result().status_code == 200, answer.result().text
+                answers.append(time.monotonic() - asked_s)
             assert_stopped(cell, begin, finished(cell.client, location))
     figures.at_most("stop on the wire", waits, WIRE_S, share=0.99)
+    figures.at_most("answer while the database is held", answers, ANSWER_S)
     figures.at_most("arm at rest", rests, STILL_S)
 
 
