@@ -20,18 +20,24 @@ from uuid import uuid4
 import httpx
 
 from recognition.model import Method, PointChainModel
-from service.client.errors import ScanFailedError, UnansweredError, UnreachableError, require_success
+from service.client.errors import (
+    NOT_SENT,
+    AwayError,
+    ProblemError,
+    ScanFailedError,
+    UnansweredError,
+    UnreachableError,
+    require_success,
+)
 from service.client.model_arrays import model_from_json
-from service.client.progress import ScanProgress, follow
+from service.client.patience import AGAIN_S, CONNECT_S, Patience
+from service.client.progress import ScanProgress, follow, look
 from service.schemas import RESULT_STATES, RecordingResource, ScanResource
 
-CONNECT_S = 5.0
 ANSWER_S = 60.0
 """A live scan is accepted once arm and camera are connected, which takes seconds."""
 STOP_S = 2.0
 STOP_TRIES = 3
-AGAIN_S = 0.5
-"""Between two tries to read something."""
 
 
 class Client:
@@ -98,18 +104,32 @@ class Client:
     def start(self, wish: Mapping[str, Any], key: str | None = None) -> ScanResource:
         """Starts a scan and does not wait: `wish` is the body of POST /api/scans. The same `key` never starts a second.
 
+        While the first request with it is being decided on, the answer is waited for.
+
         Raises:
             ProblemError: it was not accepted, with the reason.
             UnansweredError: whether it was is not known; it has the key.
+            UnreachableError: the service cannot be reached; this request has begun nothing.
         """
         key = key or uuid4().hex
-        try:
-            answer = self._http.post("/api/scans", json=dict(wish), headers={"Idempotency-Key": key})
-        except httpx.ConnectError as error:
-            raise UnreachableError(f"{self._http.base_url} cannot be reached ({error}): nothing was begun") from error
-        except httpx.TransportError as error:
-            raise UnansweredError(key, error) from error
-        return ScanResource.model_validate(require_success(answer).json())
+        end = time.monotonic() + ANSWER_S
+        pending = False
+        while True:
+            try:
+                answer = self._http.post("/api/scans", json=dict(wish), headers={"Idempotency-Key": key})
+                return ScanResource.model_validate(require_success(answer).json())
+            except (httpx.TransportError, AwayError) as error:
+                if pending or not isinstance(error, NOT_SENT):
+                    raise UnansweredError(key, error) from error
+                text = f"{self._http.base_url} cannot be reached ({error}): nothing was begun"
+                raise UnreachableError(text) from error
+            except ProblemError as error:
+                pending = error.slug == "idempotency-pending"
+                if not pending:
+                    raise
+                if time.monotonic() > end:
+                    raise UnansweredError(key, error) from error
+                time.sleep(error.retry_after_s or AGAIN_S)
 
     def wait(
         self,
@@ -117,23 +137,25 @@ class Client:
         on_progress: Callable[[ScanProgress], None] | None = None,
         timeout_s: float | None = None,
     ) -> ScanResource:
-        """Returns the scan when it has a model; `on_progress` is called with each change.
+        """Returns the scan, or that of an id, when it has a model; `on_progress` is called with each change.
 
-        Raises: ScanFailedError, UnreachableError and TimeoutError as `scan`.
+        Raises: ScanFailedError, UnreachableError and TimeoutError as `scan`; ProblemError when there is no such scan.
         """
-        deadline = None if timeout_s is None else time.monotonic() + timeout_s
-        address = scan if isinstance(scan, str) else scan.links.self
-        for progress in follow(self._http, address, deadline):
+        address = _address(scan) if isinstance(scan, str) else scan.links.self
+        patience = Patience(self._http, address, None if timeout_s is None else time.monotonic() + timeout_s)
+        for progress in follow(self._http, address, patience):
             if on_progress is not None:
                 on_progress(progress)
-        ended = ScanResource.model_validate(self._get(address).json())
+                patience.heard()  # that may have taken long
+        # A service that is ending tells how the scan ended, and is away then.
+        ended = ScanResource.model_validate(look(self._http, address, patience))
         if ended.state not in RESULT_STATES:
             raise ScanFailedError(ended)
         return ended
 
     def get(self, scan_id: str) -> ScanResource:
         """A scan as it is now. Raises ProblemError, UnreachableError."""
-        return ScanResource.model_validate(self._get(f"/api/scans/{scan_id}").json())
+        return ScanResource.model_validate(self._get(_address(scan_id)).json())
 
     def scans(self, **filters: Any) -> Iterator[ScanResource]:
         """The scans, the newest first, page by page; `filters` as of GET /api/scans (`state`, `mode`, `kept` ...)."""
@@ -171,17 +193,24 @@ class Client:
         Tried again at once when there is no answer: a second stop does no harm.
 
         Raises:
-            UnreachableError: the service cannot be reached. Use the robot's own stop.
+            UnreachableError: the service cannot be reached, use the robot's own stop; or it was sent and not confirmed,
+                look whether the arm moves.
         """
-        for left in reversed(range(STOP_TRIES)):
+        lost: list[Exception] = []
+        for _ in range(STOP_TRIES):
             try:
                 require_success(self._stopping.post("/api/cell/stop"))
-            except httpx.TransportError as error:
-                if not left:
-                    text = f"{self._stopping.base_url} does not take the stop ({error}): use the robot's own"
-                    raise UnreachableError(text) from error
-            else:
                 return
+            except (httpx.TransportError, AwayError) as error:
+                lost.append(error)
+        sent = [error for error in lost if not isinstance(error, NOT_SENT)]
+        if sent:
+            raise UnreachableError(
+                f"the stop was sent and not confirmed ({sent[-1]}): look whether the arm moves, and use the robot's "
+                "own stop if it does"
+            ) from sent[-1]
+        text = f"{self._stopping.base_url} does not take the stop ({lost[-1]}): use the robot's own"
+        raise UnreachableError(text) from lost[-1]
 
     def cancel(self, scan: ScanResource) -> ScanResource:
         """Stops this scan, the arm first. Raises ProblemError `not-cancellable` when it has ended already."""
@@ -216,3 +245,7 @@ class Client:
                     raise UnreachableError(f"{self._http.base_url} does not answer: {error}") from error
                 time.sleep(AGAIN_S)
         raise AssertionError
+
+
+def _address(scan_id: str) -> str:
+    return f"/api/scans/{scan_id}"

@@ -4,6 +4,11 @@ import httpx
 
 from service.schemas import Problem, ScanResource
 
+NOT_SENT = (httpx.ConnectError, httpx.ConnectTimeout, httpx.PoolTimeout)
+"""With these the service has not got the request; with any other loss it may have."""
+AWAY = frozenset({502, 503, 504})
+"""What a proxy answers while the service behind it is away, or when that does not answer in time."""
+
 
 class ClientError(Exception):
     """Whatever the client raises of its own."""
@@ -12,9 +17,11 @@ class ClientError(Exception):
 class ProblemError(ClientError):
     """The service refused something; `slug` is what programs decide on, as `cell-busy`."""
 
-    def __init__(self, problem: Problem) -> None:
+    def __init__(self, problem: Problem, retry_after_s: float | None = None) -> None:
         super().__init__(f"{problem.title}: {problem.detail}")
         self.problem = problem
+        self.retry_after_s = retry_after_s
+        """When to ask again, where the service says so."""
 
     @property
     def slug(self) -> str:
@@ -40,16 +47,19 @@ class UnreachableError(ClientError):
     """The service cannot be reached, or does not answer."""
 
 
+class AwayError(UnreachableError):
+    """A proxy answered in the place of the service, which may be back in a moment; it may have got the request."""
+
+
 class UnansweredError(UnreachableError):
-    """A scan may have been begun: the connection was lost before the answer came.
+    """A scan may have been begun: no answer came that tells.
 
     `Client.start` with the same wish and this `key` finds it, or begins it if it was not.
     """
 
     def __init__(self, key: str, reason: Exception) -> None:
         super().__init__(
-            f"whether the scan was begun is not known, the connection was lost ({reason}): look at the cell, then ask "
-            f"again with key={key!r}"
+            f"whether the scan was begun is not known ({reason}): look at the cell, then ask again with key={key!r}"
         )
         self.key = key
 
@@ -59,11 +69,15 @@ def require_success(answer: httpx.Response) -> httpx.Response:
 
     Raises:
         ProblemError: it is a problem.
+        AwayError: it is a proxy's, for now.
         UnreachableError: it is an error of something else than the service.
     """
     if not answer.is_error:
         return answer
     answer.read()
     if answer.headers.get("content-type", "").startswith("application/problem+json"):
-        raise ProblemError(Problem.model_validate(answer.json()))
+        after_s = answer.headers.get("retry-after", "")
+        raise ProblemError(Problem.model_validate(answer.json()), float(after_s) if after_s.isdecimal() else None)
+    if answer.status_code in AWAY:
+        raise AwayError(f"{answer.url} answered {answer.status_code}: the service is not there behind it")
     raise UnreachableError(f"{answer.url} answered {answer.status_code}, and it does not seem to be the service")

@@ -1,25 +1,16 @@
 """How a scan goes, as a program that waits for it sees it."""
 
 import json
-import time
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 import httpx
-from httpx_sse import ServerSentEvent, SSEError, connect_sse
+from httpx_sse import ServerSentEvent, connect_sse
 
-from service.client.errors import ProblemError, UnreachableError, require_success
+from service.client.errors import ProblemError, require_success
+from service.client.patience import LOST, Patience
 from service.schemas import ACTIVE_STATES, ScanState
-
-QUIET_S = 45.0
-"""The service sends something at least every 15 s; a connection that is silent for so long is dead."""
-AGAIN_S = 0.5
-"""Before the events are asked for again, or the scan is looked at."""
-LOST_S = 60.0
-"""For so long a service that does not answer is asked again: it may be starting anew."""
-FOR_NOW = frozenset({"not-ready", "busy"})
-"""Refusals of a service that is just ending or starting, or whose database another program holds."""
 
 
 @dataclass(frozen=True)
@@ -63,10 +54,10 @@ def progress_of(scan: Mapping[str, Any]) -> ScanProgress:
     return ScanProgress(scan["state"], progress["stage"], progress["fraction"], views, reasons)
 
 
-def follow(http: httpx.Client, address: str, deadline: float | None) -> Iterator[ScanProgress]:
+def follow(http: httpx.Client, address: str, patience: Patience) -> Iterator[ScanProgress]:
     """Each change of the scan at `address` until it has ended, over any number of lost connections.
 
-    Where no more streams are let in, the scan is looked at now and then instead. `deadline` of `time.monotonic()`.
+    Where no more streams are let in, the scan is looked at now and then instead.
 
     Raises:
         ProblemError: there is no such scan, or it may not be read.
@@ -75,49 +66,60 @@ def follow(http: httpx.Client, address: str, deadline: float | None) -> Iterator
     """
     last: str | None = None
     progress: ScanProgress | None = None
-    heard = time.monotonic()
-    while progress is None or not progress.ended:
+    while True:
+        lost: Exception | None = None
         try:
-            try:
-                for event in _events(http, address, last, deadline):
-                    heard, last = time.monotonic(), event.id or last
-                    content = json.loads(event.data) if event.data else {}
-                    if event.event in ("scan", "resync"):
-                        progress = progress_of(content)
-                    elif progress is not None:
-                        progress = progress.after(content)
-                    else:
-                        continue
-                    yield progress
-                    _refuse_late(deadline, address)
-            except ProblemError as error:
-                if error.slug != "too-many-streams":
-                    raise
-                progress, heard = _look(http, address), time.monotonic()
-                yield progress
-        except (httpx.TransportError, SSEError, ProblemError) as error:
-            if isinstance(error, ProblemError) and error.slug not in FOR_NOW:
-                raise
-            if time.monotonic() - heard > LOST_S:
-                raise UnreachableError(f"{http.base_url} has not answered for {LOST_S:.0f} s: {error}") from error
-        if progress is None or not progress.ended:
-            _refuse_late(deadline, address)
-            time.sleep(AGAIN_S)
+            for event in _events(http, address, last, patience):
+                last = event.id or last
+                present = _after(progress, event)
+                if present is not None and present != progress:
+                    yield present
+                    if present.ended:
+                        return
+                    progress = present
+                patience.refuse_late()
+        except LOST as error:
+            lost = error
+        if isinstance(lost, ProblemError) and lost.slug == "too-many-streams":
+            lost = None
+            present = progress_of(look(http, address, patience))
+            if present != progress:
+                yield present
+            if present.ended:
+                return
+            progress = present
+        patience.pause(lost)
 
 
-def _events(http: httpx.Client, address: str, last: str | None, deadline: float | None) -> Iterator[ServerSentEvent]:
+def look(http: httpx.Client, address: str, patience: Patience) -> dict[str, Any]:
+    """What is at `address`, as soon as the service answers.
+
+    Raises: ProblemError, UnreachableError and TimeoutError as `follow`.
+    """
+    while True:
+        try:
+            found = require_success(http.get(address, timeout=patience.timeout)).json()
+        except LOST as error:
+            patience.pause(error)
+        else:
+            patience.heard()
+            return found
+
+
+def _events(http: httpx.Client, address: str, last: str | None, patience: Patience) -> Iterator[ServerSentEvent]:
     headers = {} if last is None else {"Last-Event-ID": last}
-    left_s = QUIET_S if deadline is None else min(QUIET_S, max(0.05, deadline - time.monotonic()))
-    wait = httpx.Timeout(left_s, connect=http.timeout.connect)
-    with connect_sse(http, "GET", f"{address}/events", headers=headers, timeout=wait) as source:
+    with connect_sse(http, "GET", f"{address}/events", headers=headers, timeout=patience.timeout) as source:
         require_success(source.response)
-        yield from source.iter_sse()
+        for event in source.iter_sse():
+            patience.heard()
+            yield event
 
 
-def _look(http: httpx.Client, address: str) -> ScanProgress:
-    return progress_of(require_success(http.get(address)).json())
-
-
-def _refuse_late(deadline: float | None, address: str) -> None:
-    if deadline is not None and time.monotonic() > deadline:
-        raise TimeoutError(f"{address} has not ended in time; it goes on: cancel or stop it")
+def _after(progress: ScanProgress | None, event: ServerSentEvent) -> ScanProgress | None:
+    """What it is after an event of the stream; one without data is a sign of life, no more."""
+    if not event.data:
+        return progress
+    content = json.loads(event.data)
+    if event.event in ("scan", "resync"):
+        return progress_of(content)
+    return None if progress is None else progress.after(content)

@@ -35,7 +35,7 @@ def test_from_a_recording_to_a_model_as_arrays(planner: Client, recording_file: 
     assert planner.get(scan.id) == scan
     assert next(planner.scans(mode="replay", state="succeeded")).id == scan.id
     # Who waits for a scan that has ended learns the same.
-    assert planner.wait(scan.links.self) == scan
+    assert planner.wait(scan.id) == scan
 
 
 def test_the_pages_of_a_list_follow_one_another(planner: Client, recording: str) -> None:
