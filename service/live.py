@@ -59,7 +59,7 @@ class StoredProgress:
 
     def _advance(self) -> None:
         self._done += 1
-        fraction = SCANNING_SHARE * self._done / self._views
+        fraction = round(SCANNING_SHARE * self._done / self._views, 3)
         self._store.update_scan(self._scan_id, ("scanning",), stage="views", fraction=fraction)
 
 

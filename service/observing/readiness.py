@@ -48,8 +48,8 @@ def _store(database: Database) -> ReadinessCheck:
                 db.execute(f"PRAGMA busy_timeout = {usual}")
     except sqlite3.Error as error:
         log.warning("the store cannot be written: %s", error)
-        return ReadinessCheck(ok=False, words=f"it cannot be written: {error}")
-    return ReadinessCheck(ok=True, words="it can be written")
+        return ReadinessCheck(ok=False, words=f"it takes no changes: {error}")
+    return ReadinessCheck(ok=True, words="it takes changes")
 
 
 def _disk(service: Context) -> ReadinessCheck:

@@ -13,6 +13,7 @@ from service.problems import ProblemError, problem_responses
 from service.reading import json_answer
 from service.routes.asking import Asks
 from service.routes.lists import Filter, page
+from service.routes.recordings import require_whole
 from service.scan_resource import SCANS, scan_resource, scan_resources
 from service.schemas import ACTIVE_STATES, Keep, LiveScan, Reprocess, ScanList, ScanRequest, ScanResource
 from service.tables import ScanRow
@@ -43,6 +44,7 @@ def start_scan(wanted: ScanRequest, response: Response, service: Service, asking
         recording = service.store.recording(wanted.recording)
         if recording is None:
             raise ProblemError(404, "recording-not-found", f"there is no recording {wanted.recording}; upload it first")
+        require_whole(service, recording)
         radius = check_radius(wanted.string_radius_m, recording.string_radius_m)
         return service.jobs.submit.replay(recording, wanted.method, radius, asked)
 
@@ -64,6 +66,7 @@ def reprocess_scan(
         recording = service.store.recording(source.recording) if source.recording else None
         if recording is None:
             raise ProblemError(404, "no-result", f"scan {source.id} has no recording")
+        require_whole(service, recording)
         given = "string_radius_m" in wanted.model_fields_set
         radius = check_radius(wanted.string_radius_m if given else source.string_radius_m, None)
         return service.jobs.submit.replay(recording, wanted.method or source.method, radius, asked, source.id)

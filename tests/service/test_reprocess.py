@@ -22,6 +22,21 @@ AssertProblem = Callable[[httpx.Response, int, str], str]
 Finished = Callable[[httpx.Client, str], dict[str, Any]]
 
 
+def test_a_recording_that_is_not_whole_any_more_is_not_done_again(
+    client: ServedClient, recording: str, finished: Finished, assert_problem: AssertProblem
+) -> None:
+    body = {"mode": "replay", "recording": recording}
+    scan = finished(client, client.post("/api/scans", json=body).headers["Location"])
+    file: Path = client.app.state.context.store.folder.recording(recording)
+    whole = file.read_bytes()
+    file.write_bytes(whole[: len(whole) // 2])
+    try:
+        assert_problem(client.post(scan["links"]["reprocess"]), 500, "damaged")
+        assert_problem(client.post("/api/scans", json=body), 500, "damaged")
+    finally:
+        file.write_bytes(whole)
+
+
 def test_what_is_left_out_is_as_before(
     client: httpx.Client, recording: str, finished: Finished, assert_problem: AssertProblem, held: int
 ) -> None:

@@ -135,6 +135,8 @@ def test_what_is_kept_is_found(
         "created_before=0001-01-01T00:00:00%2B12:00",
         "created_before=9999-12-31T23:59:59.999999Z",
         "before=..",
+        "stat=failed",
+        "limit=3&page=2",
     ],
 )
 def test_what_is_no_filter_is_refused(client: ServedClient, query: str, assert_problem: AssertProblem) -> None:
@@ -146,3 +148,12 @@ def test_a_moment_may_be_of_any_zone(client: ServedClient, recording: str, three
     query = f"/api/scans?recording={recording}&created_after=2020-01-31T12:00:00%2B02:00&created_before="
     assert len(client.get(f"{query}2999-01-31t12:00:00.5z").json()["scans"]) == len(three)
     assert client.get(f"{query}2020-02-01T00:00:00Z").json() == {"scans": [], "next": None}
+
+
+@pytest.mark.parametrize(("path", "known"), [("/api/scans", "created_before"), ("/api/cell", "none at this address")])
+def test_a_parameter_that_nobody_knows_is_named(
+    client: ServedClient, path: str, known: str, assert_problem: AssertProblem
+) -> None:
+    answer = client.get(f"{path}?stat=failed")
+    assert "query.stat: there is no such parameter" in assert_problem(answer, 422, "invalid-request")
+    assert known in answer.json()["detail"]

@@ -6,6 +6,7 @@ import sqlite3
 from collections.abc import Callable, Iterator
 from contextlib import closing
 from dataclasses import dataclass, replace
+from itertools import takewhile
 from pathlib import Path
 
 import pytest
@@ -91,21 +92,32 @@ def written(tmp_path_factory: pytest.TempPathFactory, recording_file: Path) -> I
     folder.close()
 
 
-def damaged(written: Written, root: Path, cut: int, behind: bytes) -> Path:
-    """A copy of the database whose log ends at `cut`, with something else `behind`."""
+@dataclass(frozen=True)
+class Damaged:
+    """A copy of the database whose log ends somewhere, with something else behind."""
+
+    root: Path
+    whole_bytes: int
+    """So much of the log is as it was: zeros behind a cut may be what was there."""
+
+
+def damaged(written: Written, root: Path, cut: int, behind: bytes) -> Damaged:
+    """The log ends at `cut`, with something else `behind`."""
     root.mkdir()
     shutil.copy(written.root / DATABASE, root)
     log = (written.root / f"{DATABASE}-wal").read_bytes()
     (root / f"{DATABASE}-wal").write_bytes(log[:cut] + behind)
-    return root
+    alike = takewhile(lambda both: both[0] == both[1], zip(log[cut:], behind, strict=False))
+    return Damaged(root, cut + sum(1 for _ in alike))
 
 
-def is_a_prefix(written: Written, root: Path, cut: int) -> None:
+def is_a_prefix(written: Written, damaged: Damaged) -> None:
     """Each commit that is whole in the log is there, and of the next one nothing."""
-    with closing(sqlite3.connect(root / DATABASE)) as db:
+    with closing(sqlite3.connect(damaged.root / DATABASE)) as db:
         assert db.execute("PRAGMA quick_check").fetchall() == [("ok",)]
         assert db.execute("PRAGMA foreign_key_check").fetchall() == []
-    assert told_by(root / DATABASE) == written.before(cut), f"cut at {cut}"
+    told = told_by(damaged.root / DATABASE)
+    assert told == written.before(damaged.whole_bytes), f"whole up to {damaged.whole_bytes}"
 
 
 @pytest.mark.parametrize("cuts", [20, pytest.param(500, marks=pytest.mark.soak)])
@@ -117,9 +129,9 @@ def test_cut_anywhere_it_tells_what_was_committed(written: Written, tmp_path: Pa
     for number, cut in enumerate(places):
         # Behind what was synced a disk may have zeros, or what was there before.
         behind = (b"", bytes(5000), chance.randbytes(5000))[number % 3]
-        root = damaged(written, tmp_path / f"{number}", cut, behind)
-        is_a_prefix(written, root, cut)
-        shutil.rmtree(root)
+        log_cut = damaged(written, tmp_path / f"{number}", cut, behind)
+        is_a_prefix(written, log_cut)
+        shutil.rmtree(log_cut.root)
 
 
 @pytest.mark.parametrize("cuts", [3, pytest.param(50, marks=pytest.mark.soak)])
@@ -129,7 +141,7 @@ def test_the_store_and_the_doctor_go_on_from_there(
     monkeypatch.setattr("service.doctor.repair.describe_foreign_recording", describe_here)
     size, chance = written.commits[-1][0], random.Random(22)
     for number in range(cuts):
-        root = damaged(written, tmp_path / f"{number}", chance.randrange(size + 1), b"")
+        root = damaged(written, tmp_path / f"{number}", chance.randrange(size + 1), b"").root
         for name in ("recordings", "scans"):
             shutil.copytree(written.root / name, root / name)
         found = {finding.code for finding in examine(examined(root), running=False).findings}
