@@ -7,7 +7,7 @@ from collections.abc import AsyncIterator
 from contextlib import ExitStack, asynccontextmanager
 
 from anyio import CapacityLimiter, to_thread
-from fastapi import FastAPI
+from fastapi import Depends, FastAPI
 from starlette.staticfiles import StaticFiles
 
 from cell.cell import Cell
@@ -19,6 +19,7 @@ from service.events.cell_event import publish_changes
 from service.events.slots import StreamSlots
 from service.idempotency import IdempotencyKeys
 from service.jobs import Jobs
+from service.known_parameters import refuse_unknown
 from service.observing.metrics import Metrics
 from service.observing.request_watch import RequestWatch
 from service.observing.scan_metrics import ScanMetrics
@@ -77,6 +78,7 @@ def create_app(config: ServiceConfig) -> FastAPI:
         version=API_VERSION,
         description=DESCRIPTION,
         lifespan=lifespan,
+        dependencies=[Depends(refuse_unknown)],
         openapi_url=None,  # description and page are ours, the page's files are a library's
         generate_unique_id_function=operation_id,
     )
@@ -114,6 +116,7 @@ def _open(config: ServiceConfig, metrics: ScanMetrics, audit: AuditLog) -> Conte
         own,
         jobs,
         parsing=CapacityLimiter(1),
+        uploads=CapacityLimiter(recordings.UPLOADS),
         planning=CapacityLimiter(1),
         stopping=CapacityLimiter(STOPS),
         keys=IdempotencyKeys(store),

@@ -31,6 +31,8 @@ class Context:
     jobs: Jobs
     parsing: CapacityLimiter
     """Uploads are parsed one after the other: each may take much memory."""
+    uploads: CapacityLimiter
+    """Few are under way at a time: each takes space until it is parsed."""
     planning: CapacityLimiter
     """Viewpoints are planned one after the other: each takes the interpreter for seconds, and a stop needs it too."""
     stopping: CapacityLimiter

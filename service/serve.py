@@ -9,6 +9,7 @@ from service.app import create_app
 from service.config import ServiceConfig
 from service.data_folder import DataFolder, DataFolderError
 from service.observing.json_log import start_log
+from service.open_files import raise_open_files
 from service.security.binding import check_binding
 from service.server import Server
 from service.supervision.supervised import Supervised
@@ -44,6 +45,7 @@ def serve(config: ServiceConfig, line: int | None = None) -> int:
     address = f"[{config.host}]" if ":" in config.host else config.host
     print(f"pointchain: http://{address}:{listening.getsockname()[1]}/docs, data in {config.data_dir}", file=sys.stderr)
     start_log(config.log.format, config.log.level)
+    raise_open_files()
     supervised = None if line is None else Supervised(line)
     if supervised is not None:
         supervised.when_it_ends(lambda: os.kill(os.getpid(), signal.SIGTERM))

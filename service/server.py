@@ -17,7 +17,7 @@ from uvicorn.protocols.http.h11_impl import H11Protocol
 from uvicorn.server import HANDLED_SIGNALS
 
 from service.context import Context
-from service.security.connection import PROTOCOL
+from service.security.connection import PROTOCOL, backlog
 from service.supervision.supervised import Supervised
 
 log = logging.getLogger(__name__)
@@ -42,7 +42,11 @@ class Server(uvicorn.Server):
 
     def __init__(self, app: FastAPI, supervised: Supervised | None = None, **options: Any) -> None:
         """`supervised`: the line to a supervisor, if there is one; `options`: more of uvicorn's."""
-        limits = {"timeout_graceful_shutdown": ENDING_S, "timeout_keep_alive": KEEP_ALIVE_S}
+        limits = {
+            "timeout_graceful_shutdown": ENDING_S,
+            "timeout_keep_alive": KEEP_ALIVE_S,
+            "backlog": backlog(),
+        }
         super().__init__(uvicorn.Config(app, **limits, **(PROTOCOL | options)))
         self._app = app
         self._supervised = supervised

@@ -1,6 +1,7 @@
 """Events as server-sent events: what has been, then what comes, without a gap and none twice."""
 
 from collections.abc import AsyncGenerator, AsyncIterator, Callable
+from contextlib import aclosing
 from typing import Literal
 
 from anyio import to_thread
@@ -24,14 +25,24 @@ Whole = Literal["scan", "cell", "resync"]
 
 
 class EventStream(StreamingResponse):
-    """An answer that goes on for as long as its content, or its client, does."""
+    """An answer that goes on for as long as its content, its client, or the client's right to it does."""
 
     # Not fastapi.sse's own way, a route that yields: it has no say in the headers and the pings, and keeps three tasks
     # and two queues for each client.
     media_type = "text/event-stream"
 
-    def __init__(self, content: AsyncIterator[bytes]) -> None:
-        super().__init__(content, headers={"Cache-Control": "no-store", "X-Accel-Buffering": "no"})
+    def __init__(self, content: AsyncGenerator[bytes], allowed: Callable[[], bool]) -> None:
+        """`allowed` is asked before each event and each sign of life."""
+        headers = {"Cache-Control": "no-store", "X-Accel-Buffering": "no"}
+        super().__init__(_while_allowed(content, allowed), headers=headers)
+
+
+async def _while_allowed(content: AsyncGenerator[bytes], allowed: Callable[[], bool]) -> AsyncIterator[bytes]:
+    async with aclosing(content):
+        async for piece in content:
+            if not allowed():  # its token was removed, or it had none and there is one now
+                return
+            yield piece
 
 
 async def scan_stream(

@@ -14,7 +14,7 @@ from service.events.cell_event import cell_event
 from service.events.scan_events import Behind, Present, ScanEvent, ScanEvents, UnknownEventError
 from service.events.stream import EventStream, News, Whole, all_stream, scan_stream
 from service.problems import ProblemError, problem_responses
-from service.security.caller import known_caller
+from service.security.caller import known_caller, still_allowed
 
 router = APIRouter(prefix="/api", tags=["events"])
 
@@ -87,7 +87,7 @@ def _event(names: tuple[str, ...]) -> dict[str, Any]:
     responses=_responses((*CHANGES, "scan"), SCAN_DATA, 404, 422, 503)
     | {204: {"description": "It has ended, and all is told"}},
 )
-async def follow_scan(stream: Annotated[OfScan, Depends(_of_scan)], service: Service) -> Response:
+async def follow_scan(request: Request, stream: Annotated[OfScan, Depends(_of_scan)], service: Service) -> Response:
     """The scan's changes as server-sent events, up to its final state, with which the stream ends.
 
     First comes `scan` with the whole scan, then `state`, `progress` and `view` with what has changed. With
@@ -97,8 +97,8 @@ async def follow_scan(stream: Annotated[OfScan, Depends(_of_scan)], service: Ser
     begin = stream.begin
     if isinstance(begin, Behind) and begin.over and not begin.events:
         return Response(status_code=204)  # a browser would come again and again after any other
-    events = service.store.events
-    return EventStream(scan_stream(events, stream.scan, stream.news, begin, stream.whole, stream.seen))
+    content = scan_stream(service.store.events, stream.scan, stream.news, begin, stream.whole, stream.seen)
+    return EventStream(content, still_allowed(request))
 
 
 @router.get(
@@ -107,7 +107,7 @@ async def follow_scan(stream: Annotated[OfScan, Depends(_of_scan)], service: Ser
     response_class=EventStream,
     responses=_responses((*CHANGES, "cell"), ALL_DATA, 422, 503),
 )
-async def follow_all(stream: Annotated[OfAll, Depends(_of_all)], service: Service) -> Response:
+async def follow_all(request: Request, stream: Annotated[OfAll, Depends(_of_all)], service: Service) -> Response:
     """The changes of all scans and of the cell as server-sent events, without an end.
 
     First comes `cell` with the cell's state, and again whenever that changes; `state`, `progress` and `view` are as in
@@ -115,9 +115,8 @@ async def follow_all(stream: Annotated[OfAll, Depends(_of_all)], service: Servic
     anew: changes in between are not told.
     """
     cell, events = service.cell, service.store.events
-    return EventStream(
-        all_stream(events, lambda: cell_event(cell.status), stream.news, stream.behind, stream.whole, stream.seen)
-    )
+    content = all_stream(events, lambda: cell_event(cell.status), stream.news, stream.behind, stream.whole, stream.seen)
+    return EventStream(content, still_allowed(request))
 
 
 @contextmanager

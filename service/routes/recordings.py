@@ -2,10 +2,12 @@
 
 import hashlib
 import os
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from anyio import to_thread
+from anyio import WouldBlock, to_thread
 from fastapi import APIRouter, Request, Response
 from fastapi.responses import FileResponse
 from starlette.requests import ClientDisconnect
@@ -15,13 +17,17 @@ from service.database import new_id
 from service.description import links
 from service.foreign_recording import describe_foreign_recording
 from service.problems import ProblemError, problem_responses
-from service.routes.files import NOT_MODIFIED, IfNoneMatch, send_file
+from service.routes.files import NOT_MODIFIED, IfNoneMatch, present, send_file
 from service.routes.lists import page
 from service.schemas import RecordingLinks, RecordingList, RecordingResource
 from service.tables import RecordingRow
 
 PATH = "/api/recordings"
 MCAP = "application/octet-stream"
+UPLOADS = 4
+"""So many recordings are taken at a time."""
+LOOK_BYTES = 1 << 20
+"""Whenever so much more of one has come, it is looked whether there is space for more."""
 
 router = APIRouter(prefix=PATH, tags=["recordings"])
 
@@ -29,27 +35,15 @@ BINARY = {"schema": {"type": "string", "format": "binary"}}
 BODY = {"required": True, "content": {MCAP: BINARY}}
 REPLAY = {"operationId": "start_scan", "requestBody": {"mode": "replay", "recording": "$response.body#/id"}}
 FOLLOWING = links("get_recording", "download_recording")
-KEPT = problem_responses(413, 422, 507) | {201: {"links": FOLLOWING["links"] | {"start_scan": REPLAY}}}
+KEPT = problem_responses(413, 422, 503, 507) | {201: {"links": FOLLOWING["links"] | {"start_scan": REPLAY}}}
 
 
 @router.post("", status_code=201, responses=KEPT, openapi_extra={"requestBody": BODY})
 async def upload_recording(request: Request, response: Response, service: Service) -> RecordingResource:
     """Takes a recording (the MCAP file as the body) and keeps it if it can be used."""
-    recording_id = new_id()
-    # RecordingErrors name the file, so it gets a name that tells the sender something.
-    path = service.store.folder.incoming(f"upload-{recording_id}.mcap")
-    declared = request.headers.get("content-length", "")
-    length = int(declared) if declared.isdecimal() else 0
-    # One that is larger than any may be is refused for that, as soon as it is read.
-    coming = 0 if length > service.config.limits.upload_bytes else length
-    await to_thread.run_sync(service.require_space, coming)
-    try:
-        sha256 = await _receive(request, path)
-        row = await to_thread.run_sync(describe_foreign_recording, recording_id, path, sha256, limiter=service.parsing)
-        await to_thread.run_sync(service.store.add_recording, row, path)
-    finally:
-        await to_thread.run_sync(lambda: path.unlink(missing_ok=True))
-    response.headers["Location"] = f"{PATH}/{recording_id}"
+    with _one_of_few(service):
+        row = await _take(request, service)
+    response.headers["Location"] = f"{PATH}/{row.id}"
     return _resource(row)
 
 
@@ -90,12 +84,54 @@ def send_recording(service: Context, recording: RecordingRow, has: str | None) -
     )
 
 
-async def _receive(request: Request, path: Path) -> str:
-    """Writes the body to `path`, synced; its SHA-256."""
-    digest = hashlib.sha256()
+def require_whole(service: Context, recording: RecordingRow) -> None:
+    """Lets pass a recording whose file has the size that it was kept with. Raises ProblemError as `present`."""
+    present(service.store.folder.recording(recording.id), size_bytes=recording.size_bytes)
+
+
+@contextmanager
+def _one_of_few(service: Context) -> Iterator[None]:
+    """Raises ProblemError: 503 `busy`."""
+    try:
+        service.uploads.acquire_nowait()
+    except WouldBlock:
+        detail = f"{UPLOADS} recordings are being uploaded already; try again"
+        raise ProblemError(503, "busy", detail, {"Retry-After": "5"}) from None
+    try:
+        yield
+    finally:
+        service.uploads.release()
+
+
+async def _take(request: Request, service: Context) -> RecordingRow:
+    recording_id = new_id()
+    # RecordingErrors name the file, so it gets a name that tells the sender something.
+    path = service.store.folder.incoming(f"upload-{recording_id}.mcap")
+    declared = request.headers.get("content-length", "")
+    length = int(declared) if declared.isdecimal() else 0
+    # One that is larger than any may be is refused for that, as soon as it is read.
+    coming = 0 if length > service.config.limits.upload_bytes else length
+    await to_thread.run_sync(service.require_space, coming)
+    try:
+        sha256 = await _receive(request, path, service)
+        row = await to_thread.run_sync(describe_foreign_recording, recording_id, path, sha256, limiter=service.parsing)
+        await to_thread.run_sync(service.store.add_recording, row, path)
+    finally:
+        await to_thread.run_sync(lambda: path.unlink(missing_ok=True))
+    return row
+
+
+async def _receive(request: Request, path: Path, service: Context) -> str:
+    """Writes the body to `path`, synced, as long as there is space for it; its SHA-256."""
+    digest, unlooked = hashlib.sha256(), 0
     file = await to_thread.run_sync(path.open, "xb")
 
     def write(chunk: bytes) -> None:
+        nonlocal unlooked
+        unlooked += len(chunk)
+        if unlooked >= LOOK_BYTES:  # nobody knows beforehand how much comes, nor what else takes space meanwhile
+            service.require_space(len(chunk))
+            unlooked = 0
         file.write(chunk)
         digest.update(chunk)
 

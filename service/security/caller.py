@@ -1,7 +1,8 @@
 """Who asks: known from the token that a request carries, before anything of its body is read."""
 
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 from starlette.requests import HTTPConnection
 from starlette.types import Scope
@@ -43,3 +44,15 @@ def caller_of(request: HTTPConnection) -> Caller:
 def known_caller(scope: Scope) -> Caller | None:
     """Who asks; None where everybody may, and where nobody was let in."""
     return scope.get("state", {}).get("caller")
+
+
+def is_nobodys(state: Mapping[str, Any]) -> bool:
+    """The request of this state was looked at, and has no caller: it asks for what is open to everybody, or is being
+    refused."""
+    return "call" in state and "caller" not in state
+
+
+def still_allowed(request: HTTPConnection) -> Callable[[], bool]:
+    """Whether who asks would be let in again: to be asked time and again where an answer goes on for long, in the event
+    loop's thread. Of whatever is not open to everybody."""
+    return request.scope["state"]["still_allowed"]

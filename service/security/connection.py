@@ -1,34 +1,68 @@
-"""One connection, by uvicorn's h11 protocol: who says nothing for long, or half a request, does not keep it."""
+"""One connection, by uvicorn's h11 protocol: who says nothing for long, or half a request, does not keep it, and where
+there are too many, who asks for nothing makes room."""
 
 import asyncio
+import itertools
 import json
-from typing import Any
+import logging
+import math
+from typing import Any, ClassVar
 
 import h11
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
+from service.open_files import open_files
 from service.problems import MEDIA_TYPE, problem_document
+from service.security.caller import is_nobodys
 from service.security.headers import UNEXPECTED
+
+log = logging.getLogger(__name__)
 
 HEAD_S = 10.0
 """For a request's head to be there, from its first byte on; from the beginning of the connection for the first."""
+MOST = 512
+"""So many connections are open at a time, and never more than take half of the files that may be open."""
+TELL_S = 60.0
+"""That there are too many is told at most once in so long."""
+
+_turns = itertools.count()
+"""What came first: by a clock, many begin at the same moment."""
+
+
+def most_connections() -> int:
+    """So many are kept; the other half of the files is for the store, and for those that come while some are closed."""
+    return min(MOST, open_files() // 2)
+
+
+def backlog() -> int:
+    """So many wait to be taken, which all are in one turn of the loop: open, before one is closed for each."""
+    return min(2048, open_files() // 8)
 
 
 class GuardedConnection(H11Protocol):
     """Closes a connection on which the head of a request, or a body that nobody reads any more, takes too long.
 
-    Between two requests it stays open for uvicorn's `timeout_keep_alive`.
+    Between two requests it stays open for uvicorn's `timeout_keep_alive`, unless there are too many: whoever wants to
+    stop the arm must come in, also while somebody without a token holds as many as he can.
     """
+
+    _told_s: ClassVar[float] = -math.inf
+    """When it was last told that there are too many."""
 
     def __init__(self, *args: Any, head_s: float = HEAD_S, **options: Any) -> None:
         """`args` and `options` as uvicorn has them."""
         super().__init__(*args, **options)
         self._head_s = head_s
         self._waiting: asyncio.TimerHandle | None = None
+        self._silent_since = 0
+        """The turn at which it began, or its last request ended."""
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
-        """Begins to wait for the first head."""
+        """Begins to wait for the first head, if there is room."""
         super().connection_made(transport)
+        self._silent_since = next(_turns)
+        if len(self.connections) > most_connections():
+            self._make_room()
         self._wait()
 
     def data_received(self, data: bytes) -> None:
@@ -41,6 +75,7 @@ class GuardedConnection(H11Protocol):
 
     def on_response_complete(self) -> None:
         """What came of the next request meanwhile, or is still to come of this one's body, is waited for."""
+        self._silent_since = next(_turns)
         super().on_response_complete()
         if self._unread or (self._between_requests and self.conn.trailing_data[0]):
             self._wait()
@@ -58,6 +93,27 @@ class GuardedConnection(H11Protocol):
     def _unread(self) -> bool:
         """The answer is sent and the rest of the request's body is read past."""
         return self.conn.their_state is h11.SEND_BODY and self.cycle.response_complete
+
+    @property
+    def _under_way(self) -> bool:
+        """A request is there, and its answer is not whole yet."""
+        return self.cycle is not None and not self.cycle.response_complete
+
+    def _make_room(self) -> None:
+        """Closes who has asked for nothing for longest; else who needs no token for what he takes; else this one."""
+        others = [one for one in self.connections if isinstance(one, GuardedConnection) and one is not self]
+        idle = [one for one in others if not one._under_way]
+        leaving = min(idle or filter(_serves_anybody, others), key=lambda one: one._silent_since, default=self)
+        self.connections.discard(leaving)
+        leaving.transport.abort()  # to close it would be to wait until it has taken all that it was sent
+        now_s = self.loop.time()
+        if now_s >= GuardedConnection._told_s + TELL_S:
+            GuardedConnection._told_s = now_s
+            log.warning(
+                "%d connections are open, and more come: %s",
+                len(self.connections),
+                "all are at work, so that new ones are closed" if leaving is self else "idle ones are closed for them",
+            )
 
     def _wait(self) -> None:
         if self._waiting is None and not self.transport.is_closing():
@@ -83,7 +139,7 @@ class GuardedConnection(H11Protocol):
 
     def _answer(self, status: int, slug: str, detail: str) -> None:
         body = json.dumps(problem_document(status, slug, detail)).encode()
-        headers = UNEXPECTED | {"Content-Type": MEDIA_TYPE, "Content-Length": str(len(body)), "Connection": "close"}
+        headers = UNEXPECTED | {"Content-Type": MEDIA_TYPE, "Content-Length": str(len(body))}
         try:
             for event in (
                 h11.Response(status_code=status, headers=[(k.lower(), v) for k, v in headers.items()]),
@@ -94,6 +150,10 @@ class GuardedConnection(H11Protocol):
         except h11.LocalProtocolError:
             self.logger.debug("an answer was under way already")
         self.transport.close()
+
+
+def _serves_anybody(connection: GuardedConnection) -> bool:
+    return is_nobodys(connection.cycle.scope.get("state", {}))
 
 
 PROTOCOL: dict[str, Any] = {

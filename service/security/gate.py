@@ -1,12 +1,13 @@
 """Each request is looked at here before anything of its body is read: the form of its address and headers, by which
 name it calls the service, who asks, from which page, and whether he may."""
 
+from functools import partial
 from urllib.parse import parse_qsl, unquote
 
 from starlette.types import ASGIApp, Receive, Scope, Send
 
 from service.problems import ProblemError
-from service.security.caller import LOCAL, Caller
+from service.security.caller import LOCAL, Caller, Role
 from service.security.credential import token_of, unauthorized
 from service.security.hosts import AllowedHosts, is_loopback
 from service.security.origin import check_origin
@@ -56,27 +57,36 @@ class Gate:
             if found.least is None:
                 check_origin(scope)
                 return
-        state["caller"] = caller = self._caller(scope)
+        token, near = token_of(scope), _from_loopback(scope)
+        state["caller"] = caller = self._caller(token, near)
         check_origin(scope)
         if found is None:
             raise ProblemError(404, "not-found", "there is nothing at this address; /docs lists what there is")
         if isinstance(found, OtherMethods):
             allowed = {"Allow": ", ".join(found.methods)}
             raise ProblemError(405, "method-not-allowed", f"{scope['method']} is not possible here", allowed)
-        if found.least is not None and not caller.may(found.least):
-            raise ProblemError(
-                403, "forbidden", f"this needs a token of the role {found.least}; {caller.name} is {caller.role}"
-            )
+        if found.least is not None:
+            if not caller.may(found.least):
+                raise ProblemError(
+                    403, "forbidden", f"this needs a token of the role {found.least}; {caller.name} is {caller.role}"
+                )
+            state["still_allowed"] = partial(self._still_allowed, token, near, found.least)
 
-    def _caller(self, scope: Scope) -> Caller:
-        """Raises ProblemError: 401 `unauthorized`."""
-        token = token_of(scope)
+    def _still_allowed(self, token: str | None, near: bool, least: Role) -> bool:
+        """Whether the same request would pass now."""
+        try:
+            return self._caller(token, near).may(least)
+        except ProblemError:
+            return False
+
+    def _caller(self, token: str | None, near: bool) -> Caller:
+        """`near`: from this machine. Raises ProblemError: 401 `unauthorized`."""
         if token is not None:
             known = self._tokens.find(token)
             if known is None:
                 raise unauthorized("there is no such token, or it was removed: `pointchain token list` has all")
             return Caller(known.name, known.role)
-        if self._local and self._tokens.none and _from_loopback(scope):
+        if self._local and self._tokens.none and near:
             return LOCAL
         raise unauthorized("this needs a token: `pointchain token add` makes one; send it as Authorization: Bearer")
 

@@ -14,7 +14,11 @@ HEADERS = {
     "Cross-Origin-Opener-Policy": "same-origin",
     "Cross-Origin-Resource-Policy": "same-origin",
 }
-UNEXPECTED = HEADERS | {"Content-Security-Policy": CONTENT_POLICY, "Cache-Control": "no-store"}
+UNEXPECTED = HEADERS | {
+    "Content-Security-Policy": CONTENT_POLICY,
+    "Cache-Control": "no-store",
+    "Connection": "close",  # uvicorn does close it, and whoever is not told so loses his next request by that
+}
 """Of the answer to an unexpected error, which Starlette sends past all middleware."""
 
 

@@ -3,16 +3,20 @@
 import hashlib
 import socket
 from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager
+from contextlib import AbstractContextManager, ExitStack
 from pathlib import Path
+from types import SimpleNamespace
 
 import httpx
 import numpy as np
 import pytest
 
 from cell.recording import RecordingHeader, RecordingWriter
+from service.context import Context
+from service.routes.recordings import UPLOADS
+from tests.service.conftest import PATIENCE_S, ServedClient, wait_until
 
-Serve = Callable[..., AbstractContextManager[httpx.Client]]
+Serve = Callable[..., AbstractContextManager[ServedClient]]
 AssertProblem = Callable[[httpx.Response, int, str], str]
 
 
@@ -56,7 +60,7 @@ def test_the_list_goes_on_before_an_id(client: httpx.Client, recording: str) -> 
 
 
 @pytest.fixture
-def nothing_left(serve: Serve, tmp_path: Path) -> Iterator[httpx.Client]:
+def nothing_left(serve: Serve, tmp_path: Path) -> Iterator[ServedClient]:
     """A service of its own, whose data folder must hold no recording in the end."""
     with serve(tmp_path, limits={"upload_bytes": 50_000}) as client:
         yield client
@@ -100,6 +104,45 @@ def test_a_sender_that_goes_away_leaves_nothing(nothing_left: httpx.Client, reco
         connection.sendall(head.encode() + recording_file.read_bytes()[:20_000])
     # The service goes on.
     assert nothing_left.get("/healthz").status_code == 200
+
+
+def test_space_is_looked_for_while_an_upload_comes(
+    nothing_left: ServedClient, monkeypatch: pytest.MonkeyPatch, assert_problem: AssertProblem
+) -> None:
+    context: Context = nothing_left.app.state.context
+    usage = SimpleNamespace(free=2 * context.config.limits.min_free_bytes)
+
+    def body() -> Iterator[bytes]:
+        for number in range(40):  # of no declared length
+            if number == 20:  # something else takes what is left
+                wait_until(lambda: any(context.store.folder.incoming("x").parent.iterdir()))
+                usage.free = context.config.limits.min_free_bytes
+            yield b"a" * 1000
+
+    monkeypatch.setattr("service.free_space.shutil.disk_usage", lambda _: usage)
+    monkeypatch.setattr("service.routes.recordings.LOOK_BYTES", 3000)
+    assert_problem(nothing_left.post("/api/recordings", content=body()), 507, "storage-full")
+
+
+def test_few_uploads_are_taken_at_a_time(
+    nothing_left: ServedClient, recording_file: Path, assert_problem: AssertProblem
+) -> None:
+    address, slots = nothing_left.base_url, nothing_left.app.state.context.uploads
+    head = "POST /api/recordings HTTP/1.1\r\nHost: localhost\r\nContent-Length: 40000\r\n\r\n"
+    with ExitStack() as open_ones:
+        for _ in range(UPLOADS):
+            one = open_ones.enter_context(socket.create_connection((address.host, address.port or 80)))
+            one.sendall(head.encode() + recording_file.read_bytes()[:20_000])
+        wait_until(lambda: slots.available_tokens == 0)
+        # Before anything of its body is there.
+        one_more = open_ones.enter_context(socket.create_connection((address.host, address.port or 80), PATIENCE_S))
+        one_more.sendall(head.encode())
+        assert one_more.recv(64).startswith(b"HTTP/1.1 503 ")
+        answer = nothing_left.post("/api/recordings", content=b"a" * 1000)
+        assert "try again" in assert_problem(answer, 503, "busy")
+        assert int(answer.headers["retry-after"]) > 0
+    wait_until(lambda: slots.available_tokens == UPLOADS)
+    assert_problem(nothing_left.post("/api/recordings", content=b"a" * 1000), 422, "not-mcap")
 
 
 @pytest.mark.parametrize("path", ["/api/recordings/none", "/api/recordings/none/file"])

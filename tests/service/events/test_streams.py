@@ -5,6 +5,7 @@ import threading
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager
+from itertools import islice
 
 import httpx
 import pytest
@@ -16,7 +17,7 @@ from service.events.hub import BACKLOG
 from service.events.slots import StreamSlots
 from service.new_rows import NOBODY, new_scan
 from service.problems import ProblemError
-from service.security.tokens import add_token, remove_token
+from service.security.tokens import FILE, add_token, read_tokens, remove_token
 from tests.service.conftest import PATIENCE_S, Serve, ServedClient, wait_until
 from tests.service.following import folded, following, told
 
@@ -209,3 +210,48 @@ def test_the_cell_and_too_many_changes_of_everything(quick: ServedClient, servic
         assert int(again.id) == service.store.events.newest()
         end(service, scan)
         assert next(events).kind == "state"
+
+
+def left(lines: Iterator[str]) -> list[str]:
+    """What a stream still tells up to its end; fails when that does not come."""
+    found = list(islice(lines, 200))
+    assert len(found) < 200, "it goes on"
+    return found
+
+
+def test_who_is_let_in_no_more_hears_no_more(
+    quick: ServedClient, service: Context, scan: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(stream, "PING_S", 0.05)
+    data, paths = service.store.folder.root, (f"/api/scans/{scan}/events", "/api/events")
+    with ExitStack() as open_ones:
+
+        def followed(headers: dict[str, str]) -> list[Iterator[str]]:
+            begun = [open_ones.enter_context(quick.stream("GET", path, headers=headers)).iter_lines() for path in paths]
+            for lines in begun:
+                while not next(lines).startswith("data: "):
+                    pass
+            return begun
+
+        anybody = followed({})
+        ann, bob = ({"Authorization": f"Bearer {add_token(data, name, 'viewer')}"} for name in ("ann", "bob"))
+        try:
+            # There are tokens now, so whoever has none may no longer listen.
+            service.store.set_view(scan, 0, "recorded")
+            assert not any("recorded" in line for lines in anybody for line in left(lines))
+            wait_until(lambda: service.streams.open == 0)
+
+            of_ann, of_bob = followed(ann), followed(bob)
+            remove_token(data, "ann")
+            service.store.set_view(scan, 1, "moving")
+            assert not any("moving" in line for lines in of_ann for line in left(lines))
+            for lines in of_bob:
+                while "moving" not in next(lines):
+                    pass
+            wait_until(lambda: service.streams.open == 2)
+            remove_token(data, "bob")  # and nothing happens: by the next sign of life
+            for lines in of_bob:
+                left(lines)
+        finally:
+            for token in read_tokens(data / FILE):
+                remove_token(data, token.name)

@@ -32,6 +32,7 @@ def test_every_answer_has_them(client: ServedClient, monkeypatch: pytest.MonkeyP
     assert unexpected.status_code == 500
     has_headers(unexpected)
     assert unexpected.headers["cache-control"] == "no-store"
+    assert unexpected.headers["connection"] == "close"  # as it is
 
 
 def test_a_file_is_asked_for_again_before_it_is_shown_from_a_cache(client: ServedClient, recording: str) -> None:
