@@ -71,7 +71,10 @@ def check_recordings(folder: Path, files: Sequence[Path], rows: Rows, quick: boo
         scan = rows.scans.get(path.stem)
         if path.suffix == ".mcap" and path.stem in rows.recordings:
             continue
-        if running and scan is not None and scan.state in ACTIVE_STATES:
+        if path.suffix == ".mcap" and path.stem in rows.unreadable["recordings"]:
+            continue  # that row is put aside first
+        under_way = scan is not None and scan.state in ACTIVE_STATES
+        if running and (under_way or path.stem in rows.unreadable["scans"]):
             continue
         known = path.suffix == ".mcap" and ID.fullmatch(path.stem)
         advice = (
@@ -82,12 +85,22 @@ def check_recordings(folder: Path, files: Sequence[Path], rows: Rows, quick: boo
         )
 
 
+def changed(size_bytes: int, written_bytes: int) -> str:
+    """How a file differs from what was written, in words."""
+    if size_bytes == written_bytes:
+        return f"its content has changed, at the same size of {size_bytes} bytes"
+    return f"it has {size_bytes} bytes, and was written with {written_bytes}"
+
+
 def _compare(path: Path, size_bytes: int, sha256: str, views: Sequence[ViewRow], quick: bool) -> Iterator[Finding]:
-    advice = f"put the file back as it was, or {REPAIR}: its row is corrected if it can be read, else it is put aside"
+    advice = (
+        f"put the file back as it was, or {REPAIR}: its row is corrected if the file can be read, else both are put "
+        "aside"
+    )
     size = path.stat().st_size
     if quick:
         if size != size_bytes:
-            what = f"it has {size} bytes and was written with {size_bytes}"
+            what = changed(size, size_bytes)
             yield Finding("recordings", "recording-changed", str(path), what, advice, True, path.stem)
         return
     hashes, lost = lost_views(path, views)
@@ -98,7 +111,7 @@ def _compare(path: Path, size_bytes: int, sha256: str, views: Sequence[ViewRow],
             f"{view.scan}/{view.view}",
         )  # fmt: skip
     if (hashes.size_bytes, hashes.sha256) != (size_bytes, sha256):
-        what = f"its content has changed: {hashes.size_bytes} bytes, written with {size_bytes}"
+        what = changed(hashes.size_bytes, size_bytes)
         kept = len(acknowledged(views)) - len(lost)
         if acknowledged(views):
             what += f"; {kept} of {len(acknowledged(views))} views are as they were acknowledged"

@@ -17,7 +17,9 @@ from service.database import now
 from service.doctor.doctor import Examination, Examined, examine
 from service.doctor.finding import Code, Finding
 from service.doctor.lost_and_found import LostAndFound
+from service.doctor.mended_rows import mended_row
 from service.doctor.recordings import hash_file
+from service.doctor.rows import text_or_bytes
 from service.doctor.salvage import salvage
 from service.foreign_recording import describe_foreign_recording
 from service.problems import problem_document
@@ -28,11 +30,11 @@ from service.tables import RecordingRow, insert, stored
 ROUNDS = 5
 """Mending one thing may show another, as a file whose row was put aside."""
 
-_NOT_OURS = {"database-newer", "database-locked"}
+_NOT_OURS = {"database-newer", "database-locked", "database-unopened"}
 """Findings with which nothing may be changed."""
 
 UNFINISHED = "the service ended while it was under way"
-DAMAGED = "its result was damaged or lost; what was left of it is in lost+found: do it again"
+DAMAGED = "its result was damaged or lost; whatever was left of it is in lost+found: do it again"
 
 
 def repair(store: Examined, say: Callable[[str], None]) -> Examination:
@@ -69,7 +71,8 @@ def _mend_all(
         if codes & {"database-missing", "database-older"}:
             say(f"{store.database.name} has the tables of this software now")
         mending = _Mending(store, folder, opened, lost)
-        for finding in todo:
+        # Last: what a row belongs to may be taken in again.
+        for finding in sorted(todo, key=lambda finding: finding.code == "row-without-parent"):
             if not finding.code.startswith("database-"):
                 say(f"{finding.where}: {mending.mend(finding)}")
     finally:
@@ -86,7 +89,7 @@ class _Mending:
         """What was done, in words."""
         mend: dict[Code, Callable[[str], str]] = {
             "leftover": lambda name: self._aside(self._examined.root / "incoming" / name),
-            "row-unreadable": self._row_aside,
+            "row-unreadable": self._unreadable_row,
             "row-without-parent": self._orphan_row,
             "scan-unfinished": self._unfinished_scan,
             "recording-missing": self._recording_without_file,
@@ -121,6 +124,7 @@ class _Mending:
         """One change of the database. A row may be parted from those that belong to it: they are found next."""
         with closing(sqlite3.connect(self._folder.database, isolation_level=None)) as db:
             db.row_factory = sqlite3.Row
+            db.text_factory = text_or_bytes
             db.execute("PRAGMA synchronous = FULL")
             db.execute("BEGIN IMMEDIATE")
             yield db  # closed without a commit, nothing was done
@@ -136,13 +140,30 @@ class _Mending:
             db.execute(f"DELETE FROM {table} WHERE rowid = ?", (int(rowid),))
         return f"the row is in {self._lost.folder / 'rows.jsonl'} now"
 
+    def _unreadable_row(self, key: str) -> str:
+        table, _, rowid = key.partition("/")
+        with self._changing() as db:
+            row = db.execute(f"SELECT * FROM {table} WHERE rowid = ?", (int(rowid),)).fetchone()
+            if row is None:
+                return "it is gone"
+            mended = mended_row(db, table, dict(row))
+            if mended:
+                self._lost.keep_row(table, dict(row), "the service could not tell it; it was corrected")
+                columns = ", ".join(f"{name} = ?" for name in mended)
+                db.execute(f"UPDATE {table} SET {columns} WHERE rowid = ?", (*mended.values(), int(rowid)))
+        if mended is None:
+            return self._row_aside(key)
+        state = f"it is {mended['state']}" if "state" in mended else "it can be read"
+        return f"{state} now; the row as it was is in {self._lost.folder / 'rows.jsonl'}"
+
     def _orphan_row(self, key: str) -> str:
         table, _, rowid = key.partition("/")
         if table != "scans":
             return self._row_aside(key, "what it belongs to is not there")
+        gone = "rowid = ? AND recording NOT IN (SELECT id FROM recordings)"
         with self._changing() as db:
-            db.execute("UPDATE scans SET recording = NULL WHERE rowid = ?", (int(rowid),))
-        return "it has no recording any more"
+            done = db.execute(f"UPDATE scans SET recording = NULL WHERE {gone}", (int(rowid),)).rowcount
+        return "it has no recording any more" if done else "its recording is there"
 
     def _unfinished_scan(self, scan_id: str) -> str:
         problem = problem_document(500, "interrupted", f"{UNFINISHED}; what was recorded is kept: reprocess it")

@@ -6,7 +6,7 @@ from pathlib import Path
 from calibration.folder import HAND_EYE
 from service.data_folder import CLOUD, ID, MODEL
 from service.doctor.finding import REPAIR, Finding
-from service.doctor.recordings import hash_file
+from service.doctor.recordings import changed, hash_file
 from service.doctor.rows import Rows
 from service.schemas import ACTIVE_STATES, RESULT_STATES
 from service.tables import ScanRow
@@ -19,6 +19,8 @@ def check_results(folder: Path, found: Sequence[Path], rows: Rows, quick: bool, 
             yield from _compare(folder / scan.id, scan, quick)
     for path in found:
         scan = rows.scans.get(path.name)
+        if path.name in rows.unreadable["scans"]:
+            continue  # that row is corrected first
         if scan is not None and (scan.state in RESULT_STATES or (running and scan.state in ACTIVE_STATES)):
             continue
         what = "no scan with a result tells of it"
@@ -27,7 +29,10 @@ def check_results(folder: Path, found: Sequence[Path], rows: Rows, quick: bool, 
 
 def _compare(folder: Path, scan: ScanRow, quick: bool) -> Iterator[Finding]:
     """The first thing that is wrong: it is one result."""
-    advice = f"put it back, or {REPAIR}: it is put aside, and the scan becomes failed; reprocess it then"
+    advice = (
+        f"put it back, or {REPAIR}: what there is of the result is put aside, and the scan becomes failed; reprocess "
+        "it then"
+    )
     for name in (MODEL, CLOUD):
         path = folder / name
         if folder.is_symlink() or not path.is_file() or path.is_symlink():
@@ -39,7 +44,7 @@ def _compare(folder: Path, scan: ScanRow, quick: bool) -> Iterator[Finding]:
         try:
             size = path.stat().st_size
             same = size == told["size_bytes"] and (quick or hash_file(path).sha256 == told["sha256"])
-            what = "its content has changed" if size == told["size_bytes"] else f"it has {size} bytes of another size"
+            what = changed(size, told["size_bytes"])
         except OSError as error:
             same, what = False, f"it cannot be read: {error.strerror or error}"
         if not same:
@@ -64,7 +69,8 @@ def check_calibrations(runs: Path, found: Sequence[Path], rows: Rows, running: b
             where, advice = f"{row.kind} {row.id}", f"start the service, or {REPAIR}"
             yield Finding("calibrations", "calibration-unfinished", where, what, advice, True, row.id)
     for path in found:
-        if ID.fullmatch(path.name) and path.name not in rows.calibrations:
+        known = path.name in rows.calibrations or path.name in rows.unreadable["calibrations"]
+        if ID.fullmatch(path.name) and not known:
             advice = f"{REPAIR}: it is put aside"
             yield Finding(
                 "calibrations", "calibration-without-row", str(path), "no row tells of it", advice, True, path.name

@@ -8,18 +8,17 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from service.data_folder import ID
 from service.doctor.finding import REPAIR, Finding
-from service.tables import (
-    VERSION,
-    CalibrationRow,
-    RecordingRow,
-    ScanRow,
-    ViewRow,
-    to_calibration,
-    to_recording,
-    to_scan,
+from service.doctor.readable import (
+    UnreadableRowError,
+    readable_calibration,
+    readable_calibration_view,
+    readable_recording,
+    readable_scan,
+    readable_view,
 )
+from service.storage_errors import is_held
+from service.tables import VERSION, CalibrationRow, RecordingRow, ScanRow, ViewRow
 
 TABLES = (
     "recordings", "scans", "views", "calibrations", "calibration_views", "scan_errors", "idempotency_keys", "events",
@@ -27,6 +26,11 @@ TABLES = (
 )  # fmt: skip
 """Those of the present version, parents before children."""
 MOST_TOLD = 20
+
+_NOT_THE_DATABASE = {
+    sqlite3.SQLITE_CANTOPEN, sqlite3.SQLITE_READONLY, sqlite3.SQLITE_PERM, sqlite3.SQLITE_IOERR, sqlite3.SQLITE_FULL,
+}  # fmt: skip
+"""Primary codes of errors that tell of rights or of the disk, and nothing of what is in the database."""
 
 
 @dataclass
@@ -38,6 +42,8 @@ class Rows:
     views: dict[str, list[ViewRow]] = field(default_factory=lambda: defaultdict(list))
     """By scan."""
     calibrations: dict[str, CalibrationRow] = field(default_factory=dict)
+    unreadable: dict[str, set[object]] = field(default_factory=lambda: defaultdict(set))
+    """Ids of rows that are there but cannot be told, by table: what belongs to them does not belong to nothing."""
 
 
 @contextmanager
@@ -46,7 +52,16 @@ def read_only(database: Path) -> Iterator[sqlite3.Connection]:
     with closing(sqlite3.connect(f"{database.absolute().as_uri()}?mode=ro", uri=True, timeout=5.0)) as db:
         db.isolation_level = None
         db.row_factory = sqlite3.Row
+        db.text_factory = text_or_bytes
         yield db
+
+
+def text_or_bytes(value: bytes) -> str | bytes:
+    """A column's text; as it is where it is none, so that the other columns and rows can be read all the same."""
+    try:
+        return value.decode()
+    except UnicodeDecodeError:
+        return value
 
 
 def check_database(database: Path, quick: bool) -> tuple[list[Finding], Rows | None]:
@@ -62,9 +77,11 @@ def check_database(database: Path, quick: bool) -> tuple[list[Finding], Rows | N
             rows, unreadable = _rows(db)
             return [*unreadable, *_orphans(db)], rows
     except sqlite3.DatabaseError as error:
-        if getattr(error, "sqlite_errorcode", None) in (sqlite3.SQLITE_BUSY, sqlite3.SQLITE_LOCKED):
+        if is_held(error):
             what = "another program holds the database"
             return [Finding("database", "database-locked", where, what, "try again in some seconds", False)], None
+        if getattr(error, "sqlite_errorcode", 0) & 0xFF in _NOT_THE_DATABASE:  # the lower byte is the primary one
+            return [_unopened(where, error)], None
         return [_corrupt(where, str(error))], None
 
 
@@ -94,6 +111,15 @@ def _corrupt(where: str, what: str) -> Finding:
     return Finding("database", "database-corrupt", where, f"it is damaged: {what}", advice, True)
 
 
+def _unopened(where: str, error: sqlite3.Error) -> Finding:
+    what = f"it cannot be read from here, which says nothing of its content: {error} ({error.sqlite_errorname})"
+    advice = (
+        "see that this user may read and write the data folder and all in it, and that its disk is well, has space and "
+        "is not mounted read-only: SQLite makes files beside the database to read it; then ask again"
+    )
+    return Finding("database", "database-unopened", where, what, advice, False)
+
+
 def _rows(db: sqlite3.Connection) -> tuple[Rows, list[Finding]]:
     rows, found = Rows(), []
 
@@ -102,28 +128,26 @@ def _rows(db: sqlite3.Connection) -> tuple[Rows, list[Finding]]:
             values = dict(row)
             rowid = values.pop("doctor_rowid")
             try:
-                made = make(values)  # by its columns' names, as of a sqlite3.Row
-                require_id(made)
-            except (ValueError, TypeError) as error:
-                what = f"it cannot be read: {error}"
+                made = make(values)
+            except UnreadableRowError as error:
+                rows.unreadable[table].add(values.get("id"))
+                what = f"the service cannot tell it, nor a list that it is in: {error}"
                 key = f"{table}/{rowid}"
-                advice = f"{REPAIR}: it is put aside"
+                advice = f"{REPAIR}: it is kept in lost+found, and corrected if it can be, else taken out"
                 found.append(Finding("database", "row-unreadable", f"{table}, row {rowid}", what, advice, True, key))
             else:
                 keep(made)
 
-    of("recordings", to_recording, lambda row: rows.recordings.update({row.id: row}))
-    of("scans", to_scan, lambda row: rows.scans.update({row.id: row}))
-    of("views", lambda values: ViewRow(**values), lambda row: rows.views[row.scan].append(row))
-    of("calibrations", to_calibration, lambda row: rows.calibrations.update({row.id: row}))
+    of("recordings", readable_recording, lambda row: rows.recordings.update({row.id: row}))
+    of("scans", readable_scan, lambda row: rows.scans.update({row.id: row}))
+    of("views", lambda values: readable_view(values, rows.scans.get), lambda row: rows.views[row.scan].append(row))
+    of("calibrations", readable_calibration, lambda row: rows.calibrations.update({row.id: row}))
+    of(
+        "calibration_views",
+        lambda values: readable_calibration_view(values, rows.calibrations.get),
+        lambda row: None,  # nothing hangs on it
+    )
     return rows, found
-
-
-def require_id(row: RecordingRow | ScanRow | ViewRow | CalibrationRow) -> None:
-    """Raises ValueError: the row's id is none of ours, so that nothing may be looked for by it."""
-    row_id = row.scan if isinstance(row, ViewRow) else row.id
-    if not isinstance(row_id, str) or not ID.fullmatch(row_id):
-        raise ValueError(f"{row_id!r} is not an id")
 
 
 def _orphans(db: sqlite3.Connection) -> list[Finding]:

@@ -3,7 +3,6 @@
 import dataclasses
 import json
 import random
-import shutil
 import sqlite3
 from contextlib import closing
 from pathlib import Path
@@ -16,20 +15,7 @@ from service.doctor.rows import TABLES
 from service.new_rows import NOBODY, new_scan
 from service.store import Store
 from service.tables import MIGRATIONS, VERSION
-from tests.service.stored_data import LIVE, REPLAY, UPLOAD, Data, make_data
-
-
-@pytest.fixture(scope="module")
-def whole(tmp_path_factory: pytest.TempPathFactory, recording_file: Path) -> Data:
-    """Made once; each test has a copy."""
-    return make_data(tmp_path_factory.mktemp("whole"), recording_file)
-
-
-@pytest.fixture
-def data(whole: Data, tmp_path: Path) -> Data:
-    """A copy to be damaged."""
-    shutil.copytree(whole.root, tmp_path / "data")
-    return dataclasses.replace(whole, root=tmp_path / "data")
+from tests.service.stored_data import LIVE, REPLAY, UPLOAD, Data
 
 
 def test_rows_that_make_no_sense_are_put_aside(data: Data) -> None:

@@ -17,20 +17,7 @@ from service.doctor.finding import GROUPS
 from service.doctor.repair import repair
 from service.new_rows import NOBODY, new_scan
 from service.store import Store
-from tests.service.stored_data import LIVE, REPLAY, UPLOAD, Data, make_data
-
-
-@pytest.fixture(scope="module")
-def whole(tmp_path_factory: pytest.TempPathFactory, recording_file: Path) -> Data:
-    """Made once; each test has a copy."""
-    return make_data(tmp_path_factory.mktemp("whole"), recording_file)
-
-
-@pytest.fixture
-def data(whole: Data, tmp_path: Path) -> Data:
-    """A copy to be damaged."""
-    shutil.copytree(whole.root, tmp_path / "data")
-    return dataclasses.replace(whole, root=tmp_path / "data")
+from tests.service.stored_data import LIVE, REPLAY, UPLOAD, Data
 
 
 def flip(path: Path, at: int) -> None:
@@ -115,6 +102,41 @@ def test_recordings_without_a_row_are_taken_in_if_they_can_be_read(data: Data, r
     assert data.row("SELECT recording FROM scans WHERE id = ?", LIVE) == (LIVE,)
     assert data.lost("found-2.mcap").read_bytes() == b"nothing"
     assert data.lost("No-Id.mcap").exists()
+
+
+def test_a_scan_keeps_its_recording_when_that_has_lost_its_row(data: Data) -> None:
+    content = data.recording(UPLOAD).read_bytes()
+    data.change("DELETE FROM recordings WHERE id = ?", UPLOAD)
+    assert data.codes() == {"recording-without-row", "row-without-parent"}
+    data.mend()
+    assert data.row("SELECT views FROM recordings WHERE id = ?", UPLOAD) == (4,)
+    assert data.row("SELECT recording FROM scans WHERE id = ?", REPLAY) == (UPLOAD,)
+    assert data.recording(UPLOAD).read_bytes() == content
+
+
+def test_a_scan_has_no_recording_when_file_and_row_are_gone(data: Data) -> None:
+    data.change("DELETE FROM recordings WHERE id = ?", UPLOAD)
+    data.recording(UPLOAD).unlink()
+    data.mend()
+    assert data.row("SELECT recording, state FROM scans WHERE id = ?", REPLAY) == (None, "succeeded")
+
+
+def test_what_has_changed_is_told_as_it_is(data: Data) -> None:
+    size = data.recording(UPLOAD).stat().st_size
+    flip(data.recording(UPLOAD), size // 2)
+    cloud = data.root / "scans" / REPLAY / "cloud.ply"
+    cloud.write_bytes(b"ply\n\n")
+    told = {finding.code: finding for finding in examine(data.store).findings}
+    assert told["recording-changed"].what == f"its content has changed, at the same size of {size} bytes"
+    assert told["result-changed"].what == "it has 5 bytes, and was written with 4"
+    cloud.write_bytes(b"plx\n")
+    data.recording(UPLOAD).write_bytes(b"x")
+    told = {finding.code: finding for finding in examine(data.store).findings}
+    assert told["recording-changed"].what == f"it has 1 bytes, and was written with {size}"
+    assert told["result-changed"].what == "its content has changed, at the same size of 4 bytes"
+    cloud.unlink()
+    (missing,) = (finding for finding in examine(data.store).findings if finding.code == "result-missing")
+    assert "what there is of the result is put aside" in missing.what_to_do
 
 
 # Results, calibrations, and what was under way

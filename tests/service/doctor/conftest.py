@@ -1,0 +1,22 @@
+"""A data folder to be damaged."""
+
+import dataclasses
+import shutil
+from pathlib import Path
+
+import pytest
+
+from tests.service.stored_data import Data, make_data
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory, recording_file: Path) -> Data:
+    """Made once; each test has a copy."""
+    return make_data(tmp_path_factory.mktemp("whole"), recording_file)
+
+
+@pytest.fixture
+def data(whole: Data, tmp_path: Path) -> Data:
+    """A copy to be damaged."""
+    shutil.copytree(whole.root, tmp_path / "data")
+    return dataclasses.replace(whole, root=tmp_path / "data")
