@@ -143,11 +143,12 @@ class Jobs:
         elif (row := find()).state != "aborted":
             raise ProblemError(409, "not-cancellable", f"the {kind(row)} is {row.state} already")
 
-    def stop_arm(self, reason: str = "the arm was stopped by request") -> None:
-        """Stops the arm, whatever goes on, and aborts the live scan or calibration under way, if any."""
+    def stop_arm(self, reason: str = "the arm was stopped by request") -> str | None:
+        """Stops the arm, whatever goes on, and aborts the live scan or calibration under way, if any; the scan's id."""
         running = self._place.running
-        live = running is not None and running.plan is not None
-        self._stop(running if live else None, "aborted", reason, settle_s=STOPPED_S)
+        live = running if running is not None and running.plan is not None else None
+        self._stop(live, "aborted", reason, settle_s=STOPPED_S)
+        return live.row.id if live is not None and isinstance(live.row, ScanRow) else None
 
     def stop_unattended(self) -> None:
         """Stops an arm that may be moving, because the service does not answer: nobody else could stop it."""

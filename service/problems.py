@@ -127,6 +127,14 @@ def problem_document(status: int, slug: str, detail: str, instance: str | None =
     return document | more
 
 
+def why_ended(state: str, problem: dict[str, Any] | None) -> str:
+    """What a log says behind the state in which something ended, which a stopped scan's problem has the name of."""
+    if problem is None:
+        return ""
+    slug = problem["type"].removeprefix("urn:pointchain:")
+    return f": {problem['detail']}" if slug == state else f": {slug}: {problem['detail']}"
+
+
 def cell_problem(error: CellError) -> dict[str, Any]:
     """What the cell refuses, or broke off by, as a problem document."""
     return problem_document(CELL_STATUS.get(error.slug, 409), error.slug, str(error))

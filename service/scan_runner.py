@@ -21,7 +21,7 @@ from service.last_word import write_last
 from service.live import keep_recording, live_outcome
 from service.observing.json_log import log_scan
 from service.observing.scan_metrics import ScanMetrics
-from service.problems import cell_problem, problem_document, storage_problem
+from service.problems import cell_problem, problem_document, storage_problem, why_ended
 from service.running import Running
 from service.scan_inputs import recognition_inputs
 from service.schemas import ScanState
@@ -63,6 +63,7 @@ class ScanRunner:
         """Brings a scan to its final state; a live one's arm is home when this returns, or has stopped."""
         self._begun_s = time.monotonic()
         with log_scan(running.row.id):
+            log.info("scan %s begins: %s", running.row.id, _what(running))
             try:
                 with ExitStack() as until_home:
                     self._run(running, until_home)
@@ -151,17 +152,16 @@ class ScanRunner:
             state: ScanState = "failed"
             if stop is not None:
                 state, detail = stop
-                stopped = problem_document(409, state, detail)
-                store.end_scan(scan.id, state, stopped)
+                problem = problem_document(409, state, detail)
+                store.end_scan(scan.id, state, problem)
             elif outcome is not None:
                 state = "partial" if outcome.partial else "succeeded"
                 self.drawing = scan.id
                 store.finish_scan(scan.id, state, outcome.summary(), results, outcome.files)
             else:
-                log.warning("scan %s failed: %s", scan.id, problem)
                 assert problem is not None
                 store.end_scan(scan.id, state, problem)
-        self._tell_end(scan, state)
+        self._tell_end(scan, state, problem)
         if outcome is not None:
             self._metrics.recognised(outcome.timing_s, outcome.views)
         if stop is None and outcome is not None:
@@ -179,9 +179,10 @@ class ScanRunner:
         except sqlite3.Error:
             log.exception("what scan %s tells of the calibration could not be kept", scan.id)
 
-    def _tell_end(self, scan: ScanRow, state: ScanState) -> None:
+    def _tell_end(self, scan: ScanRow, state: str, problem: dict[str, Any] | None) -> None:
         seconds = time.monotonic() - self._begun_s
-        log.info("scan %s %s after %.1f s", scan.id, state, seconds)
+        level = logging.WARNING if state == "failed" else logging.INFO
+        log.log(level, "scan %s %s after %.1f s%s", scan.id, state, seconds, why_ended(state, problem))
         self._metrics.ended(scan.mode, state, seconds)
 
     def _give_up(self, running: Running[ScanRow], error: Exception) -> None:
@@ -195,7 +196,7 @@ class ScanRunner:
         if running.stop is not None:
             state, detail = running.stop
             problem = problem_document(409, state, detail)
-        self._tell_end(scan, state)
+        self._tell_end(scan, state, problem)
 
         def write() -> None:
             if scan.mode == "live":
@@ -215,3 +216,10 @@ class ScanRunner:
             self._store.update_scan(scan_id, ("queued", "processing"), stage=name, fraction=DONE_BEFORE[name])
 
         return on_stage
+
+
+def _what(running: Running[ScanRow]) -> str:
+    """What a scan is of."""
+    if running.plan is None:
+        return f"replay of recording {running.row.recording}"
+    return f"live, {len(running.plan.viewpoints)} views"

@@ -1,9 +1,11 @@
 """`pointchain serve`: the HTTP service in front of a socket."""
 
+import logging
 import os
 import signal
 import socket
 import sys
+from pathlib import Path
 
 from service.app import create_app
 from service.config import ServiceConfig
@@ -11,8 +13,11 @@ from service.data_folder import DataFolder, DataFolderError
 from service.observing.json_log import start_log
 from service.open_files import raise_open_files
 from service.security.binding import check_binding
+from service.security.hosts import called_by
 from service.server import Server
 from service.supervision.supervised import Supervised
+
+log = logging.getLogger(__name__)
 
 SWITCH_S = 0.001
 """A thread that waits for the interpreter gets it after so long. With Python's own 5 ms, whoever moves the arm waits
@@ -28,8 +33,6 @@ def serve(config: ServiceConfig, line: int | None = None) -> int:
     if binding.refusal is not None:
         print(f"pointchain serve: {binding.refusal}", file=sys.stderr)
         return 1
-    if binding.note is not None:
-        print(f"pointchain serve: {binding.note}", file=sys.stderr)
     try:
         # Taken for a moment: inside the server the same refusal would come as a traceback.
         DataFolder(config.data_dir).close()
@@ -42,9 +45,10 @@ def serve(config: ServiceConfig, line: int | None = None) -> int:
         where = f"{config.host}:{config.port}"
         print(f"pointchain serve: cannot listen on {where}: {error.strerror or error}", file=sys.stderr)
         return 1
-    address = f"[{config.host}]" if ":" in config.host else config.host
-    print(f"pointchain: http://{address}:{listening.getsockname()[1]}/docs, data in {config.data_dir}", file=sys.stderr)
-    start_log(config.log.format, config.log.level)
+    as_log = start_log(config.log.format, config.log.level) == "json"
+    if binding.note is not None:
+        _tell(f"pointchain serve: {binding.note}", as_log)
+    _tell(_where(config.host, listening.getsockname()[1], config.data_dir), as_log)
     raise_open_files()
     supervised = None if line is None else Supervised(line)
     if supervised is not None:
@@ -54,6 +58,20 @@ def serve(config: ServiceConfig, line: int | None = None) -> int:
     with listening:
         server.run(sockets=[listening])
     return 0 if server.started else 1
+
+
+def _tell(words: str, as_log: bool) -> None:
+    """Where the log is for programs, everything on stderr is its; whatever its level, as on a terminal."""
+    if as_log:
+        log.setLevel(logging.INFO)
+        log.info("%s", words)
+    else:
+        print(words, file=sys.stderr)
+
+
+def _where(host: str, port: int, data_dir: Path) -> str:
+    name = called_by(host)
+    return f"pointchain: http://{f'[{name}]' if ':' in name else name}:{port}/docs, data in {data_dir}"
 
 
 def _listen(host: str, port: int) -> socket.socket:

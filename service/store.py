@@ -5,6 +5,7 @@ two leaves a file without a row, never a row without its file. Every call may bl
 event loop.
 """
 
+import logging
 import shutil
 from collections.abc import Sequence
 from pathlib import Path
@@ -16,10 +17,13 @@ from service.calibrations.store import CalibrationStore
 from service.data_folder import DataFolder
 from service.database import Database, now, update
 from service.events.scan_events import ScanEvents
+from service.observing.json_log import log_scan
 from service.problems import problem_document
 from service.scan_queries import EVERY_SCAN, ScanFilter, select_scans
 from service.schemas import ACTIVE_STATES, ScanState, ViewState
 from service.tables import KeyRow, RecordingRow, ScanRow, ViewRow, insert, to_recording, to_scan
+
+log = logging.getLogger(__name__)
 
 MISSED = (
     "UPDATE views SET state = 'missing', reason = ?, changed_at = ? WHERE scan = ? AND state = 'moving' RETURNING view"
@@ -171,3 +175,5 @@ class Store:
             detail = "the service ended while this scan was under way; what was recorded is kept: reprocess it"
             problem = problem_document(500, "interrupted", detail)
             self.end_scan(scan.id, "interrupted", problem)
+            with log_scan(scan.id):
+                log.warning("scan %s is interrupted: it was %s; %s", scan.id, scan.state, detail)

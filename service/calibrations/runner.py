@@ -17,7 +17,7 @@ from cell.errors import CellError, StoppedError
 from service.calibrations.store import CalibrationStore
 from service.database import now
 from service.last_word import write_last
-from service.problems import cell_problem, problem_document, storage_problem
+from service.problems import cell_problem, problem_document, storage_problem, why_ended
 from service.running import Running
 from service.store import Store
 from service.tables import CalibrationRow
@@ -89,6 +89,7 @@ class CalibrationRunner:
     def run(self, running: Running[CalibrationRow]) -> None:
         """Brings it to its final state; the arm is home when this returns, or has stopped."""
         row = running.row
+        log.info("%s begins: %d poses", running.words, row.poses)
         try:
             done, problem = self._try(running)
             self._record(running, done, problem)
@@ -142,14 +143,18 @@ class CalibrationRunner:
         with self._leaving(running):
             if stop is not None:
                 state, detail = stop
-                self._store.end(row.id, state, problem_document(409, state, detail))
+                problem = problem_document(409, state, detail)
+                self._store.end(row.id, state, problem)
             elif done is not None:
-                ended = {"state": "succeeded", "stage": None, "fraction": 1.0, "ended_at": now()}
+                state = "succeeded"
+                ended = {"state": state, "stage": None, "fraction": 1.0, "ended_at": now()}
                 self._store.update(row.id, **ended, result=done.result, verification=done.verification)
             else:
-                log.warning("%s failed: %s", running.words, problem)
                 assert problem is not None
-                self._store.end(row.id, "failed", problem)
+                state = "failed"
+                self._store.end(row.id, state, problem)
+        level = logging.WARNING if state == "failed" else logging.INFO
+        log.log(level, "%s %s%s", running.words, state, why_ended(state, problem))
 
 
 def picture_file(folder: Path, index: int) -> Path | None:

@@ -91,9 +91,10 @@ class TextFormatter(logging.Formatter):
         return f"{line}\n{traceback}" if traceback else line
 
 
-def start_log(form: Format, level: Level) -> None:
+def start_log(form: Format, level: Level) -> Literal["json", "text"]:
     """From here on this process and the children that it starts write their log so, to stderr; `auto`: as text on a
-    terminal. Replaces what was set up before; uvicorn's own loggers go the same way, but for its line a request."""
+    terminal. Which of the two it is. Replaces what was set up before; uvicorn's own loggers go the same way, but for
+    its line a request."""
     if form == "auto":
         form = "text" if sys.stderr.isatty() else "json"
     _write_to(LogWriter(sys.stderr), form, level)
@@ -104,6 +105,7 @@ def start_log(form: Format, level: Level) -> None:
     logging.captureWarnings(True)
     threading.excepthook = _log_end_of_thread
     in_every_child(partial(start_child_log, form, level))
+    return form
 
 
 def start_child_log(form: Format, level: Level, name: str) -> None:

@@ -12,7 +12,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from service.observing.arrival import arriving
 from service.observing.json_log import log_request, log_scan
-from service.request_line import scan_in, shown_path
+from service.request_line import scan_in, scan_of, shown_path
 from service.security.caller import known_caller
 
 log = logging.getLogger("service.access")
@@ -63,12 +63,12 @@ class RequestWatch:
         if scope["type"] != "http":
             await self._app(scope, receive, send)
             return
-        status, stream = GONE, False
+        status, stream, about = GONE, False, scan_in(scope["path"])
 
         async def seen(message: Message) -> None:
-            nonlocal status, stream
+            nonlocal status, stream, about
             if message["type"] == "http.response.start":
-                status = message["status"]
+                status, about = message["status"], scan_of(scope, message)
                 stream = any(
                     name == b"content-type" and value.startswith(b"text/event-stream")
                     for name, value in message.get("headers", ())
@@ -78,7 +78,7 @@ class RequestWatch:
         with (
             arriving() as arrived,
             log_request(f"{STARTED}-{next(self._numbers)}"),
-            log_scan(scan_in(scope["path"])),
+            log_scan(about),
         ):
             try:
                 await self._app(scope, receive, seen)
@@ -86,7 +86,8 @@ class RequestWatch:
                 status = 500 if status == GONE else status  # whoever is further out answers and logs it
                 raise
             finally:
-                self._tell(scope, status, monotonic() - arrived, stream)
+                with log_scan(about):
+                    self._tell(scope, status, monotonic() - arrived, stream)
 
     def _tell(self, scope: MutableMapping[str, Any], status: int, seconds: float, stream: bool) -> None:
         method, path = scope["method"], scope["path"]

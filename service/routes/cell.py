@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from anyio import to_thread
-from fastapi import APIRouter, Response
+from fastapi import APIRouter, Request, Response
 
 from calibration.storage import HandEye
 from service.calibrations.resources import calibration_warnings, recent_drift, usable_hand_eye
@@ -33,10 +33,11 @@ def connect_cell(service: Service) -> CellResource:
 
 
 @router.post("/cell/stop", responses=problem_responses())
-async def stop_cell(service: Service) -> CellResource:
+async def stop_cell(request: Request, service: Service) -> CellResource:
     """Stops the arm at once, whatever goes on; a live scan or calibration under way is aborted. Not an emergency
     stop."""
-    await to_thread.run_sync(service.jobs.stop_arm, limiter=service.stopping)
+    stopped = await to_thread.run_sync(service.jobs.stop_arm, limiter=service.stopping)
+    request.state.stopped_scan = stopped  # for logs
     # Asks neither the database nor the disk: a locked or a slow one may not keep the next stop waiting.
     warnings = calibration_warnings(None, service.jobs.drift.latest, service.store.calibrations)
     return _told(service, _InUse(None, warnings))

@@ -40,17 +40,19 @@ class Entry:
 
     at: str
     who: str
-    """A token's name, `local`, `service`, or the address of somebody who did not say who he is."""
+    """A token's name, `local`, `service`, `console` for the command line, or the address of somebody who did not say
+    who he is."""
     role: str
     what: str
     """As `POST /api/scans`."""
     scan: str | None
+    """The one that was started or stopped; else the one that the address names."""
     cell: str
-    """The cell's state at that moment."""
+    """The cell's state at that moment; `unknown` to the command line."""
     status: int
     """Of the answer; 0: there was none."""
     result: str | None
-    """The problem's slug; None: there was no problem."""
+    """The problem's slug; `replayed`: an earlier request with this idempotency key had done it; None: it was done."""
 
 
 INSERT = f"INSERT INTO audit ({', '.join(field.name for field in fields(Entry))}) VALUES (?, ?, ?, ?, ?, ?, ?, ?)"

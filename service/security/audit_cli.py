@@ -15,11 +15,12 @@ def add_audit_command(commands: "argparse._SubParsersAction[argparse.ArgumentPar
         "audit",
         help="who asked the service for what, and what came of it",
         description="Prints the audit log, the newest entries last: when, who (role), what, the answer's status and "
-        "problem, in which state the cell was, and the scan. Status 0 is of the service itself.",
+        "problem, in which state the cell was, and the scan. Without a status (0 in JSON): of the service itself "
+        "or the command line.",
     )
     audit.add_argument("--since", type=_moment, metavar="WHEN", help="as 2026-01-31 or 2026-01-31T08:00:00+01:00 (UTC)")
-    audit.add_argument("--scan", metavar="ID", help="of this scan")
-    audit.add_argument("--who", metavar="NAME", help="of this token; local, service, or an address")
+    audit.add_argument("--scan", metavar="ID", help="of this scan: who started, stopped, kept or reprocessed it")
+    audit.add_argument("--who", metavar="NAME", help="of this token; local, service, console, or an address")
     audit.add_argument("--limit", type=_limit, default=100, metavar="N", help="the newest N (%(default)s)")
     audit.add_argument("--json", action="store_true", help="one JSON document a line")
     audit.add_argument("--config", type=Path, metavar="TOML", help="the service's configuration file")

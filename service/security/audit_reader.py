@@ -8,6 +8,8 @@ from service.data_folder import DATABASE
 from service.security.audit import Entry
 
 WAIT_S = 5.0
+OF_SCAN = "(scan = ? OR instr(what || '/', '/api/scans/' || ? || '/') > 0)"
+"""An address may end with the scan's id."""
 
 
 class AuditError(ValueError):
@@ -18,6 +20,7 @@ class AuditError(ValueError):
 
 def read_audit(data_dir: Path, since: str | None, scan: str | None, who: str | None, limit: int) -> list[Entry]:
     """The newest entries, at most `limit`, in the order of their making; `since` as `service.database.now` writes it.
+    Those of a scan are also those whose address names it, as of a reprocess, which is the new scan's.
 
     Raises:
         AuditError: there is no such log, or it cannot be read.
@@ -25,9 +28,9 @@ def read_audit(data_dir: Path, since: str | None, scan: str | None, who: str | N
     path = data_dir / DATABASE
     if not path.is_file():
         raise AuditError(f"there is no {path}: no service has run with this data folder")
-    wanted = {"at >= ?": since, "scan = ?": scan, "who = ?": who}
+    wanted = {"at >= ?": since, OF_SCAN: scan, "who = ?": who}
     conditions = [condition for condition, value in wanted.items() if value is not None]
-    values = [value for value in wanted.values() if value is not None]
+    values = [value for condition, value in wanted.items() if value is not None for _ in range(condition.count("?"))]
     where = f"WHERE {' AND '.join(conditions)}" if conditions else ""
     columns = ", ".join(Entry.__dataclass_fields__)
     sql = f"SELECT {columns} FROM audit {where} ORDER BY id DESC LIMIT ?"

@@ -28,6 +28,13 @@ def is_loopback(host: str) -> bool:
         return host == "localhost"
 
 
+def called_by(listening: str) -> str:
+    """The name or address by which whoever is on this machine calls a service that listens there."""
+    if listening in ANY_ADDRESS:
+        return "::1" if ":" in listening else "127.0.0.1"
+    return listening
+
+
 class AllowedHosts:
     """Loopback's names, the address listened on, and those of the configuration; any port."""
 
@@ -52,8 +59,8 @@ class AllowedHosts:
             raise ProblemError(
                 421,
                 "host-not-allowed",
-                "the service may not be called by this name: call it by its address, or add the name to "
-                "security.allowed_hosts of its configuration",
+                "the service may not be called by this name or address: add it to security.allowed_hosts of the "
+                "service's configuration",
             )
 
 

@@ -1,11 +1,10 @@
 """Each request that changes something, and each that was refused, is in the audit log before its answer goes out."""
 
 import asyncio
-from collections.abc import Iterable
 
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from service.request_line import scan_in, shown_path
+from service.request_line import header_of, scan_in, scan_of, shown_path
 from service.security.audit import AuditLog
 from service.security.caller import known_caller
 from service.security.origin import SAFE
@@ -49,7 +48,7 @@ class Recorder:
         except asyncio.CancelledError:  # the service ends
             if not answered and scope["method"] not in SAFE:
                 who, role = _who(scope)
-                self._audit.note(who, _what(scope), role=role, scan=_scan(scope["path"]), result="interrupted")
+                self._audit.note(who, _what(scope), role=role, scan=scan_in(scope["path"]), result="interrupted")
             raise
 
     async def _record(self, scope: Scope, answer: Message, slug: str | None = None) -> None:
@@ -64,9 +63,9 @@ class Recorder:
         if refused:
             await self._audit.refused(who, role, what, call or scope["method"], answer["status"], slug)
         else:
-            made = answer.get("headers", ()) if answer["status"] < 300 else ()
-            scan = _scan(scope["path"], made)
-            await self._audit.record(who, role, what, scan, answer["status"], slug, call not in STOPS)
+            result = slug or ("replayed" if header_of(answer, b"idempotency-replayed") == "true" else None)
+            scan = scan_of(scope, answer)
+            await self._audit.record(who, role, what, scan, answer["status"], result, call not in STOPS)
 
 
 def _who(scope: Scope) -> tuple[str, str]:
@@ -79,9 +78,3 @@ def _who(scope: Scope) -> tuple[str, str]:
 
 def _what(scope: Scope) -> str:
     return f"{scope['method'][:10]} {shown_path(scope['path'])}"
-
-
-def _scan(path: str, headers: Iterable[tuple[bytes, bytes]] = ()) -> str | None:
-    """The scan that the address names, or the Location in the headers of the answer."""
-    places = [path, *(value.decode("latin-1") for name, value in headers if name.lower() == b"location")]
-    return next(filter(None, map(scan_in, places)), None)

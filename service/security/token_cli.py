@@ -50,15 +50,17 @@ def _add(options: argparse.Namespace) -> int:
     from service.security.tokens import TokensError, add_token
 
     try:
-        token = add_token(_data_dir(options), options.name, options.role)
+        data_dir = _data_dir(options)
+        token = add_token(data_dir, options.name, options.role)
     except (ConfigError, TokensError) as error:
         return _failed("add", error)
-    print(token)
+    print(token, flush=True)  # whatever comes of the entry
     print(
         f"{options.name} is {options.role}. The token is kept nowhere: store it now, and send it in each request as\n"
         "  Authorization: Bearer TOKEN",
         file=sys.stderr,
     )
+    _note(data_dir, f"token add {options.name} {options.role}")
     return 0
 
 
@@ -82,7 +84,8 @@ def _remove(options: argparse.Namespace) -> int:
     from service.security.tokens import TokensError, remove_token
 
     try:
-        left = remove_token(_data_dir(options), options.name)
+        data_dir = _data_dir(options)
+        left = remove_token(data_dir, options.name)
     except (ConfigError, TokensError) as error:
         return _failed("remove", error)
     print(f"{options.name} is refused from now on", file=sys.stderr)
@@ -91,7 +94,17 @@ def _remove(options: argparse.Namespace) -> int:
             "that was the last token: on loopback, everybody on this machine may do everything now; elsewhere, nobody",
             file=sys.stderr,
         )
+    _note(data_dir, f"token remove {options.name}")
     return 0
+
+
+def _note(data_dir: Path, what: str) -> None:
+    """Behind the deed: a token that is not good any more is not to wait for the database."""
+    from service.security.console_audit import note_from_console
+
+    lacking = note_from_console(data_dir, what)
+    if lacking is not None:
+        print(f"the audit log has no entry of it: {lacking}", file=sys.stderr)
 
 
 def _failed(command: str, error: Exception) -> int:

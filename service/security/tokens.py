@@ -30,7 +30,7 @@ PREFIX = "pct_"
 """By which people, and programs that look for secrets, know a token when they see one."""
 LARGEST_BYTES = 1 << 20
 NAME = r"^[A-Za-z][A-Za-z0-9._-]{0,63}$"
-RESERVED = (LOCAL.name, "service")
+RESERVED = (LOCAL.name, "service", "console")
 """Names that the audit log has for others."""
 
 

@@ -1,10 +1,12 @@
 """What a service that was killed leaves to the next one."""
 
 import hashlib
+import json
 import os
 import signal
 import time
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -46,6 +48,18 @@ def test_killed_in_the_middle_of_a_scan(recording_file: Path, tmp_path: Path) ->
         assert interrupted["state"] == "interrupted"
         assert interrupted["problem"]["type"] == "urn:pointchain:interrupted"
         assert interrupted["links"]["model"] is None
+        told = logged(tmp_path / "second.log")
+        (mended,) = [line for line in told if "interrupted" in line["message"]]
+        assert (mended["scan"], mended["level"]) == (interrupted["id"], "warning")
+        assert told[0]["message"].startswith("pointchain: http://")
+        # The log of the first: a scan from its request to its end, each line with its id.
+        told = [line for line in logged(tmp_path / "first.log") if line.get("scan") == finished["id"]]
+        told = [line for line in told if line.get("method") != "GET"]
+        assert {line["message"].split(" in ")[0].split(" after ")[0] for line in told} == {
+            "POST /api/scans 202",
+            f"scan {finished['id']} begins: replay of recording {recording['id']}",
+            f"scan {finished['id']} succeeded",
+        }
 
         again = client.post("/api/scans", json=wish)
         assert again.status_code == 202
@@ -107,6 +121,11 @@ def test_killed_in_the_middle_of_a_live_scan(tmp_path: Path) -> None:
     # The last one may have been on the disk before its row was.
     assert kept <= views
     assert len(views) == recording["views"] < 8
+
+
+def logged(file: Path) -> list[dict[str, Any]]:
+    """All of it is JSON."""
+    return [json.loads(line) for line in file.read_text().splitlines()]
 
 
 def wait_for_end(started: set[int]) -> None:

@@ -1,5 +1,6 @@
 """The arm is stopped on request: at once, whatever the service is at, and nothing that was seen is lost."""
 
+import logging
 import os
 import random
 import signal
@@ -12,6 +13,7 @@ from typing import Any
 import httpx
 import pytest
 
+from service.security.audit_reader import read_audit
 from tests.cell.virtual_arm import dashboard_commands
 from tests.service.conftest import Serve, wait_until
 from tests.service.faults.figures import Figures, rounds
@@ -63,7 +65,10 @@ def assert_stopped(cell: LiveCell, begin: int, scan: dict[str, Any]) -> None:
 
 @pytest.mark.fault(4)
 @rounds(2, 100)
-def test_in_the_middle_of_a_move(cell: LiveCell, finished: Finished, figures: Figures, count: int) -> None:
+def test_in_the_middle_of_a_move(
+    cell: LiveCell, finished: Finished, figures: Figures, count: int, caplog: pytest.LogCaptureFixture
+) -> None:
+    caplog.set_level(logging.INFO, "service.scan_runner")
     chance, waits, rests = random.Random(4), [], []
     for number in range(count):
         cell.is_well()
@@ -77,10 +82,17 @@ def test_in_the_middle_of_a_move(cell: LiveCell, finished: Finished, figures: Fi
         sent_s = wait_for_stop(cell, since)
         waits.append(sent_s - asked_s)
         rests.append(TIME_FACTOR * still_s(cell, since, sent_s))
-        assert_stopped(cell, begin, finished(cell.client, location))
+        assert_stopped(cell, begin, scan := finished(cell.client, location))
+        wait_until(lambda scan=scan, path=path: f"POST {path}" in audited(cell, scan["id"]))
+        assert f"scan {scan['id']} begins: live, 8 views" in caplog.messages
     figures.at_most("stop on the wire", waits, WIRE_S, share=0.99)
     figures.at_most("arm at rest", rests, STILL_S)
     assert cell.client.post("/api/cell/stop").status_code == 200  # also when nothing runs
+
+
+def audited(cell: LiveCell, scan_id: str) -> list[str]:
+    """What the audit log has of a scan."""
+    return [entry.what for entry in read_audit(cell.client.app.state.context.store.folder.root, None, scan_id, None, 9)]
 
 
 @pytest.mark.fault(5)

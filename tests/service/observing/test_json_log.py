@@ -1,5 +1,6 @@
 """The service's log: one JSON document a line, whoever logs, and nobody waits for who reads it."""
 
+import asyncio
 import contextvars
 import io
 import json
@@ -15,9 +16,12 @@ from typing import Any
 
 import httpx
 import pytest
+from prometheus_client import CollectorRegistry
+from starlette.types import Message, Receive, Scope, Send
 
 from service.observing.json_log import JsonFormatter, TextFormatter, log_request, log_scan
 from service.observing.log_writer import LogWriter
+from service.observing.request_watch import RequestMetrics, RequestWatch
 
 ROOT = Path(__file__).resolve().parents[3]
 WHERE = ("name", logging.WARNING, "file.py", 1)
@@ -179,8 +183,36 @@ def test_a_request_is_one_line_without_what_nobody_should_read(
         access: dict[str, Any] = vars(record)["access"]
         assert access["duration_s"] > 0
         shown = {key: value for key, value in access.items() if key != "duration_s"}
-        assert shown == {"method": "GET", "path": "/api/scans/none", "status": 404, "who": "local"}
+        assert shown == {"method": "GET", "path": "/api/scans/none", "status": 422, "who": "local"}
         assert "a-secret" not in record.getMessage()
         assert record.levelname == "INFO"
         assert told("/healthz").levelname == "DEBUG"
         assert "\n" not in told("/api/a%0Ab").getMessage()
+
+
+def test_what_begins_or_stops_a_scan_is_logged_with_it(caplog: pytest.LogCaptureFixture) -> None:
+    def told(path: str, answer: dict[str, Any], **state: str) -> str | None:
+        async def app(scope: Scope, receive: Receive, send: Send) -> None:
+            await send({"type": "http.response.start"} | answer)
+
+        async def nowhere(_: Message) -> None: ...
+
+        scope = {"type": "http", "method": "POST", "path": path, "headers": [], "state": state}
+        written = io.StringIO()
+        handler = logging.StreamHandler(written)
+        handler.setFormatter(JsonFormatter())
+        logger = logging.getLogger("service.access")
+        logger.addHandler(handler)
+        try:
+            asyncio.run(RequestWatch(app, RequestMetrics(CollectorRegistry()))(scope, None, nowhere))  # type: ignore[arg-type]
+        finally:
+            logger.removeHandler(handler)
+        return json.loads(written.getvalue()).get("scan")
+
+    started = [(b"location", b"/api/scans/s-2")]
+    with caplog.at_level(logging.INFO, "service.access"):
+        assert told("/api/scans", {"status": 202, "headers": started}) == "s-2"
+        assert told("/api/scans", {"status": 409, "headers": started}) is None  # that one is in the way
+        assert told("/api/scans/s-1/reprocess", {"status": 202, "headers": started}) == "s-2"
+        assert told("/api/cell/stop", {"status": 200, "headers": []}, stopped_scan="s-3") == "s-3"
+        assert told("/api/scans/s-1/cancel", {"status": 200}) == "s-1"

@@ -5,18 +5,21 @@ import json
 import logging
 import sqlite3
 import threading
+from contextlib import closing
 from pathlib import Path
 
 import httpx
 import pytest
+from starlette.types import Message, Receive, Scope, Send
 
 from service.cli import main
 from service.data_folder import DATABASE, DataFolder
-from service.security import audit
+from service.security import audit, console_audit
 from service.security.audit import AuditLog, Entry
 from service.security.audit_reader import AuditError, read_audit
 from service.security.recorder import Recorder
 from service.security.repeats import KEYS_MOST, Repeats
+from service.security.tokens import TokenFile
 from service.store import Store
 from tests.service.conftest import Serve, ServedClient, wait_until
 from tests.service.security.conftest import Guarded, without_recognition
@@ -46,6 +49,75 @@ def test_what_changes_something_is_written_before_it_is_answered(
     cancelled = entries(data, scan=scan)[-1]
     assert (cancelled.what, cancelled.status) == (f"POST /api/scans/{scan}/cancel", 200)
     assert [one.scan for one in entries(data, scan=scan)] == [scan, scan]
+
+
+def test_a_repeated_request_says_so(client: ServedClient, recording: str, held: int) -> None:
+    body, key = {"mode": "replay", "recording": recording}, {"Idempotency-Key": f"audit {recording}"}
+    scan, again = (client.post("/api/scans", json=body, headers=key).json()["id"] for _ in range(2))
+    assert scan == again
+    client.post(f"/api/scans/{scan}/cancel")
+    found = entries(client.app.state.context.store.folder.root, scan=scan)[:2]
+    assert [(one.what, one.status, one.result) for one in found] == [
+        ("POST /api/scans", 202, None),
+        ("POST /api/scans", 202, "replayed"),
+    ]
+
+
+def test_a_request_is_filed_under_the_scan_that_it_brought_about(database: Path) -> None:
+    """A reprocess under the new one, and found under its source too; a stop under the one that it stopped."""
+    log = AuditLog()
+    log.start(database, lambda: "busy")
+
+    def ask(path: str, status: int, location: str | None = None, **state: str) -> None:
+        async def answer(scope: Scope, receive: Receive, send: Send) -> None:
+            headers = [] if location is None else [(b"Location", location.encode())]
+            await send({"type": "http.response.start", "status": status, "headers": headers})
+
+        async def nowhere(_: Message) -> None: ...
+
+        scope = {"type": "http", "method": "POST", "path": path, "client": ("::1", 1), "headers": [], "state": state}
+        asyncio.run(Recorder(answer, log)(scope, None, nowhere))  # type: ignore[arg-type]
+
+    ask("/api/scans/s-1/reprocess", 202, "/api/scans/s-2")
+    ask("/api/scans/s-1/reprocess", 409, "/api/scans/s-3", problem="cell-busy")  # that one is in the way
+    ask("/api/cell/stop", 200, stopped_scan="s-2")
+    ask("/api/cell/stop", 200)
+    ask("/api/scans/s-11/cancel", 200)
+    log.close()
+    told = [(one.what.rpartition("/")[2], one.scan) for one in entries(database.parent)]
+    assert told == [("reprocess", "s-2"), ("reprocess", "s-1"), ("stop", "s-2"), ("stop", None), ("cancel", "s-11")]
+    assert [one.scan for one in entries(database.parent, scan="s-1")] == ["s-2", "s-1"]
+    assert [one.status for one in entries(database.parent, scan="s-2")] == [202, 200]
+
+
+def test_a_change_of_the_tokens_is_written_too(
+    database: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    place = ["--data-dir", str(database.parent)]
+    assert main(["token", "add", "anna", "--role", "operator", *place]) == 0
+    assert main(["token", "remove", "anna", *place]) == 0
+    assert "audit" not in capsys.readouterr().err
+    assert main(["token", "remove", "anna", *place]) == 1  # nothing was changed
+    assert [vars(one) | {"at": ""} for one in entries(database.parent, who="console")] == [
+        vars(Entry("", "console", "maintainer", what, None, "unknown", 0, None))
+        for what in ("token add anna operator", "token remove anna")
+    ]
+    capsys.readouterr()
+
+    monkeypatch.setattr(console_audit, "WAIT_S", 0.02)
+    with closing(sqlite3.connect(database, isolation_level=None)) as holder:
+        holder.execute("BEGIN IMMEDIATE")
+        assert main(["token", "add", "bert", "--role", "viewer", *place]) == 0
+    told = capsys.readouterr()
+    assert TokenFile(database.parent).find(told.out.strip()) is not None
+    assert "the audit log has no entry of it" in told.err
+    assert "locked" in told.err
+    assert len(entries(database.parent)) == 2
+
+    fresh = tmp_path / "fresh"
+    assert main(["token", "add", "bert", "--role", "viewer", "--data-dir", str(fresh)]) == 0
+    assert f"the audit log has no entry of it: there is no {fresh / DATABASE} yet" in capsys.readouterr().err
+    assert not (fresh / DATABASE).exists()
 
 
 def test_refusals_are_written_once_and_counted(guarded: Guarded) -> None:

@@ -4,7 +4,7 @@ import httpx
 import pytest
 
 from service.problems import ProblemError
-from service.security.hosts import AllowedHosts
+from service.security.hosts import AllowedHosts, called_by
 from service.security.origin import check_origin
 from tests.service.conftest import ServedClient
 from tests.service.security.conftest import connect, port_of, read_all
@@ -39,12 +39,25 @@ def test_the_address_listened_on_and_those_configured_are_allowed() -> None:
     assert "0.0.0.0" not in AllowedHosts("0.0.0.0", ("cell.local",))
 
 
+@pytest.mark.parametrize(
+    ("listening", "name"),
+    [
+        ("0.0.0.0", "127.0.0.1"), ("", "127.0.0.1"), ("::", "::1"), ("127.0.0.1", "127.0.0.1"), ("::1", "::1"),
+        ("192.168.1.20", "192.168.1.20"), ("cell.local", "cell.local"),
+    ],
+)  # fmt: skip
+def test_the_name_that_is_told_is_one_that_is_allowed(listening: str, name: str) -> None:
+    assert called_by(listening) == name
+    assert (f"[{name}]" if ":" in name else name) in AllowedHosts(listening, ())
+
+
 def test_a_name_that_was_made_to_point_here_is_refused(client: ServedClient) -> None:
     for path in ("/api/cell", "/docs", "/healthz"):
         answer = client.get(path, headers={"Host": "evil.example"})
         assert answer.status_code == 421
         assert answer.json()["type"] == "urn:pointchain:host-not-allowed"
         assert answer.json()["instance"] == path
+        assert "name or address: add it to security.allowed_hosts" in answer.json()["detail"]
     assert client.get("/api/cell", headers={"Host": "localhost"}).status_code == 200
 
 

@@ -29,7 +29,7 @@ def test_a_token_is_known_by_its_hash_alone(tmp_path: Path) -> None:
     assert add_token(tmp_path / "new", "other", "viewer") != token
 
 
-@pytest.mark.parametrize("name", ["", "1st", "a b", "../x", "a\n", "local", "service", "ü", "a" * 65, "a:b"])
+@pytest.mark.parametrize("name", ["", "1st", "a b", "../x", "a\n", "local", "service", "console", "ü", "a" * 65, "a:b"])
 def test_a_name_that_cannot_be_is_refused(tmp_path: Path, name: str) -> None:
     with pytest.raises(TokensError, match="cannot be a token's name"):
         add_token(tmp_path, name, "viewer")
