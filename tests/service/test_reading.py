@@ -112,7 +112,7 @@ def test_neither_failures_nor_large_answers_are_remembered(database: Database) -
         raise ValueError("for now")
 
     def read_large() -> Response:
-        return Response(large().body * (SMALL_BYTES + 1))
+        return Response(bytes(large().body) * (SMALL_BYTES + 1))
 
     async def ask(reading: Reading) -> bytes | memoryview:
         with pytest.raises(ValueError, match="for now"):
