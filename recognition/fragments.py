@@ -17,9 +17,9 @@ SPACING_SHARE = 0.7
 ONWARD = np.cos(np.radians(35))
 """A link leaves and enters its nodes within this angle of their directions."""
 REACH_SHARE = 2.2
-"""Longest link, as a share of r."""
+"""Longest link, as a share of r, where nothing is known of what lies between its nodes."""
 LONG_SHARE = 1.5
-"""A link longer than this, as a share of r, must not lead over bare table."""
+"""A link longer than this, as a share of r, must not lead over bare table; nodes no farther apart leave no hole."""
 SUPPORTED = 0.45
 """Nodes at a fragment's ends with less than this share of its usual support are drawn aside by another strand's
 flank: next to a strand that passes over, the corner between the two gives centre points of neither."""
@@ -65,9 +65,18 @@ def link(nodes: LineNodes, parameters: ChainParameters) -> list[Fragment]:
 
     Every node has two sides, one in its direction and one against it, and each side has one link at most: the
     straightest and shortest first. Sides without a link are fragments' ends.
+
+    Nodes that stand for those beside them may be farther apart than a link reaches, though the nodes they stand for
+    leave no hole between them. Sides that are still without a link have a longer one there.
     """
-    nodes = _representatives(nodes, parameters.r)
-    neighbours = _links(nodes, parameters.r)
+    every, standing, r = nodes, _standing(nodes, parameters.r), parameters.r
+    kept, stands_for = np.unique(standing, return_inverse=True)
+    nodes = every[kept]
+    neighbours = np.full((len(kept), 2), -1)
+    _add_links(neighbours, nodes, _pairs(nodes, REACH_SHARE * r))
+    pairs = _pairs(every, LONG_SHARE * r)
+    pairs = stands_for[pairs[_onward(every, pairs)[0]]]
+    _add_links(neighbours, nodes, np.unique(np.sort(pairs[pairs[:, 0] != pairs[:, 1]], axis=1), axis=0))
     fragments = []
     for linked, closed in _paths(neighbours):
         path = linked if closed else _supported(linked, nodes.support)
@@ -91,10 +100,9 @@ def cut_over_bare_table(fragments: Sequence[Fragment], cover: Cover, r: float) -
     return parts
 
 
-def _representatives(nodes: LineNodes, r: float) -> LineNodes:
-    """One node for each place of a strand: the best borne, in turn, keeps those beside it out."""
-    pairs = KDTree(nodes.points).query_pairs(2 * r, output_type="ndarray") if len(nodes.points) else np.empty((0, 2))
-    i, j = pairs.astype(np.int64).T
+def _standing(nodes: LineNodes, r: float) -> NDArray[np.int64]:
+    """(N,) the node that stands for each one's place: the best borne, in turn, keeps those beside it out."""
+    i, j = _pairs(nodes, 2 * r).T
     offset = nodes.points[j] - nodes.points[i]
     along = np.abs((offset * nodes.directions[i]).sum(axis=1))
     across = np.sqrt(np.maximum((offset**2).sum(axis=1) - along**2, 0.0))
@@ -102,32 +110,47 @@ def _representatives(nodes: LineNodes, r: float) -> LineNodes:
     same = (along < SPACING_SHARE * r) & (across < SPACING_SHARE * r) & parallel
     i, j = np.concatenate([i[same], j[same]]), np.concatenate([j[same], i[same]])
     beside = csr_array((np.ones(len(i), dtype=bool), (i, j)), shape=(len(nodes.points),) * 2)
-    kept, open_ = np.zeros(len(nodes.points), dtype=bool), np.ones(len(nodes.points), dtype=bool)
+    standing = np.full(len(nodes.points), -1)
     for node in np.argsort(-nodes.support, kind="stable"):
-        if open_[node]:
-            kept[node] = True
-            open_[beside.indices[beside.indptr[node] : beside.indptr[node + 1]]] = False
-    return nodes[kept]
+        if standing[node] < 0:
+            around = beside.indices[beside.indptr[node] : beside.indptr[node + 1]]
+            standing[around[standing[around] < 0]] = standing[node] = node
+    return standing
 
 
-def _links(nodes: LineNodes, r: float) -> NDArray[np.int64]:
-    """(N, 2) the node linked to each node against and along its direction, -1 for none."""
-    neighbours = np.full((len(nodes.points), 2), -1)
+def _pairs(nodes: LineNodes, reach: float) -> NDArray[np.int64]:
+    """(M, 2) the nodes within `reach` of one another."""
     if len(nodes.points) == 0:
-        return neighbours
-    a, b = KDTree(nodes.points).query_pairs(REACH_SHARE * r, output_type="ndarray").T
+        return np.empty((0, 2), dtype=np.int64)
+    return KDTree(nodes.points).query_pairs(reach, output_type="ndarray").astype(np.int64)
+
+
+def _onward(
+    nodes: LineNodes, pairs: NDArray[np.int64]
+) -> tuple[NDArray[np.bool_], NDArray[np.float64], NDArray[np.int64]]:
+    """For each of the `pairs` (M, 2): whether a link would leave and enter along the nodes' directions; what it
+    costs, its length with a price on bending; and (M, 2) the sides it takes."""
+    a, b = pairs.T
     way = nodes.points[b] - nodes.points[a]
     length = np.linalg.norm(way, axis=1)
     way /= np.maximum(length, 1e-12)[:, None]
     leaving, arriving = (way * nodes.directions[a]).sum(axis=1), (way * nodes.directions[b]).sum(axis=1)
     possible = (np.abs(leaving) > ONWARD) & (np.abs(arriving) > ONWARD)
     bend = 2 * (1 - leaving**2) + 2 * (1 - arriving**2)
-    order = np.argsort(length * (1 + bend), kind="stable")
-    sides = np.column_stack([leaving > 0, arriving < 0]).astype(np.int64)
+    return possible, length * (1 + bend), np.column_stack([leaving > 0, arriving < 0]).astype(np.int64)
+
+
+def _add_links(neighbours: NDArray[np.int64], nodes: LineNodes, pairs: NDArray[np.int64]) -> None:
+    """Links the `pairs` (M, 2) where it leads onward and both sides are free, the straightest and shortest first.
+
+    `neighbours` (N, 2) holds the node linked to each against and along its direction, -1 for none.
+    """
+    possible, cost, sides = _onward(nodes, pairs)
+    a, b = pairs.T
+    order = np.argsort(cost, kind="stable")
     for k in order[possible[order]]:
         if neighbours[a[k], sides[k, 0]] < 0 and neighbours[b[k], sides[k, 1]] < 0:
             neighbours[a[k], sides[k, 0]], neighbours[b[k], sides[k, 1]] = b[k], a[k]
-    return neighbours
 
 
 def _paths(neighbours: NDArray[np.int64]) -> list[tuple[list[int], bool]]:

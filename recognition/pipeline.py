@@ -24,6 +24,7 @@ from recognition.grasps import find_grasps
 from recognition.gripper import Gripper
 from recognition.joining import Strand
 from recognition.matching import match
+from recognition.missed_ends import without_missed_ends
 from recognition.model import METHODS, Chain, Crossing, Method, PointChainModel, Quality
 from recognition.normals import NormalCloud
 from recognition.parameters import ChainParameters
@@ -33,7 +34,7 @@ from recognition.refinement import Refinement, refine
 from recognition.registration import Registration, register
 from recognition.string_radius import measured_parameters
 from recognition.thinning import thin
-from recognition.unexplained import unexplained
+from recognition.unexplained import left_over, unexplained
 
 STAGES = ("preprocess", "registration", "centre_line", "matching", "reconstruction", "refinement", "topology", "grasps")
 """The names that `on_stage` and `timing_s` use, in order; a method has those of `stages_of`."""
@@ -154,21 +155,20 @@ def recognise(
         found = _by_graph(registration, centre_line, parameters, scene, clock)
     else:
         found = _by_sequences(method, registration, centre_line, parameters, scene, clock)
-    left_over = unexplained(registration.points, found.chains, parameters)
+    rest = left_over(registration.points, found.chains, parameters)
+    chains = without_missed_ends(found.chains, rest, parameters)
     unseen = unseen_parts(arrivals.targets, [view.index for view in registration.views if view.used], scene)
 
     clock.begin("grasps")
     grasps, ungraspable = find_grasps(
-        found.chains, found.crossings, registration.points, scene, parameters, gripper or Gripper()
+        chains, found.crossings, registration.points, scene, parameters, gripper or Gripper()
     )
     clock.begin(None)
 
     views_told = tuple(sorted(registration.views + arrivals.left_out, key=lambda view: view.index))
-    warnings = (*registration.warnings, *unseen, *found.warnings, *left_over, *ungraspable)
+    warnings = (*registration.warnings, *unseen, *found.warnings, *unexplained(rest), *ungraspable)
     quality = Quality(views_told, tuple(found.ambiguities), warnings)
-    model = PointChainModel(
-        method, parameters, found.chains, tuple(found.crossings), quality, clock.timing_s, grasps=grasps
-    )
+    model = PointChainModel(method, parameters, chains, tuple(found.crossings), quality, clock.timing_s, grasps=grasps)
     return Recognition(model, arrivals.targets, arrivals.clouds, registration, centre_line, **found.stages)
 
 

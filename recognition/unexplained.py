@@ -17,12 +17,13 @@ MOST = 5
 """Pieces told one by one."""
 
 
-def unexplained(surface: NDArray[np.float64], chains: Sequence[Chain], parameters: ChainParameters) -> list[str]:
-    """In words, the pieces of `surface` (N, 3) larger than r_cn that lie farther than 2 r from every chain.
+def left_over(
+    surface: NDArray[np.float64], chains: Sequence[Chain], parameters: ChainParameters
+) -> list[NDArray[np.float64]]:
+    """The pieces (M, 3) of `surface` (N, 3) larger than r_cn that lie farther than 2 r from every chain, the largest
+    first.
 
-    From a chain thicker than told, twice its own radius.
-    A model that leaves string out is a wrong model, and a grasp beside a thing that the model does not know may
-    collide with it: both must be told.
+    From a chain thicker than told, twice its own radius. Without chains there is nothing that they leave over.
     """
     if not chains or len(surface) == 0:
         return []
@@ -37,15 +38,25 @@ def unexplained(surface: NDArray[np.float64], chains: Sequence[Chain], parameter
     _, piece = connected_components(within(rest, rest, parameters.r), directed=False)
     order = np.argsort(piece, kind="stable")
     rest, first = rest[order], np.flatnonzero(np.diff(piece[order], prepend=-1))
-    extent = np.maximum.reduceat(rest, first) - np.minimum.reduceat(rest, first)
-    sizes = np.linalg.norm(extent, axis=1)
-    middles = np.add.reduceat(rest, first) / np.diff(first, append=len(rest))[:, None]
-    large = np.flatnonzero(sizes >= parameters.r_cn)
-    found = [(float(sizes[k]), middles[k]) for k in large[np.argsort(-sizes[large], kind="stable")]]
+    pieces = np.split(rest, first[1:])
+    sizes = np.array([_size(piece) for piece in pieces])
+    return [pieces[k] for k in np.argsort(-sizes, kind="stable") if sizes[k] >= parameters.r_cn]
+
+
+def unexplained(pieces: Sequence[NDArray[np.float64]]) -> list[str]:
+    """In words, the `pieces` that the chains leave over, the largest first.
+
+    A model that leaves string out is a wrong model, and a grasp beside a thing that the model does not know may
+    collide with it: both must be told.
+    """
     told = [
-        f"something of {size * 1000:.0f} mm at {in_mm(middle)} is above the table and in no chain"
-        for size, middle in found[:MOST]
+        f"something of {_size(piece) * 1000:.0f} mm at {in_mm(piece.mean(axis=0))} is above the table and in no chain"
+        for piece in pieces[:MOST]
     ]
-    if len(found) > MOST:
-        told.append(f"and {len(found) - MOST} more such things")
+    if len(pieces) > MOST:
+        told.append(f"and {len(pieces) - MOST} more such things")
     return told
+
+
+def _size(piece: NDArray[np.float64]) -> float:
+    return float(np.linalg.norm(np.ptp(piece, axis=0)))

@@ -80,6 +80,71 @@ def test_a_gap_longer_than_a_link_ends_a_fragment() -> None:
     assert spans(apart) == {frozenset({(0, 0, 0), (50, 0, 0)}), frozenset({(73, 0, 0), (123, 0, 0)})}
 
 
+@pytest.mark.parametrize("hole_mm", [11, 14])
+def test_nodes_that_stand_for_others_link_across_them(hole_mm: float) -> None:
+    # The nodes left are 12 mm more apart than those they stand for: more than the 22 mm of a link.
+    row = together(
+        along((0, 0, 0), (50, 0, 0), support=2.0),
+        along((56, 0, 0), (56 + hole_mm, 0, 0), step_mm=hole_mm),
+        along((62 + hole_mm, 0, 0), (72 + hole_mm, 0, 0), support=2.0),
+    )
+    (fragment,) = link(row, PARAMETERS)
+    assert spans([fragment]) == {frozenset({(0, 0, 0), (72 + hole_mm, 0, 0)})}
+    # None of the others has come back.
+    np.testing.assert_array_equal(fragment.support, 2.0)
+
+
+def test_a_hole_between_the_nodes_stood_for_ends_a_fragment() -> None:
+    # 16 mm, more than the 15 mm that leave no hole, and 28 mm between the nodes left.
+    left, right = along((0, 0, 0), (50, 0, 0), support=2.0), along((78, 0, 0), (128, 0, 0), support=2.0)
+    row = together(left, along((56, 0, 0), (72, 0, 0), step_mm=16), right)
+    assert spans(link(row, PARAMETERS)) == spans(link(together(left, right), PARAMETERS))
+    assert len(link(row, PARAMETERS)) == 2
+
+
+def test_the_nodes_stood_for_of_strands_side_by_side_or_round_a_corner_do_not_link() -> None:
+    def end(start_mm: tuple[float, ...], end_mm: tuple[float, ...], beyond_mm: tuple[float, ...]) -> LineNodes:
+        """A row, and a node beyond its end that this one stands for."""
+        way = np.array([end_mm]) - np.array([start_mm])
+        return together(along(start_mm, end_mm, support=2.0), nodes(np.array([beyond_mm], dtype=np.float64), way))
+
+    row = end((0, 0, 0), (50, 0, 0), (56, 0, 0))
+    beside = end((110, 20, 0), (60, 20, 0), (54, 20, 0))
+    corner = end((62, 62, 0), (62, 12, 0), (62, 6, 0))
+    for other in (beside, corner):
+        assert len(link(together(row, other), PARAMETERS)) == 2
+
+
+def test_a_string_in_a_bend_is_followed_to_its_end_whichever_nodes_stand_for_it() -> None:
+    # The nodes at the end of a simulated scan's string: x, y, z, mm; the direction's x, y; the support. Those left,
+    # (420.2, -32.3) and (426.6, -24.6), are 10 mm apart, more than the 9.24 mm of a link at r = 4.2 mm; what followed
+    # was too short to be kept, and so the string ended 11 mm too early.
+    table = np.array(
+        [
+            (404.7, -34.1, 3.8, -0.96, 0.27, 1.01),
+            (406.1, -34.5, 3.8, -0.98, 0.22, 0.97),
+            (408.6, -34.8, 3.8, -0.99, 0.10, 0.93),
+            (410.8, -35.0, 3.8, -1.00, -0.01, 0.88),
+            (412.7, -34.8, 3.9, -0.99, -0.15, 0.92),
+            (415.6, -34.3, 3.9, -0.95, -0.32, 0.97),
+            (417.5, -33.6, 3.9, -0.90, -0.43, 1.04),
+            (418.5, -33.2, 3.9, -0.88, -0.47, 1.03),
+            (420.2, -32.3, 3.9, -0.83, -0.56, 1.02),
+            (422.0, -30.7, 3.9, -0.75, -0.66, 1.01),
+            (425.3, -26.9, 3.8, -0.56, -0.83, 1.10),
+            (425.8, -26.1, 3.8, -0.53, -0.85, 1.12),
+            (426.6, -24.6, 3.8, -0.50, -0.87, 1.13),
+            (427.3, -23.1, 3.8, -0.47, -0.88, 1.05),
+            (428.1, -21.5, 3.8, -0.45, -0.89, 0.86),
+            (429.1, -19.4, 3.9, -0.43, -0.90, 0.58),
+        ]
+    )
+    measured = nodes(table[:, :3], np.column_stack([table[:, 3:5], np.zeros(len(table))]))
+    measured.support[:] = table[:, 5]
+    (fragment,) = link(measured, ChainParameters.for_radius(R))
+    assert spans([fragment]) == {frozenset({(405, -34, 4), (428, -22, 4)})}
+
+
 def test_strands_side_by_side_or_on_one_another_do_not_link() -> None:
     for offset in ((0, 20, 0), (0, 0, 20)):
         upper = along(offset, (100 + offset[0], offset[1], offset[2]))

@@ -18,6 +18,8 @@ from cell.simulation.poses import NO_ERRORS
 from cell.simulation.scenes import make_scene
 from cell.simulation.simulate import SimulatedScan, simulate
 from recognition.errors import InsufficientViewsError, InvalidParametersError, NoDepthError
+from recognition.fragments import Fragment, link
+from recognition.line_nodes import LineNodes
 from recognition.model import METHODS, Method
 from recognition.parameters import ChainParameters
 from recognition.pipeline import Recognition, recognise, stages_of
@@ -291,3 +293,24 @@ def test_a_wrong_radius_still_gives_a_finite_model(scan: SimulatedScan, scene: S
 def test_an_unknown_method_is_refused(scan: SimulatedScan, scene: Scene, table_1: ChainParameters) -> None:
     with pytest.raises(InvalidParametersError, match="no method 'grpah'; it must be one of matching, enhanced, graph"):
         recognise(scan.views, table_1, scene, "grpah")  # type: ignore[arg-type]  # the name must be refused, not typed
+
+
+def test_an_end_behind_which_string_was_lost_is_unseen_and_that_is_told(
+    scan: SimulatedScan, scene: Scene, table_1: ChainParameters, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    first = np.array(scan.truth["curves"][0][0])
+
+    def without_its_first_40_mm(nodes: LineNodes, parameters: ChainParameters) -> list[Fragment]:
+        fragments = []
+        for fragment in link(nodes, parameters):
+            kept = np.linalg.norm(fragment.points - first, axis=1) > 0.04
+            fragments += fragment.pieces(kept, np.zeros(len(kept), dtype=bool))
+        return fragments
+
+    monkeypatch.setattr("recognition.graph.link", without_its_first_40_mm)
+    model = recognise(scan.views, table_1, scene).model
+    (chain,) = model.chains
+    assert chain.length_m < 0.39
+    nearer = int(np.argmin(np.linalg.norm(chain.points[[0, -1]] - first, axis=1)))
+    assert (chain.ends[nearer], chain.ends[1 - nearer]) == ("unseen", "free")
+    assert any("is above the table and in no chain" in said for said in model.quality.warnings)

@@ -6,7 +6,8 @@ import numpy as np
 
 from recognition.model import Chain
 from recognition.parameters import ChainParameters
-from recognition.unexplained import MOST, unexplained
+from recognition.unexplained import MOST, left_over
+from recognition.unexplained import unexplained as in_words
 
 
 def line(start_mm: tuple[float, float], end_mm: tuple[float, float], spacing_mm: float) -> np.ndarray:
@@ -17,6 +18,10 @@ def line(start_mm: tuple[float, float], end_mm: tuple[float, float], spacing_mm:
 def chain(points: np.ndarray, closed: bool = False) -> Chain:
     count = len(points)
     return Chain(0, closed, 0.0042, points, np.zeros(count), np.ones(count, dtype=np.int64), ("free", "free"))
+
+
+def unexplained(surface: np.ndarray, chains: list[Chain], parameters: ChainParameters) -> list[str]:
+    return in_words(left_over(surface, chains, parameters))
 
 
 # Points so far apart that the middles of links are more than 2 r from both.

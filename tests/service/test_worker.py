@@ -129,7 +129,7 @@ def test_a_process_that_cannot_be_started_is_told_and_tried_again(worker: Recogn
     assert failed.value.problem["type"] == "urn:pointchain:recognition-crashed"
     assert not_ready is not None
     assert os.strerror(errno.EMFILE) in not_ready
-    assert open_files() == used
+    assert open_files() <= used  # what an earlier test has left may be closed meanwhile
     worker.prepare()
     assert worker.not_ready is None
 

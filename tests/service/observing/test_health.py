@@ -60,7 +60,7 @@ def test_a_fault_of_the_cell_leaves_the_service_ready(ready: ServedClient, monke
 def test_a_store_that_somebody_holds_is_not_ready(ready: ServedClient, assert_problem: AssertProblem) -> None:
     with held(ready.app.state.context.store.folder.database):
         answer = ready.get("/readyz")
-        assert "store: it cannot be written: database is locked" in assert_problem(answer, 503, "not-ready")
+        assert "store: it takes no changes: database is locked" in assert_problem(answer, 503, "not-ready")
         assert checks(answer) == WELL | {"store": False}
         assert answer.headers["retry-after"] == "1"
         assert ready.get("/healthz").status_code == 200
