@@ -13,17 +13,16 @@ from cell.camera import LiveCamera
 from cell.cell_calibration import rough_hand_eyes, verifiable_hand_eye
 from cell.cell_header import scan_header
 from cell.cell_status import FAULTS, CellStatus, KeptStatus, Listener
-from cell.connecting import connect_equipment
 from cell.equipment import Equipment
 from cell.errors import (
     AcknowledgeRequiredError,
     CalibrationError,
     CellBusyError,
-    CellError,
     NothingToAcknowledgeError,
 )
 from cell.idle_watch import IdleWatch
 from cell.planning import Basis, Planning
+from cell.preparing import Preparing
 from cell.recording_header import RecordingHeader
 from cell.scan import BackgroundScan, ScanListener, ScanMeans, ViewWriter, attended
 from cell.settings import CellSettings
@@ -50,9 +49,8 @@ class Cell:
         """Of using arm and camera."""
         self._status = KeptStatus()
         self._stops = Stops(self._status)
-        self._stop_before = self._stops.last
-        """The last before the scan that was prepared: it no longer counts."""
         self._planning = Planning(settings, self._equipment, lambda: self.status)
+        self._preparing = Preparing(self._equipment, self._status, self._stops, self._planning)
         self._closing = threading.Event()
         self._watch = IdleWatch(self._equipment, self._status, self._turn)
 
@@ -91,7 +89,7 @@ class Cell:
             StoppedError: a stop came meanwhile.
         """
         with self._using():
-            self._connect(self._planning.hand_eye)
+            self._preparing.connect(self._planning.hand_eye)
 
     def plan(self, views: int | None = None) -> ViewpointPlan:
         """The viewpoints from where the arm stands, or stood last; asks no device anything, nothing moves.
@@ -115,7 +113,7 @@ class Cell:
             require_enough(plan, self.settings.for_views(views).scan.min_views)
             return plan
 
-        return self._prepare(None, self._planning.hand_eye, planned)
+        return self._prepared(None, self._planning.hand_eye, planned)
 
     def prepare_calibration(self, board: Board, poses: int = POSES, held_out: int = HELD_OUT) -> ViewpointPlan:
         """The same for a calibration with the board; no calibration is needed, but about where the camera is.
@@ -126,7 +124,7 @@ class Cell:
         calibration in use; ViewpointsError when too few poses can be reached.
         """
         told = rough_hand_eyes(self.settings.hand_eye, self._equipment.world)
-        return self._prepare(board, None, lambda: self._planning.calibration(board, told, poses, held_out))
+        return self._prepared(board, None, lambda: self._planning.calibration(board, told, poses, held_out))
 
     def prepare_verification(self) -> ViewpointPlan:
         """The same for two looks at the board of the calibration in use, however old that is.
@@ -136,7 +134,7 @@ class Cell:
         hand_eye = verifiable_hand_eye(self.settings.hand_eye)
         board = hand_eye.board
         assert board is not None
-        return self._prepare(board, lambda: hand_eye, lambda: self._planning.verification(board, hand_eye))
+        return self._prepared(board, lambda: hand_eye, lambda: self._planning.verification(board, hand_eye))
 
     def made_with(self, plan: ViewpointPlan) -> HandEye:
         """The calibration, maybe a rough one, by which a plan to calibrate or verify was made.
@@ -148,7 +146,7 @@ class Cell:
 
     def calibration_changed(self) -> None:
         """Another calibration is in use since a moment ago; asks no device anything."""
-        if self._require_usable() and self._status.now.slug == CalibrationError.slug:
+        if self._preparing.require_usable() and self._status.now.slug == CalibrationError.slug:
             reason = "another calibration is in use now: connect, or start a live scan"
             self._status.change(slug="not-connected", reason=reason)
 
@@ -244,7 +242,7 @@ class Cell:
         what: Literal["scan", "calibration"],
     ) -> Iterator[BackgroundScan]:
         with self._using():
-            before = self._stop_before
+            before = self._preparing.stop_before
             self._stops.refuse_since(before)
             means = self._means(basis(), picture=what == "calibration")
             # Whatever else has happened to the arm since it was prepared, the scan's beginning tells.
@@ -257,50 +255,16 @@ class Cell:
             finally:
                 self._status.after(scan.error, FAULTS)
                 if what == "calibration":  # it was begun without asking for one that can be used
-                    self._require_usable()
+                    self._preparing.require_usable()
                 if self._stops.since(before):  # one that came when the arm was home already
                     self._stops.told()
 
-    def _prepare(
+    def _prepared(
         self, board: Board | None, calibration: Callable[[], HandEye] | None, planned: Callable[[], ViewpointPlan]
     ) -> ViewpointPlan:
-        """`board` None: to scan. `calibration` tells the one that is needed; None: none is."""
-        before = self._stops.last
+        before = self._stops.last  # one that comes while this waits for its turn counts
         with self._using(HOME_S):
-            self._equipment.lay_board(board)
-            self._connect(calibration)
-            try:
-                plan = planned()
-            except CellError:
-                if calibration is None:
-                    self._require_usable()
-                raise
-            self._stop_before = before
-            self._stops.refuse_since(before)
-            return plan
-
-    def _connect(self, calibration: Callable[[], HandEye] | None) -> None:
-        status, before = self._status.now, self._stops.last
-        if status.state == "fault":
-            raise AcknowledgeRequiredError(status.reason)
-        try:
-            hand_eye = None if calibration is None else calibration()
-            seen = connect_equipment(self._equipment, hand_eye, status.arm if status.state == "ready" else None)
-        except CellError as error:
-            self._status.after(error)
-            raise
-        known = hand_eye or status.hand_eye
-        self._status.change(state="ready", reason=None, slug=None, hand_eye=known, **vars(seen))
-        self._stops.refuse_since(before)
-
-    def _require_usable(self) -> bool:
-        """A cell whose calibration a scan could not use is not ready. Whether it could."""
-        try:
-            self._planning.require_usable()
-        except CalibrationError as error:
-            self._status.no_longer_ready(error.slug, str(error))
-            return False
-        return True
+            return self._preparing.prepare(board, calibration, planned, before)
 
     def _means(self, basis: Basis, picture: bool) -> ScanMeans:
         arm, camera, settle_s = self._equipment.arm, self._equipment.camera, self.settings.camera.settle_s

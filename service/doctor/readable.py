@@ -9,8 +9,8 @@ from pydantic import BaseModel, ConfigDict, TypeAdapter, ValidationError
 
 from service.calibrations.resources import run_resource
 from service.data_folder import ID
+from service.recording_resource import recording_resource
 from service.scan_resource import scan_resource
-from service.schemas import RecordingLinks, RecordingResource
 from service.tables import (
     CalibrationRow,
     CalibrationViewRow,
@@ -42,7 +42,7 @@ def readable_recording(values: dict[str, Any]) -> RecordingRow:
     with _told(values):
         row = to_recording(values)  # pyright: ignore[reportArgumentType] (by its columns' names, as of a sqlite3.Row)
         _require_id(row.id)
-        RecordingResource(**vars(row), links=RecordingLinks(self="", file=""))
+        recording_resource(row)
         return row
 
 

@@ -17,12 +17,13 @@ from service.database import new_id
 from service.description import links
 from service.foreign_recording import describe_foreign_recording
 from service.problems import ProblemError, problem_responses
+from service.recording_resource import RECORDINGS, recording_resource
 from service.routes.files import NOT_MODIFIED, IfNoneMatch, present, send_file
 from service.routes.lists import page
-from service.schemas import RecordingLinks, RecordingList, RecordingResource
+from service.schemas import RecordingList, RecordingResource
 from service.tables import RecordingRow
 
-PATH = "/api/recordings"
+PATH = RECORDINGS
 MCAP = "application/octet-stream"
 UPLOADS = 4
 """So many recordings are taken at a time."""
@@ -44,20 +45,20 @@ async def upload_recording(request: Request, response: Response, service: Servic
     with _one_of_few(service):
         row = await _take(request, service)
     response.headers["Location"] = f"{PATH}/{row.id}"
-    return _resource(row)
+    return recording_resource(row)
 
 
 @router.get("", responses=problem_responses(422))
 def list_recordings(request: Request, service: Service, limit: Limit = 100, before: Before = None) -> RecordingList:
     """The recordings, the newest first."""
     rows, following = page(service.store.recordings(limit + 1, before), limit, request)
-    return RecordingList(recordings=[_resource(row) for row in rows], next=following)
+    return RecordingList(recordings=[recording_resource(row) for row in rows], next=following)
 
 
 @router.get("/{id}", responses=problem_responses(404, 422))
 def get_recording(recording: Recording) -> RecordingResource:
     """What is known of a recording."""
-    return _resource(recording)
+    return recording_resource(recording)
 
 
 FILE: dict[int | str, dict[str, Any]] = {200: {"content": {MCAP: BINARY}}}
@@ -148,8 +149,3 @@ async def _receive(request: Request, path: Path, service: Context) -> str:
         raise ProblemError(400, "upload-incomplete", "the connection ended before the recording did") from error
     finally:
         await to_thread.run_sync(file.close)
-
-
-def _resource(row: RecordingRow) -> RecordingResource:
-    own = f"{PATH}/{row.id}"
-    return RecordingResource(**vars(row), links=RecordingLinks(self=own, file=f"{own}/file"))

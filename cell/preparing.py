@@ -1,0 +1,77 @@
+"""Making sure that what is planned can be done, before anything moves."""
+
+from collections.abc import Callable
+
+from calibration.board import Board
+from calibration.storage import HandEye
+from cell.cell_status import KeptStatus
+from cell.connecting import connect_equipment
+from cell.equipment import Equipment
+from cell.errors import AcknowledgeRequiredError, CalibrationError, CellError
+from cell.planning import Planning
+from cell.stops import Stops
+from cell.viewpoints import ViewpointPlan
+
+
+class Preparing:
+    """Connects, has it planned, and says what a stop means for it. Belongs to whoever uses arm and camera."""
+
+    def __init__(self, equipment: Equipment, status: KeptStatus, stops: Stops, planning: Planning) -> None:
+        self._equipment, self._status, self._stops, self._planning = equipment, status, stops, planning
+        self.stop_before = stops.last
+        """The last before what was prepared: it no longer counts."""
+
+    def prepare(
+        self,
+        board: Board | None,
+        calibration: Callable[[], HandEye] | None,
+        planned: Callable[[], ViewpointPlan],
+        before: object,
+    ) -> ViewpointPlan:
+        """The plan that `planned` gives, once arm and camera are connected. `board` None: to scan.
+
+        `calibration` tells the one that is needed; None: none is. `before` is the last stop that does not count.
+
+        Raises: as `connect`, and what `planned` does; StoppedError when a stop came since.
+        """
+        self._equipment.lay_board(board)
+        self.connect(calibration)
+        try:
+            plan = planned()
+        except CellError:
+            if calibration is None:
+                self.require_usable()
+            raise
+        self.stop_before = before
+        self._stops.refuse_since(before)
+        return plan
+
+    def connect(self, calibration: Callable[[], HandEye] | None) -> None:
+        """Connects arm and camera, unless they are; `calibration` as in `prepare`.
+
+        Raises:
+            AcknowledgeRequiredError: there was a fault that nobody has acknowledged.
+            CellError: arm, camera or calibration cannot be used, with the reason.
+            StoppedError: a stop came meanwhile.
+        """
+        status, before = self._status.now, self._stops.last
+        if status.state == "fault":
+            raise AcknowledgeRequiredError(status.reason)
+        try:
+            hand_eye = None if calibration is None else calibration()
+            seen = connect_equipment(self._equipment, hand_eye, status.arm if status.state == "ready" else None)
+        except CellError as error:
+            self._status.after(error)
+            raise
+        known = hand_eye or status.hand_eye
+        self._status.change(state="ready", reason=None, slug=None, hand_eye=known, **vars(seen))
+        self._stops.refuse_since(before)
+
+    def require_usable(self) -> bool:
+        """A cell whose calibration a scan could not use is not ready. Whether it could."""
+        try:
+            self._planning.require_usable()
+        except CalibrationError as error:
+            self._status.no_longer_ready(error.slug, str(error))
+            return False
+        return True
