@@ -1,74 +1,40 @@
-"""What is said where the service begins: for people as lines, for programs in the log."""
+"""What a service says where it begins: for people as lines, for programs in the log."""
 
 import json
-import logging
 import re
-import sys
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
-from service import serve as module
-from service.config import ServiceConfig
-from service.observing.json_log import JsonFormatter
 from service.security.tokens import add_token
-
-Begun = Callable[[str, str], list[str]]
-
-
-class Nothing:
-    """Serves nothing, and has done so in order."""
-
-    started = True
-
-    def __init__(self, *_: object, **__: object) -> None: ...
-
-    def run(self, **_: object) -> None:
-        """Returns at once."""
+from tests.service.service_process import process
 
 
-@pytest.fixture
-def begun(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Begun:
-    """`begun(form, host)`: the lines on stderr of a service that begins."""
-    add_token(tmp_path, "a", "viewer")
-    monkeypatch.setattr(module, "Server", Nothing)
-    monkeypatch.setattr(module, "raise_open_files", lambda: None)
-    monkeypatch.setattr(sys, "setswitchinterval", lambda _: None)
-
-    def run(form: str, host: str) -> list[str]:
-        handler = logging.StreamHandler(sys.stderr)
-        handler.setFormatter(JsonFormatter())
-
-        def start(*_: object) -> str:
-            module.log.addHandler(handler)
-            return form
-
-        monkeypatch.setattr(module, "start_log", start)
-        try:
-            assert module.serve(ServiceConfig(data_dir=tmp_path, host=host, port=0)) == 0
-        finally:
-            module.log.removeHandler(handler)
-            module.log.setLevel(logging.NOTSET)
-        return capsys.readouterr().err.splitlines()
-
-    return run
+def begun(tmp_path: Path, **variables: str) -> list[str]:
+    """The lines on stderr of a service that has begun, and answers where it says."""
+    log, data = tmp_path / "log", tmp_path / "data"
+    token = add_token(data, "a", "viewer")
+    variables = {f"POINTCHAIN_{name}": value for name, value in variables.items()}
+    with process(data, log, **variables) as (_, client):
+        said = log.read_text().splitlines()
+        answer = client.get("/api/scans", headers={"Authorization": f"Bearer {token}"})
+        assert answer.status_code == 200
+    return said
 
 
-def test_at_a_terminal_they_are_lines(begun: Begun, tmp_path: Path) -> None:
-    note, address = begun("text", "0.0.0.0")
+def test_at_a_terminal_they_are_lines(tmp_path: Path) -> None:
+    note, address, *_ = begun(tmp_path, HOST="0.0.0.0", LOG__FORMAT="text")
     assert note.startswith("pointchain serve: listening on 0.0.0.0")
-    assert re.fullmatch(rf"pointchain: http://127\.0\.0\.1:\d+/docs, data in {re.escape(str(tmp_path))}", address)
+    assert re.fullmatch(rf"pointchain: http://127\.0\.0\.1:\d+/docs, data in {re.escape(str(tmp_path))}/data", address)
 
 
-def test_in_a_log_for_programs_they_are_documents(begun: Begun, tmp_path: Path) -> None:
-    logging.getLogger().setLevel(logging.ERROR)  # whatever else is told; pytest sets it anew for each test
-    note, address = map(json.loads, begun("json", "0.0.0.0"))
+def test_in_a_log_for_programs_they_are_documents_whatever_its_level(tmp_path: Path) -> None:
+    note, address = map(json.loads, begun(tmp_path, HOST="0.0.0.0", LOG__FORMAT="json", LOG__LEVEL="error"))
     assert note["message"].startswith("pointchain serve: listening on 0.0.0.0")
-    assert re.fullmatch(r"pointchain: http://127\.0\.0\.1:\d+/docs, data in .*", address["message"])
-    assert address["message"].endswith(str(tmp_path))
+    assert re.fullmatch(r"pointchain: http://127\.0\.0\.1:\d+/docs, data in .*/data", address["message"])
 
 
-def test_an_address_of_version_6_is_one_that_can_be_called(begun: Begun) -> None:
-    assert begun("text", "::1")[0].startswith("pointchain: http://[::1]:")
-    assert begun("text", "::")[-1].startswith("pointchain: http://[::1]:")
+@pytest.mark.parametrize("host", ["::1", "::"])
+def test_an_address_of_version_6_is_one_that_can_be_called(tmp_path: Path, host: str) -> None:
+    said = begun(tmp_path, HOST=host, LOG__FORMAT="text")
+    assert any(line.startswith("pointchain: http://[::1]:") for line in said)
