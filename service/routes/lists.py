@@ -16,6 +16,10 @@ from service.tables import RecordingRow, ScanRow
 RFC_3339 = re.compile(r"\d{4}-\d\d-\d\d[Tt]\d\d:\d\d:\d\d(\.\d{1,9})?([Zz]|[+-]\d\d:\d\d)", re.ASCII)
 FORM = "RFC 3339 with a time zone is needed, as 2026-01-31T12:00:00Z; a + must be written %2B"
 
+FIRST = datetime.min.replace(tzinfo=UTC)
+LAST = datetime.max.replace(tzinfo=UTC) - timedelta(seconds=1)
+"""There is room behind it, for it may be rounded up."""
+
 R = TypeVar("R", ScanRow, RecordingRow)
 
 
@@ -26,11 +30,11 @@ def _rfc_3339(value: Any) -> Any:
 
 
 def _in_utc(moment: datetime) -> datetime:
+    """A zone can put a moment before the first or behind the last that there is; nothing was accepted out there."""
     try:
-        _ = moment.astimezone(UTC) + timedelta(seconds=1)  # room for what is rounded up
-        return moment.astimezone(UTC)
-    except OverflowError as error:
-        raise ValueError("there is no such moment") from error
+        return min(moment.astimezone(UTC), LAST)
+    except OverflowError:
+        return FIRST if moment.year == FIRST.year else LAST
 
 
 Moment = Annotated[AwareDatetime, BeforeValidator(_rfc_3339), AfterValidator(_in_utc)]

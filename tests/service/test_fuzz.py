@@ -26,6 +26,8 @@ RUN = [sys.executable, "-c", "from schemathesis.cli import schemathesis; schemat
 CONFIG = Path(__file__).with_name("fuzz.toml")
 EXAMPLES = 1000
 """Of each operation, before a release; more where there are more odd cases to try."""
+RUNS = ("examples,coverage,fuzzing,stateful", "stateful")
+"""Phases of a run. What follows links has one of its own: behind many calls, schemathesis soon gives it up, quietly."""
 
 
 def test_the_service_is_as_described(
@@ -64,20 +66,23 @@ def fuzz(
     with serve(data, **settings) as client:
         client.headers.update(headers)
         give_it_a_result(client, recording_file, finished)
-        ended = subprocess.run(
-            [
-                *[*RUN, f"--config-file={CONFIG}", "run", f"{client.base_url}/openapi.json", "--no-color"],
-                *["--checks=all", f"--header=Authorization: {headers['Authorization']}", *options],
-            ],
-            cwd=ROOT,
-            env=os.environ | {"SCHEMATHESIS_HOOKS": "tests.service.fuzz_hooks", "FUZZ_RECORDING": str(recording_file)},
-            stdout=subprocess.PIPE,
-            stderr=subprocess.STDOUT,
-            text=True,
-            check=False,
-        )
-        print(ended.stdout)
-        assert ended.returncode == 0, "schemathesis found fault; its report has each with a call that shows it"
+        for phases in RUNS:
+            ended = subprocess.run(
+                [
+                    *[*RUN, f"--config-file={CONFIG}", "run", f"{client.base_url}/openapi.json", "--no-color"],
+                    *["--checks=all", f"--header=Authorization: {headers['Authorization']}", f"--phases={phases}"],
+                    *options,
+                ],
+                cwd=ROOT,
+                env=os.environ
+                | {"SCHEMATHESIS_HOOKS": "tests.service.fuzz_hooks", "FUZZ_RECORDING": str(recording_file)},
+                stdout=subprocess.PIPE,
+                stderr=subprocess.STDOUT,
+                text=True,
+                check=False,
+            )
+            print(ended.stdout)
+            assert ended.returncode == 0, "schemathesis found fault; its report has each with a call that shows it"
         # Whatever was asked of it: it stops, and lives.
         assert client.post("/api/cell/stop").status_code == 200
 
