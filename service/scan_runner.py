@@ -131,14 +131,16 @@ class ScanRunner:
 
     def _end_preview(self, scan: ScanRow, whole: bool) -> None:
         """The picture comes behind the result, which nobody shall wait for longer. What there is of one that is not
-        `whole`, or of no stored result, goes."""
-        drawn = self._store.folder.incoming(f"{scan.id}.png")
+        `whole`, or of no stored result, goes. A scan whose picture cannot be kept has succeeded nonetheless."""
+        drawn, results = self._store.folder.incoming(f"{scan.id}.png"), self._store.folder.results(scan.id)
         try:
-            if whole and drawn.exists():
-                drawn.replace(self._store.folder.results(scan.id) / PREVIEW)
+            if whole and drawn.exists() and results.exists():  # retention may have removed them meanwhile
+                drawn.replace(results / PREVIEW)
+            drawn.unlink(missing_ok=True)  # a part, if it is still there
+        except OSError as error:
+            log.warning("the picture of scan %s could not be kept: %s", scan.id, error)
         finally:
             self.drawing = None
-            drawn.unlink(missing_ok=True)  # a part, if it is still there
 
     def _task(self, scan: ScanRow, source: Path | RecordingHeader, results: Path, missing: Sequence[str] = ()) -> Task:
         preview = self._store.folder.incoming(f"{scan.id}.png")

@@ -6,6 +6,7 @@ import threading
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
 from unittest.mock import patch
@@ -21,8 +22,10 @@ from cell.recording import RecordingWriter
 from cell.recording_header import RecordingHeader
 from service.app import create_app
 from service.config import ServiceConfig
+from service.config_sections import RetentionConfig
 from service.data_folder import DataFolder
 from service.database import new_id, now
+from service.retention import sweep
 from service.schemas import ScanState
 from service.security import roles
 from service.store import Store
@@ -150,6 +153,26 @@ def test_a_recording_is_found_again_by_any_later_start(serve: Serve, tmp_path: P
             assert scan["recording"] == scan_id
             assert client.get(f"/api/recordings/{scan_id}").json()["views"] == 1
             assert client.get(scan["links"]["recording"]).status_code == 200
+
+
+def test_a_scan_whose_results_are_removed_while_its_picture_is_drawn_has_succeeded(
+    serve: Serve, recording_file: Path, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    with serve(tmp_path) as client:
+        process, jobs = recognition(client), client.app.state.context.jobs
+        location = start(client, recording_file)
+        wait_until(lambda: jobs.draws(Path(location).name) and client.get(location).json()["state"] == "succeeded")
+        os.kill(process, signal.SIGSTOP)  # not before its picture is drawn, unless that was quicker
+        later = datetime.now(UTC) + timedelta(days=2)
+        assert sweep(client.app.state.context.store, RetentionConfig(max_age_days=1), later, lambda: True)
+        os.kill(process, signal.SIGCONT)
+        wait_until(lambda: not jobs.draws(Path(location).name))
+        assert client.get(location).status_code == 404
+        told = client.get("/metrics").text
+        assert 'pointchain_scans_total{mode="replay",outcome="succeeded"} 1.0' in told
+        assert 'pointchain_scans_total{mode="replay",outcome="failed"} 0.0' in told
+        assert list((tmp_path / "incoming").iterdir()) == []
+    assert not [record for record in caplog.records if record.levelname == "ERROR"]
 
 
 @pytest.mark.parametrize("killed", [False, True])
