@@ -17,14 +17,15 @@ FLOATING = 0.4
 """A string rests on the table somewhere; where there is more room below all of it, as a share of its radius, that is
 told."""
 OTHER_RADIUS = 0.25
-"""A measured radius that differs by more than this share from the told one is told."""
+"""A measured radius that differs by more than this share from the told one is told. Of strings much thinner than told,
+parts are taken for table or noise, while thicker ones are found whole."""
 
 
 def fitted_chains(
     refinement: Refinement, registration: Registration, cover: Cover, scene: Scene, parameters: ChainParameters
 ) -> tuple[tuple[Chain, ...], list[str], list[str]]:
-    """The chains of the strings among the fitted strands; in words which may be no strings; and what was left out or
-    contradicts the radius.
+    """The chains of the strings among the fitted strands; in words which may be no strings, or not all of them; and
+    what was left out or contradicts the radius.
 
     `cover` looks down on the registered surface.
     """
@@ -50,11 +51,16 @@ def fitted_chains(
                 f"chain {number} lies {below * 1000:.1f} mm above the table nearly all along: it rests on something, "
                 "or is no string but the edge of a thing"
             )
-        if abs(strand.measured_radius_m / parameters.r - 1) > OTHER_RADIUS:
-            warnings.append(
+        more = strand.measured_radius_m / parameters.r - 1
+        if abs(more) > OTHER_RADIUS:
+            said = (
                 f"chain {number} measures {strand.measured_radius_m * 1000:.1f} mm in radius, not the "
                 f"{parameters.r * 1000:.1f} mm told"
             )
+            if more > 0:
+                warnings.append(said)
+            else:
+                doubts.append(f"{said}: of thinner strings, parts and ends are overlooked; tell the thinnest's radius")
     return tuple(chains), doubts, warnings
 
 

@@ -60,11 +60,7 @@ def usable_views(
             f"only view {seen[0].view} sees anything above the table, the other {len(targets) - 1} do not: "
             "the views do not agree, so no model is made"
         )
-    return (
-        [],
-        left_out,
-        ("no string in view: no view has points in the workspace that are higher above the table than z_t"),
-    )
+    return [], left_out, "no string in view: no view has points in the workspace higher above the table than z_t"
 
 
 def unusable(target: TargetCloud) -> str | None:

@@ -147,11 +147,16 @@ def test_the_radius_is_measured_when_nobody_tells_it(scan: SimulatedScan, scene:
     assert len(model.chains) == len(model.crossings) == 1
 
 
-def test_a_told_radius_that_the_views_contradict_is_a_warning(scan: SimulatedScan, scene: Scene) -> None:
-    # 4.2 mm, told as 6 mm: the string is found, as thick as it is, and the contradiction told.
+def test_a_string_much_thinner_than_told_makes_a_model_that_is_in_doubt(scan: SimulatedScan, scene: Scene) -> None:
+    # 4.2 mm, told as 6 mm: what is found is as thick as it is, but nobody may plan a grasp on it.
     model = recognise(scan.views, ChainParameters.for_radius(0.006), scene).model
     assert model.chains[0].radius_m == pytest.approx(0.0042, rel=0.1)
+    assert any("chain 0 measures 4." in doubt for doubt in model.quality.ambiguities)
+    # Told as 3 mm, it is found whole; that its radius is another one is told.
+    model = recognise(scan.views, ChainParameters.for_radius(0.003), scene).model
+    assert model.quality.ambiguities == ()
     assert any("chain 0 measures 4." in warning for warning in model.quality.warnings)
+    assert len(model.crossings) == 1
 
 
 def test_the_previous_method_gives_a_model_of_its_own(
