@@ -22,7 +22,7 @@ from service.live import keep_recording
 from service.observing.arrival import arrived_s
 from service.observing.scan_metrics import ScanMetrics
 from service.place import Place
-from service.problems import ProblemError
+from service.problems import KEPT, ProblemError
 from service.running import Running, kind
 from service.scan_runner import ScanRunner
 from service.schemas import ScanState
@@ -196,7 +196,7 @@ class Jobs:
         if running is not None:
             running.given_up.set()
         of_scan = running is not None and isinstance(running.row, ScanRow)
-        again = "what was recorded is kept: reprocess it" if of_scan else "start it again"
+        again = KEPT if of_scan else "start it again"
         self._stop(running, "interrupted", f"the service was stopped; {again}")
 
     def _stop(

@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
+from cell.errors import CellError
 from service.problems import ProblemError
 from service.running import Running
 
@@ -86,6 +87,9 @@ class Place:
             self._turn.release()
         try:
             yield
+        except CellError:
+            self._refuse_if_closed()  # arm and camera were given up: that says nothing of them
+            raise
         finally:
             with self._turn:
                 self._preparing = False

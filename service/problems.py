@@ -20,6 +20,9 @@ from service.storage_errors import is_full, is_held
 
 MEDIA_TYPE = "application/problem+json"
 
+KEPT = "what was recorded, if anything was, is kept: a scan that has a recording can be reprocessed"
+"""Of a scan that came to no end of its own."""
+
 TITLES = {
     "aborted": "It was cancelled",
     "acknowledge-required": "A person must look at the cell",
@@ -29,6 +32,7 @@ TITLES = {
     "camera-lost": "The camera was lost",
     "camera-unreachable": "The camera does not answer",
     "damaged": "A file of the store is damaged",
+    "encoded-body": "The body is encoded",
     "emergency-stop": "The emergency stop is pressed",
     "motion-failed": "The arm did not move as told",
     "no-fault": "There is no fault",
@@ -140,6 +144,11 @@ def cell_problem(error: CellError) -> dict[str, Any]:
     return problem_document(CELL_STATUS.get(error.slug, 409), error.slug, str(error))
 
 
+def stopped_problem(state: str, detail: str) -> dict[str, Any]:
+    """What ended because somebody stopped it, `aborted`, or because the service did, `interrupted`."""
+    return problem_document(409 if state == "aborted" else 500, state, detail)
+
+
 def storage_problem(error: Exception, kept: str) -> dict[str, Any] | None:
     """A scan or calibration that ended because the disk is full or the database is held; `kept` says what is kept of
     it. None: that is not why."""
@@ -194,6 +203,9 @@ def install_problem_handlers(app: FastAPI) -> None:
             {"where": ".".join(str(part) for part in item["loc"]), "what": item["msg"]} for item in error.errors()
         ]
         detail = "; ".join(f"{item['where']}: {item['what']}" for item in errors[:5])
+        kind = request.headers.get("content-type", "application/json")
+        if "json" not in kind and any(item["where"] == "body" for item in errors):
+            detail += f"; its Content-Type is {kind[:80]}, which is not read: send application/json"
         return respond(request, 422, "invalid-request", detail, errors=errors[:50])
 
     async def _input(request: Request, error: Exception) -> JSONResponse:

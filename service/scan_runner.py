@@ -21,7 +21,7 @@ from service.last_word import write_last
 from service.live import keep_recording, live_outcome
 from service.observing.json_log import log_scan
 from service.observing.scan_metrics import ScanMetrics
-from service.problems import cell_problem, problem_document, storage_problem, why_ended
+from service.problems import KEPT, cell_problem, problem_document, stopped_problem, storage_problem, why_ended
 from service.running import Running
 from service.scan_inputs import recognition_inputs
 from service.schemas import ScanState
@@ -154,7 +154,7 @@ class ScanRunner:
             state: ScanState = "failed"
             if stop is not None:
                 state, detail = stop
-                problem = problem_document(409, state, detail)
+                problem = stopped_problem(state, detail)
                 store.end_scan(scan.id, state, problem)
             elif outcome is not None:
                 state = "partial" if outcome.partial else "succeeded"
@@ -192,12 +192,12 @@ class ScanRunner:
         takes it again."""
         self.drawing = None
         scan, state = running.row, "failed"
-        problem = storage_problem(error, "what was recorded is kept: reprocess it") or problem_document(
+        problem = storage_problem(error, KEPT) or problem_document(
             500, "internal", "the result could not be stored; the log has the reason"
         )
         if running.stop is not None:
             state, detail = running.stop
-            problem = problem_document(409, state, detail)
+            problem = stopped_problem(state, detail)
         self._tell_end(scan, state, problem)
 
         def write() -> None:

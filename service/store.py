@@ -18,7 +18,7 @@ from service.data_folder import DataFolder
 from service.database import Database, now, update
 from service.events.scan_events import ScanEvents
 from service.observing.json_log import log_scan
-from service.problems import problem_document
+from service.problems import KEPT, stopped_problem
 from service.scan_queries import EVERY_SCAN, ScanFilter, select_scans
 from service.schemas import ACTIVE_STATES, ScanState, ViewState
 from service.tables import KeyRow, RecordingRow, ScanRow, ViewRow, insert, to_recording, to_scan
@@ -172,8 +172,8 @@ class Store:
             # The results may have been put in place just before the end; without the row they do not count.
             if self.folder.results(scan.id).exists():
                 shutil.rmtree(self.folder.results(scan.id))
-            detail = "the service ended while this scan was under way; what was recorded is kept: reprocess it"
-            problem = problem_document(500, "interrupted", detail)
+            detail = f"the service ended while this scan was under way; {KEPT}"
+            problem = stopped_problem("interrupted", detail)
             self.end_scan(scan.id, "interrupted", problem)
             with log_scan(scan.id):
                 log.warning("scan %s is interrupted: it was %s; %s", scan.id, scan.state, detail)

@@ -17,7 +17,7 @@ from cell.errors import CellError, StoppedError
 from service.calibrations.store import CalibrationStore
 from service.database import now
 from service.last_word import write_last
-from service.problems import cell_problem, problem_document, storage_problem, why_ended
+from service.problems import cell_problem, problem_document, stopped_problem, storage_problem, why_ended
 from service.running import Running
 from service.store import Store
 from service.tables import CalibrationRow
@@ -100,7 +100,7 @@ class CalibrationRunner:
                 problem = problem_document(500, "internal", f"the {row.kind} met an unexpected error; the log has it")
             if running.stop is not None:
                 state, detail = running.stop
-                problem = problem_document(409, state, detail)
+                problem = stopped_problem(state, detail)
             write_last(running, self._leaving, lambda: self._store.end(row.id, state, problem))
         running.ended.set()
 
@@ -143,7 +143,7 @@ class CalibrationRunner:
         with self._leaving(running):
             if stop is not None:
                 state, detail = stop
-                problem = problem_document(409, state, detail)
+                problem = stopped_problem(state, detail)
                 self._store.end(row.id, state, problem)
             elif done is not None:
                 state = "succeeded"

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from service.database import Database, now, update
-from service.problems import problem_document
+from service.problems import stopped_problem
 from service.schemas import ACTIVE_STATES, ScanState, ViewState
 from service.tables import (
     CalibrationRow,
@@ -93,7 +93,7 @@ class CalibrationStore:
         sql = f"SELECT * FROM {TABLE} WHERE state IN ({marks}) ORDER BY id"
         for row in self._database.all(to_calibration, sql, *ACTIVE_STATES):
             detail = f"the service ended while this {row.kind} was under way; start another"
-            self.end(row.id, "interrupted", problem_document(500, "interrupted", detail))
+            self.end(row.id, "interrupted", stopped_problem("interrupted", detail))
 
     # What live scans tell of the calibration that they were made with
 

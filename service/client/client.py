@@ -96,13 +96,15 @@ class Client:
         on_progress: Callable[[ScanProgress], None] | None = None,
         timeout_s: float | None = None,
     ) -> ScanResource:
-        """The same from a recording: the id of one that the service has, or the path of a file, which is uploaded."""
+        """The same from a recording: the id of one that the service has, or the path of a file, which is uploaded anew
+        at each call."""
         known = self.upload(recording).id if isinstance(recording, Path) else recording
         wish = {"mode": "replay", "recording": known, "string_radius_m": string_radius_m, "method": method}
         return self.wait(self.start(wish), on_progress, timeout_s)
 
     def start(self, wish: Mapping[str, Any], key: str | None = None) -> ScanResource:
-        """Starts a scan and does not wait: `wish` is the body of POST /api/scans. The same `key` never starts a second.
+        """Starts a scan and does not wait: `wish` is the body of POST /api/scans. The same `key` never
+        starts a second, unless another token is used.
 
         While the first request with it is being decided on, the answer is waited for.
 

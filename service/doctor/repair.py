@@ -22,7 +22,7 @@ from service.doctor.recordings import hash_file
 from service.doctor.rows import text_or_bytes
 from service.doctor.salvage import salvage
 from service.foreign_recording import describe_foreign_recording
-from service.problems import problem_document
+from service.problems import KEPT, problem_document, stopped_problem
 from service.security.tokens import FILE
 from service.store import Store
 from service.tables import RecordingRow, insert, stored
@@ -166,12 +166,12 @@ class _Mending:
         return "it has no recording any more" if done else "its recording is there"
 
     def _unfinished_scan(self, scan_id: str) -> str:
-        problem = problem_document(500, "interrupted", f"{UNFINISHED}; what was recorded is kept: reprocess it")
+        problem = stopped_problem("interrupted", f"{UNFINISHED}; {KEPT}")
         self._store.end_scan(scan_id, "interrupted", problem)
         return "it is interrupted"
 
     def _unfinished_calibration(self, run_id: str) -> str:
-        self._store.calibrations.end(run_id, "interrupted", problem_document(500, "interrupted", UNFINISHED))
+        self._store.calibrations.end(run_id, "interrupted", stopped_problem("interrupted", UNFINISHED))
         return "it is interrupted"
 
     def _fail(self, table: str, row_id: str, **values: Any) -> None:

@@ -33,14 +33,17 @@ def present(path: Path, sha256: str | None = None, size_bytes: int | None = None
     """A file that is there, and its ETag: of its hash where that is known.
 
     Raises:
-        ProblemError: 404 `no-result`, the file is gone; 500 `damaged`, it has not the size that it was written with.
+        ProblemError: 404 `no-result`, there is no such file; 500 `damaged`, it is gone, or has not the size that it was
+            written with.
     """
     try:
         found = path.stat()
     except (FileNotFoundError, NotADirectoryError):
         found = None
     if found is None or not stat.S_ISREG(found.st_mode):
-        raise ProblemError(404, "no-result", "the file is gone from the data folder")
+        if size_bytes is not None:
+            raise ProblemError(500, "damaged", f"{path.name} is gone from the data folder: run `pointchain doctor`")
+        raise ProblemError(404, "no-result", f"there is no {path.name}")
     if size_bytes is not None and found.st_size != size_bytes:
         raise ProblemError(
             500,

@@ -4,6 +4,7 @@ name it calls the service, who asks, from which page, and whether he may."""
 from functools import partial
 from urllib.parse import parse_qsl, unquote
 
+from starlette.datastructures import Headers
 from starlette.types import ASGIApp, Receive, Scope, Send
 
 from service.problems import ProblemError
@@ -71,6 +72,7 @@ class Gate:
                     403, "forbidden", f"this needs a token of the role {found.least}; {caller.name} is {caller.role}"
                 )
             state["still_allowed"] = partial(self._still_allowed, token, near, found.least)
+        check_encoding(Headers(scope=scope))
 
     def _still_allowed(self, token: str | None, near: bool, least: Role) -> bool:
         """Whether the same request would pass now."""
@@ -97,6 +99,17 @@ def check_size(scope: Scope) -> None:
         raise ProblemError(414, "target-too-long", f"the address has more than {TARGET_BYTES} bytes")
     if sum(len(name) + len(value) + 4 for name, value in scope["headers"]) > HEADERS_BYTES:
         raise ProblemError(431, "headers-too-large", f"the headers have more than {HEADERS_BYTES} bytes")
+
+
+def check_encoding(headers: Headers) -> None:
+    """Raises ProblemError: 415 `encoded-body`, which would be taken for what it is not."""
+    encoding = headers.get("content-encoding", "identity")
+    if encoding.lower() != "identity":
+        raise ProblemError(415, "encoded-body", f"the body's Content-Encoding is {encoding[:80]}: send it as it is")
+    if headers.get("content-type", "").lower().startswith("multipart/"):
+        raise ProblemError(
+            415, "encoded-body", "the body is a form of several parts: send the JSON or the file itself, as it is"
+        )
 
 
 def check_query(scope: Scope) -> None:

@@ -69,13 +69,15 @@ def _list(options: argparse.Namespace) -> int:
     from service.security.tokens import FILE, TokensError, read_tokens
 
     try:
-        tokens = read_tokens(_data_dir(options) / FILE)
+        data_dir = _data_dir(options)
+        tokens = read_tokens(data_dir / FILE)
     except (ConfigError, TokensError) as error:
         return _failed("list", error)
     for token in tokens:
         print(f"{token.name}\t{token.role}\t{token.created:%Y-%m-%dT%H:%M:%SZ}")
     if not tokens:
-        print("there is no token: everybody on this machine may do everything", file=sys.stderr)
+        said = f"there is no token in {data_dir}: of its service, everybody on this machine may do everything"
+        print(said, file=sys.stderr)
     return 0
 
 

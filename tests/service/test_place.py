@@ -5,6 +5,7 @@ from concurrent.futures import ThreadPoolExecutor
 import pytest
 
 from calibration.board import Board
+from cell.errors import CameraUnreachableError
 from service.new_rows import NOBODY, new_calibration, new_scan
 from service.place import Place
 from service.problems import ProblemError
@@ -82,6 +83,23 @@ def test_a_closed_place_takes_nothing_more() -> None:
         prepare()
     assert (refused.value.status_code, refused.value.slug) == (503, "not-ready")
     assert (place.running, place.closed, refusal(place).slug) == (None, True, "not-ready")
+
+
+def test_arm_and_camera_that_are_given_up_at_the_end_are_no_fault_of_theirs() -> None:
+    place = Place()
+
+    def prepare() -> None:
+        place.close()
+        raise CameraUnreachableError("connecting the camera was given up")
+
+    with pytest.raises(ProblemError) as told, place.taken():
+        prepare()
+    assert (told.value.status_code, told.value.slug) == (503, "not-ready")
+    open_place = Place()
+    with pytest.raises(CameraUnreachableError), open_place.taken():
+        raise CameraUnreachableError("there is none")
+    with open_place.taken():
+        pass
 
 
 def test_one_under_way_is_told_to_who_closes_and_leaves_only_its_own_place() -> None:

@@ -112,6 +112,7 @@ def test_killed_in_the_middle_of_a_live_scan(tmp_path: Path) -> None:
     with process(data, tmp_path / "second.log", **variables) as (_, client):
         scan = client.get(location).json()
         assert (scan["state"], scan["problem"]["type"]) == ("interrupted", "urn:pointchain:interrupted")
+        assert scan["problem"]["status"] == 500  # as where the service was told to end
         assert client.get("/api/cell").json()["state"] == "not_ready"  # nothing goes on by itself
         recording = client.get(f"/api/recordings/{scan['recording']}").json()
         content = client.get(scan["links"]["recording"]).content

@@ -129,6 +129,27 @@ def test_a_body_of_somebody_unknown_is_not_read(guarded: Guarded) -> None:
     assert answer.startswith(b"HTTP/1.1 401 ")
 
 
+@pytest.mark.parametrize("headers", [{"Content-Encoding": "gzip"}, {"Content-Type": "multipart/form-data; boundary=b"}])
+@pytest.mark.parametrize("path", ["/api/scans", "/api/recordings"])
+def test_a_body_that_is_not_sent_as_it_is_is_refused_by_name(
+    client: ServedClient, assert_problem: AssertProblem, path: str, headers: dict[str, str]
+) -> None:
+    detail = assert_problem(client.post(path, content=b"abc", headers=headers), 415, "encoded-body")
+    assert "as it is" in detail
+
+
+def test_json_that_is_not_said_to_be_json_is_refused_by_name(
+    client: ServedClient, assert_problem: AssertProblem
+) -> None:
+    form = {"Content-Type": "application/x-www-form-urlencoded"}  # what curl sends unless told
+    answer = client.post("/api/scans", content=b'{"mode": "live"}', headers=form)
+    assert "send application/json" in assert_problem(answer, 422, "invalid-request")
+    wrong = client.post("/api/scans", json={"mode": "alive"})
+    assert "application/json" not in assert_problem(wrong, 422, "invalid-request")
+    # Without a body, as curl sends it with -X POST -d "".
+    assert client.post("/api/cell/stop", content=b"", headers=form).status_code == 200
+
+
 def test_a_long_address_and_large_headers_are_refused(client: ServedClient, assert_problem: AssertProblem) -> None:
     assert_problem(client.get("/api/scans?before=" + "a" * 3000), 414, "target-too-long")
     assert_problem(client.get("/api/scans/" + "a" * 3000), 414, "target-too-long")
