@@ -84,6 +84,7 @@ class ServiceMachine(RuleBasedStateMachine):
     @rule(step=st.deferred(lambda: st.one_of(STEPS)))
     def take(self, step: tuple[str, dict[str, Any]]) -> None:
         """One of the steps below."""
+        self.world.steps += 1
         name, arguments = step
         getattr(self, name)(**arguments)
 
@@ -327,4 +328,5 @@ def test_nothing_but_what_is_promised(
             ),
         )
     finally:
+        print(f"{world.steps} steps")
         world.stop()

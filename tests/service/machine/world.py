@@ -38,6 +38,8 @@ class World:
         self._opened = ExitStack()
         self.journal, self.leases = Journal(data), Leases()
         self.client: ServedClient
+        self.steps = 0
+        """Taken so far."""
         self.start()
 
     def start(self) -> None:
