@@ -65,7 +65,9 @@ def _told(found: Examination) -> str:
             lines.append(told_step(Step(group, "ok", found.looked_at[group])))
         else:
             lines.append(told_step(Step(group, "skipped", "not looked at")))
-    if not found.findings:
+    if not found.findings and "recordings" not in found.looked_at:
+        lines.append("Nothing is wrong, but no service has used this folder yet: is it the one?")
+    elif not found.findings:
         lines.append("The store is well.")
     else:
         mendable = sum(finding.repairable for finding in found.findings)

@@ -61,6 +61,8 @@ def _audit(options: argparse.Namespace) -> int:
             about = "" if entry.scan is None else f", scan {entry.scan}"
             status = entry.status or "-"
             print(f"{entry.at}  {entry.who} ({entry.role})  {entry.what}  {status}{told}  cell {entry.cell}{about}")
+    if not entries:
+        print("there is no such entry", file=sys.stderr)
     if len(entries) > options.limit:
         print(f"there are older ones: these are the newest {options.limit}; --limit shows more", file=sys.stderr)
     return 0

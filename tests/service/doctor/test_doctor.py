@@ -249,3 +249,7 @@ def test_on_the_command_line(data: Data, capsys: pytest.CaptureFixture[str], mon
     assert len(document["repaired"]) == 1
     assert "rows.jsonl" in output.err
     assert run("--data-dir", str(data.root / "none")) == 1
+    (data.root / "unused").mkdir()
+    capsys.readouterr()
+    assert run("--data-dir", str(data.root / "unused")) == 0
+    assert "no service has used this folder yet" in capsys.readouterr().out

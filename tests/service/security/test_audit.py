@@ -252,7 +252,8 @@ def test_on_the_command_line(guarded: Guarded, capsys: pytest.CaptureFixture[str
     assert "operator (operator)  POST /api/cell/stop  200  cell " in line
     for wanted in (["--since", "2999-01-01"], ["--scan", "none"], ["--who", "nobody"]):
         assert main(["audit", *wanted, *place]) == 0
-        assert capsys.readouterr().out == ""
+        told = capsys.readouterr()
+        assert (told.out, told.err) == ("", "there is no such entry\n")
     assert main(["audit", "--data-dir", str(tmp_path)]) == 1
     assert "no service has run" in capsys.readouterr().err
     with pytest.raises(SystemExit):
