@@ -26,6 +26,7 @@ from service.observing.scan_metrics import ScanMetrics
 from service.observing.state_metrics import StateMetrics
 from service.problems import install_problem_handlers
 from service.reading import Reading
+from service.recording_resource import RECORDINGS
 from service.retention import Retention
 from service.routes import calibration, cell, docs, events, health, recordings, results, scans
 from service.routes import metrics as metrics_route
@@ -85,7 +86,7 @@ def create_app(config: ServiceConfig) -> FastAPI:
     app.mount(DOCS_FILES, StaticFiles(packages=[("fastapi_offline", "static")]))
     app.state.audit = audit
     describe_better(app)
-    install_security(app, config, audit, upload_path=recordings.PATH)
+    install_security(app, config, audit, upload_path=RECORDINGS)
     app.state.metrics = metrics
     app.add_middleware(RequestWatch, metrics=metrics.requests)  # added last, it is outside of all others
     install_problem_handlers(app)

@@ -103,8 +103,8 @@ class Client:
         return self.wait(self.start(wish), on_progress, timeout_s)
 
     def start(self, wish: Mapping[str, Any], key: str | None = None) -> ScanResource:
-        """Starts a scan and does not wait: `wish` is the body of POST /api/scans. The same `key` never
-        starts a second, unless another token is used.
+        """Starts a scan and does not wait: `wish` is the body of POST /api/scans. The same `key` never starts a second,
+        unless another token is used.
 
         While the first request with it is being decided on, the answer is waited for.
 

@@ -23,14 +23,13 @@ from service.routes.lists import page
 from service.schemas import RecordingList, RecordingResource
 from service.tables import RecordingRow
 
-PATH = RECORDINGS
 MCAP = "application/octet-stream"
 UPLOADS = 4
 """So many recordings are taken at a time."""
 LOOK_BYTES = 1 << 20
 """Whenever so much more of one has come, it is looked whether there is space for more."""
 
-router = APIRouter(prefix=PATH, tags=["recordings"])
+router = APIRouter(prefix=RECORDINGS, tags=["recordings"])
 
 BINARY = {"schema": {"type": "string", "format": "binary"}}
 BODY = {"required": True, "content": {MCAP: BINARY}}
@@ -44,7 +43,7 @@ async def upload_recording(request: Request, response: Response, service: Servic
     """Takes a recording (the MCAP file as the body) and keeps it if it can be used."""
     with _one_of_few(service):
         row = await _take(request, service)
-    response.headers["Location"] = f"{PATH}/{row.id}"
+    response.headers["Location"] = f"{RECORDINGS}/{row.id}"
     return recording_resource(row)
 
 

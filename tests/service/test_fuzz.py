@@ -66,6 +66,7 @@ def fuzz(
     with serve(data, **settings) as client:
         client.headers.update(headers)
         give_it_a_result(client, recording_file, finished)
+        found_fault = []
         for phases in RUNS:
             ended = subprocess.run(
                 [
@@ -82,7 +83,9 @@ def fuzz(
                 check=False,
             )
             print(ended.stdout)
-            assert ended.returncode == 0, "schemathesis found fault; its report has each with a call that shows it"
+            if ended.returncode != 0:
+                found_fault.append(phases)
+        assert not found_fault, "schemathesis found fault; its report has each with a call that shows it"
         # Whatever was asked of it: it stops, and lives.
         assert client.post("/api/cell/stop").status_code == 200
 
