@@ -180,6 +180,10 @@ class Cell:
         self._equipment.stop()
         self._stops.told()
 
+    def wait_while_busy(self, seconds: float) -> None:
+        """Returns when the arm has ended what it was at, as behind a stop, or after so long."""
+        self._status.wait_while_busy(seconds)
+
     def release(self) -> None:
         """Ends our program on the robot, so that another can move it; the camera stays connected. Nothing moves.
 
@@ -248,12 +252,17 @@ class Cell:
             # Whatever else has happened to the arm since it was prepared, the scan's beginning tells.
             self._status.change(state="busy", slug="cell-busy", reason=f"a {what} is under way")
             going_home = f"all views of the last {what} are taken, the arm goes home"
-            scan = BackgroundScan(means, plan, writer, listener, least, lambda: self._status.change(reason=going_home))
+            scan = BackgroundScan(
+                *(means, plan, writer, listener, least),
+                going_home=lambda: self._status.change(reason=going_home),
+                failed=lambda error: self._status.after(error, FAULTS),  # whatever the body is at
+            )
             try:
                 with attended(scan, self._equipment.stop):
                     yield scan
             finally:
-                self._status.after(scan.error, FAULTS)
+                if scan.error is None:
+                    self._status.after(None)
                 if what == "calibration":  # it was begun without asking for one that can be used
                     self._preparing.require_usable()
                 if self._stops.since(before):  # one that came when the arm was home already

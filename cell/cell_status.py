@@ -50,6 +50,7 @@ class KeptStatus:
     def __init__(self) -> None:
         self._status = CellStatus()
         self._lock = threading.Lock()
+        self._changed = threading.Condition(self._lock)
         self._listeners: tuple[Listener, ...] = ()
         self._untold: deque[CellStatus] = deque()
         self._telling = threading.Lock()
@@ -63,6 +64,11 @@ class KeptStatus:
         """From the next change on, `listener` is told of each."""
         with self._lock:
             self._listeners = (*self._listeners, listener)
+
+    def wait_while_busy(self, seconds: float) -> None:
+        """Returns when the state is another than busy, or after so long."""
+        with self._changed:
+            self._changed.wait_for(lambda: self._status.state != "busy", seconds)
 
     def change(self, **values: Any) -> None:
         """Sets fields of the status."""
@@ -94,6 +100,7 @@ class KeptStatus:
     def _set(self, values: dict[str, Any]) -> None:
         self._status = replace(self._status, **values)
         self._untold.append(self._status)
+        self._changed.notify_all()
 
     def _tell(self) -> None:
         """Waits for nobody: who finds another one telling leaves his own change to him."""

@@ -155,9 +155,11 @@ class BackgroundScan:
         listener: ScanListener,
         min_views: int,
         going_home: Callable[[], None],
+        failed: Callable[[BaseException], None],
     ) -> None:
-        """`going_home` is called when the last view is taken."""
-        self._means, self._plan, self._going_home = means, plan, going_home
+        """`going_home` is called when the last view is taken, `failed` when the arm has ended moving for another reason
+        than that it is home. Neither may wait."""
+        self._means, self._plan, self._going_home, self._failed = means, plan, going_home, failed
         self._taking_error: BaseException | None = None
         self._home_error: BaseException | None = None
         self._views: queue.SimpleQueue[View | None] = queue.SimpleQueue()
@@ -212,6 +214,8 @@ class BackgroundScan:
     def _run(self, taking: Iterator[View]) -> None:
         try:
             self._take(taking)
+            if self.error is not None:
+                self._failed(self.error)
         finally:
             self._ended.set()
 

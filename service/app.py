@@ -33,6 +33,7 @@ from service.routes import metrics as metrics_route
 from service.security.audit import SERVICE, AuditLog
 from service.security.install import install_security
 from service.security.roles import DOCS_FILES
+from service.stop_first import StopFirst
 from service.store import Store
 from service.supervision.fault_memory import FaultMemory
 from service.supervision.loop_watch import LoopWatch
@@ -86,6 +87,7 @@ def create_app(config: ServiceConfig) -> FastAPI:
     app.mount(DOCS_FILES, StaticFiles(packages=[("fastapi_offline", "static")]))
     app.state.audit = audit
     describe_better(app)
+    app.add_middleware(StopFirst)  # inside the gate: who may not stop anything holds nobody up
     install_security(app, config, audit, upload_path=RECORDINGS)
     app.state.metrics = metrics
     app.add_middleware(RequestWatch, metrics=metrics.requests)  # added last, it is outside of all others

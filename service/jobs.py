@@ -38,7 +38,7 @@ SETTLE_S = 5.0
 for again, and for a database that another program holds."""
 
 STOPPED_S = 1.0
-"""Whoever stops the arm waits for the end of its scan no longer than this: he wants to know that it was stopped."""
+"""Whoever stops the arm waits no longer than this for it to end what it was at: he wants to know that it was told."""
 
 BY_ITSELF_S = 0.3
 """A live scan that is stopped has so long to end before its recognition is killed: the next one would wait for a new
@@ -140,14 +140,19 @@ class Jobs:
             # The arm of a scan that has just ended may be at work for the next one.
             arm = running.plan is not None and not running.ended.is_set()
             self._stop(running, "aborted", f"the {kind(running.row)} was cancelled", arm)
+            running.ended.wait(SETTLE_S)
         elif (row := find()).state != "aborted":
             raise ProblemError(409, "not-cancellable", f"the {kind(row)} is {row.state} already")
 
     def stop_arm(self, reason: str = "the arm was stopped by request") -> str | None:
-        """Stops the arm, whatever goes on, and aborts the live scan or calibration under way, if any; the scan's id."""
+        """Stops the arm, whatever goes on, and aborts the live scan or calibration under way, if any; the scan's id.
+
+        Waits for the arm alone: what was recorded is still being kept then, and the scan ends behind that.
+        """
         running = self._place.running
         live = running if running is not None and running.plan is not None else None
-        self._stop(live, "aborted", reason, settle_s=STOPPED_S)
+        self._stop(live, "aborted", reason)
+        self._cell.wait_while_busy(STOPPED_S)
         return live.row.id if live is not None and isinstance(live.row, ScanRow) else None
 
     def stop_unattended(self) -> None:
@@ -198,33 +203,25 @@ class Jobs:
         of_scan = running is not None and isinstance(running.row, ScanRow)
         again = KEPT if of_scan else "start it again"
         self._stop(running, "interrupted", f"the service was stopped; {again}")
+        if running is not None:
+            running.ended.wait(SETTLE_S)
 
-    def _stop(
-        self,
-        running: Running[Any] | None,
-        state: ScanState,
-        detail: str,
-        arm: bool = True,
-        settle_s: float = SETTLE_S,
-    ) -> None:
-        """Stops the arm and what is under way, if anything is, and waits for its end for so long."""
+    def _stop(self, running: Running[Any] | None, state: ScanState, detail: str, arm: bool = True) -> None:
+        """Stops the arm and what is under way, if anything is; it ends behind that."""
         # First the deed, then its record; the wish is only noted, so that a scan that the stop ends knows why.
         asked = running is not None and running.ask_to_stop(state, detail)
         if arm:
             since = arrived_s()
             self._cell.stop()
             self._metrics.stopped(time.monotonic() - since)
-        if running is None:
+        if running is None or not asked:
             return
-        of_scan = isinstance(running.row, ScanRow)
-        if asked and of_scan and running.plan is None:
-            self._end_recognition(running)
-        if asked:
-            self._notes.submit(self._note_stopping, running)
-        # A live scan ends with its arm, and recognition waits for the next one; unless it is at work on the last views.
-        if asked and of_scan and not running.ended.wait(BY_ITSELF_S):
-            self._end_recognition(running)
-        running.ended.wait(settle_s)
+        if isinstance(running.row, ScanRow):
+            if running.plan is None:
+                self._end_recognition(running)
+            # A live one ends with its arm, and recognition waits for the next; unless it is at work on the last views.
+            threading.Thread(target=self._end_recognition, args=(running, BY_ITSELF_S), name="ending").start()
+        self._notes.submit(self._note_stopping, running)
 
     def _note_stopping(self, running: Running[Any]) -> None:
         update = self._store.update_scan if isinstance(running.row, ScanRow) else self._store.calibrations.update
@@ -233,8 +230,8 @@ class Jobs:
         except sqlite3.Error:
             log.exception("that %s is being stopped could not be written", running.words)
 
-    def _end_recognition(self, running: Running[Any]) -> None:
-        if not running.ended.is_set():  # it could by now be at work on the next one
+    def _end_recognition(self, running: Running[Any], wait_s: float = 0.0) -> None:
+        if not running.ended.wait(wait_s):  # it could by now be at work on the next one
             self._worker.kill()
 
     def _work(self) -> None:

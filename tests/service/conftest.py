@@ -3,6 +3,7 @@
 import multiprocessing
 import os
 import signal
+import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -20,7 +21,7 @@ from cell.simulation.simulate import simulate, write_simulation
 from service.app import create_app
 from service.config import ServiceConfig
 from service.schemas import ACTIVE_STATES
-from service.serve import Server
+from service.serve import SWITCH_S, Server
 from tests.service.faults.figures import Figures
 
 # Generous, because it only bounds a hang: a loaded machine may take long to start a process.
@@ -64,6 +65,8 @@ def serve() -> Serve:
         # No log_config: the log goes where pytest looks.
         server = Server(app, port=0, log_level="warning", log_config=None)
         thread = threading.Thread(target=server.run)
+        switch_s = sys.getswitchinterval()
+        sys.setswitchinterval(SWITCH_S)  # as `pointchain serve` does
         thread.start()
         try:
             wait_until(lambda: server.started or not thread.is_alive())
@@ -74,6 +77,7 @@ def serve() -> Serve:
         finally:
             server.should_exit = True
             thread.join()
+            sys.setswitchinterval(switch_s)
 
     return serving
 

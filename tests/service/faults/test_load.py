@@ -1,5 +1,6 @@
 """More clients than there is room for, of which many take nothing of what they are sent: the rest is as it was."""
 
+import json
 import os
 import random
 import time
@@ -63,7 +64,7 @@ def test_two_hundred_followers_delay_no_stop(cell: LiveCell, finished: Finished,
             assert finished(cell.client, location)["state"] == "aborted"
             assert_one_way(cell, begin)
         tell_much(cell)
-        assert cell.client.get("/api/events").json()["type"] == "urn:pointchain:too-many-streams"
+        wait_until(lambda: not let_in(cell))  # the place of one that took nothing for too long is free for a moment
     assert met["wrong"] == []
     assert met["let_in"] >= room
     assert met["refused"] >= FOLLOWERS - room
@@ -72,6 +73,14 @@ def test_two_hundred_followers_delay_no_stop(cell: LiveCell, finished: Finished,
     cell.is_well()
     figures.at_most("stop on the wire", waits, STOP_S, share=0.99)
     figures.at_most("stop to its answer", answers, STOP_S, share=0.99)
+
+
+def let_in(cell: LiveCell) -> bool:
+    """Whether there is room for one more who follows events."""
+    with cell.client.stream("GET", "/api/events") as answer:
+        if answer.status_code == 503:
+            assert json.loads(answer.read())["type"] == "urn:pointchain:too-many-streams"
+        return answer.status_code == 200
 
 
 def tell_much(cell: LiveCell) -> None:
