@@ -70,7 +70,7 @@ class ServiceTimes:
     """From sending the request for a stop until the controller has it."""
     wire_p99_s: float
     answer_p50_s: float
-    """Until the answer is there: the scan has ended by then."""
+    """Until the answer is there: the arm is still by then, the scan may not have ended."""
     answer_p99_s: float
     still_p99_s: float
     """Until the arm is still."""

@@ -79,6 +79,8 @@ def test_in_the_middle_of_a_move(
         since, asked_s = now_in(cell), time.monotonic()
         answer = cell.client.post(path)
         assert answer.status_code == 200, answer.text
+        if path == "/api/cell/stop":
+            assert answer.json()["problem"] == "urn:pointchain:stopped", "it waits for the arm"
         sent_s = wait_for_stop(cell, since)
         waits.append(sent_s - asked_s)
         rests.append(TIME_FACTOR * still_s(cell, since, sent_s))
