@@ -157,8 +157,8 @@ class BackgroundScan:
         going_home: Callable[[], None],
         failed: Callable[[BaseException], None],
     ) -> None:
-        """`going_home` is called when the last view is taken, `failed` when the arm has ended moving for another reason
-        than that it is home. Neither may wait."""
+        """`going_home` is called when the last view is taken, `failed` when the arm has ended moving and something went
+        wrong. Neither may wait."""
         self._means, self._plan, self._going_home, self._failed = means, plan, going_home, failed
         self._taking_error: BaseException | None = None
         self._home_error: BaseException | None = None
