@@ -129,7 +129,9 @@ def test_a_broken_connection_is_never_made_again(controller: RunningController, 
     moving(controller, share=0.02)
     begin = controller.admin.state().events
     controller.admin.drop()
-    with contextlib.suppress(RobotLostError):  # whether it is told as a reading or as an error is a matter of moments
+    # Whether it is told as a reading or as an error is a matter of moments; and once in some hundred times ur_rtde's
+    # threads crash over it, for which among others they have a process of their own.
+    with contextlib.suppress(RobotLostError, ChildLostError):
         until(lambda: not driver.call("poll", timeout_s=ANSWER_S).connected, 5.0)
     time.sleep(0.5)  # reconnecting takes ur_rtde about 50 ms
     events = controller.admin.log(begin)
