@@ -2,6 +2,7 @@
 
 import contextlib
 import threading
+import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from typing import Literal
@@ -19,6 +20,7 @@ from cell.errors import (
     CalibrationError,
     CellBusyError,
     NothingToAcknowledgeError,
+    StoppedError,
 )
 from cell.idle_watch import IdleWatch
 from cell.planning import Basis, Planning
@@ -26,7 +28,7 @@ from cell.preparing import Preparing
 from cell.recording_header import RecordingHeader
 from cell.scan import BackgroundScan, ScanListener, ScanMeans, ViewWriter, attended
 from cell.settings import CellSettings
-from cell.stops import Stops
+from cell.stops import STOPPED, TOO_LATE, Stops
 from cell.viewpoints import ViewpointPlan, require_enough
 
 TURN_S = 1.0
@@ -102,10 +104,13 @@ class Cell:
         self._status.change(plan=plan)
         return plan
 
-    def prepare(self, views: int | None = None) -> ViewpointPlan:
+    def prepare(self, views: int | None = None, asked_s: float | None = None) -> ViewpointPlan:
         """Makes sure that a scan can be done, and plans it; connects first if need be. Nothing moves.
 
-        Raises: as `connect` and `plan`, and ViewpointsError when too few viewpoints can be reached.
+        `asked_s` is when it was asked for, by `time.monotonic()`, if not now.
+
+        Raises: as `connect` and `plan`; ViewpointsError when too few viewpoints can be reached; StoppedError when a
+        stop came since it was asked for.
         """
 
         def planned() -> ViewpointPlan:
@@ -113,9 +118,11 @@ class Cell:
             require_enough(plan, self.settings.for_views(views).scan.min_views)
             return plan
 
-        return self._prepared(None, self._planning.hand_eye, planned)
+        return self._prepared(None, self._planning.hand_eye, planned, asked_s)
 
-    def prepare_calibration(self, board: Board, poses: int = POSES, held_out: int = HELD_OUT) -> ViewpointPlan:
+    def prepare_calibration(
+        self, board: Board, poses: int = POSES, held_out: int = HELD_OUT, asked_s: float | None = None
+    ) -> ViewpointPlan:
         """The same for a calibration with the board; no calibration is needed, but about where the camera is.
 
         `poses` are solved from, `held_out` more judge it. On a simulated cell the board is laid on the table.
@@ -124,9 +131,9 @@ class Cell:
         calibration in use; ViewpointsError when too few poses can be reached.
         """
         told = rough_hand_eyes(self.settings.hand_eye, self._equipment.world)
-        return self._prepared(board, None, lambda: self._planning.calibration(board, told, poses, held_out))
+        return self._prepared(board, None, lambda: self._planning.calibration(board, told, poses, held_out), asked_s)
 
-    def prepare_verification(self) -> ViewpointPlan:
+    def prepare_verification(self, asked_s: float | None = None) -> ViewpointPlan:
         """The same for two looks at the board of the calibration in use, however old that is.
 
         Raises: as `prepare_calibration`; CalibrationError too when the calibration does not tell of its board.
@@ -134,7 +141,7 @@ class Cell:
         hand_eye = verifiable_hand_eye(self.settings.hand_eye)
         board = hand_eye.board
         assert board is not None
-        return self._prepared(board, lambda: hand_eye, lambda: self._planning.verification(board, hand_eye))
+        return self._prepared(board, lambda: hand_eye, lambda: self._planning.verification(board, hand_eye), asked_s)
 
     def made_with(self, plan: ViewpointPlan) -> HandEye:
         """The calibration, maybe a rough one, by which a plan to calibrate or verify was made.
@@ -160,7 +167,7 @@ class Cell:
         """A scan by `plan`, as `prepare` gave it; it has begun when the body is entered.
 
         Left by an exception, an arm that may still move is stopped; left in order, it is waited for until it is home.
-        Raises what the scan does, CellBusyError, and StoppedError when a stop came since `prepare`.
+        Raises what the scan does, CellBusyError, and StoppedError when a stop came since it was asked for.
         """
         least = min(self.settings.scan.min_views, len(plan.viewpoints))
         return self._moving(plan, writer, listener, least, self._planning.scan_basis, "scan")
@@ -179,6 +186,10 @@ class Cell:
         self._stops.note()
         self._equipment.stop()
         self._stops.told()
+
+    def refuse_earlier(self) -> None:
+        """Nothing begins to move that was asked for by now; what moves already goes on."""
+        self._stops.note()
 
     def wait_while_busy(self, seconds: float) -> None:
         """Returns when the arm has ended what it was at, as behind a stop, or after so long."""
@@ -246,8 +257,8 @@ class Cell:
         what: Literal["scan", "calibration"],
     ) -> Iterator[BackgroundScan]:
         with self._using():
-            before = self._preparing.stop_before
-            self._stops.refuse_since(before)
+            asked_s = self._preparing.asked_s
+            self._stops.refuse_since(asked_s)
             means = self._means(basis(), picture=what == "calibration")
             # Whatever else has happened to the arm since it was prepared, the scan's beginning tells.
             self._status.change(state="busy", slug="cell-busy", reason=f"a {what} is under way")
@@ -262,18 +273,25 @@ class Cell:
                     yield scan
             finally:
                 if scan.error is None:
-                    self._status.after(None)
+                    stopped = self._stops.since(asked_s)  # when the arm was home already
+                    self._status.after(StoppedError(STOPPED) if stopped else None)
                 if what == "calibration":  # it was begun without asking for one that can be used
                     self._preparing.require_usable()
-                if self._stops.since(before):  # one that came when the arm was home already
+                if self._stops.since(asked_s):  # just now
                     self._stops.told()
 
     def _prepared(
-        self, board: Board | None, calibration: Callable[[], HandEye] | None, planned: Callable[[], ViewpointPlan]
+        self,
+        board: Board | None,
+        calibration: Callable[[], HandEye] | None,
+        planned: Callable[[], ViewpointPlan],
+        asked_s: float | None,
     ) -> ViewpointPlan:
-        before = self._stops.last  # one that comes while this waits for its turn counts
+        asked_s = time.monotonic() if asked_s is None else asked_s  # a stop counts that comes before this has its turn
+        if self._stops.since(asked_s):  # long ago, maybe: who has connected since finds the cell as it was
+            raise StoppedError(TOO_LATE)
         with self._using(HOME_S):
-            return self._preparing.prepare(board, calibration, planned, before)
+            return self._preparing.prepare(board, calibration, planned, asked_s)
 
     def _means(self, basis: Basis, picture: bool) -> ScanMeans:
         arm, camera, settle_s = self._equipment.arm, self._equipment.camera, self.settings.camera.settle_s

@@ -1,5 +1,6 @@
 """Making sure that what is planned can be done, before anything moves."""
 
+import time
 from collections.abc import Callable
 
 from calibration.board import Board
@@ -18,21 +19,21 @@ class Preparing:
 
     def __init__(self, equipment: Equipment, status: KeptStatus, stops: Stops, planning: Planning) -> None:
         self._equipment, self._status, self._stops, self._planning = equipment, status, stops, planning
-        self.stop_before = stops.last
-        """The last before what was prepared: it no longer counts."""
+        self.asked_s = 0.0
+        """When what was prepared was asked for: stops before that do not count."""
 
     def prepare(
         self,
         board: Board | None,
         calibration: Callable[[], HandEye] | None,
         planned: Callable[[], ViewpointPlan],
-        before: object,
+        asked_s: float,
     ) -> ViewpointPlan:
         """The plan that `planned` gives, once arm and camera are connected. `board` None: to scan.
 
-        `calibration` tells the one that is needed; None: none is. `before` is the last stop that does not count.
+        `calibration` tells the one that is needed; None: none is. `asked_s` is when it was asked for.
 
-        Raises: as `connect`, and what `planned` does; StoppedError when a stop came since.
+        Raises: as `connect`, and what `planned` does; StoppedError when a stop came since then.
         """
         self._equipment.lay_board(board)
         self.connect(calibration)
@@ -42,8 +43,8 @@ class Preparing:
             if calibration is None:
                 self.require_usable()
             raise
-        self.stop_before = before
-        self._stops.refuse_since(before)
+        self.asked_s = asked_s
+        self._stops.refuse_since(asked_s)
         return plan
 
     def connect(self, calibration: Callable[[], HandEye] | None) -> None:
@@ -54,7 +55,7 @@ class Preparing:
             CellError: arm, camera or calibration cannot be used, with the reason.
             StoppedError: a stop came meanwhile.
         """
-        status, before = self._status.now, self._stops.last
+        status, begun_s = self._status.now, time.monotonic()
         if status.state == "fault":
             raise AcknowledgeRequiredError(status.reason)
         try:
@@ -65,7 +66,7 @@ class Preparing:
             raise
         known = hand_eye or status.hand_eye
         self._status.change(state="ready", reason=None, slug=None, hand_eye=known, **vars(seen))
-        self._stops.refuse_since(before)
+        self._stops.refuse_since(begun_s)
 
     def require_usable(self) -> bool:
         """A cell whose calibration a scan could not use is not ready. Whether it could."""

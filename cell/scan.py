@@ -214,8 +214,10 @@ class BackgroundScan:
     def _run(self, taking: Iterator[View]) -> None:
         try:
             self._take(taking)
-            if self.error is not None:
-                self._failed(self.error)
+            # What went wrong on the way home is worse than too few views before it: it may be a fault.
+            error = self._home_error or self._taking_error
+            if error is not None:
+                self._failed(error)
         finally:
             self._ended.set()
 

@@ -1,9 +1,13 @@
-"""Which stop counts for what: one that came since something was prepared keeps it from moving."""
+"""Which stop counts for what: one that came since something was asked for keeps it from moving."""
+
+import math
+import time
 
 from cell.cell_status import KeptStatus
 from cell.errors import StoppedError
 
 STOPPED = "stopped by request: connect, or start a live scan"
+TOO_LATE = "the arm was stopped after this was asked for, so it has not moved: ask again if it is still wanted"
 
 
 class Stops:
@@ -11,23 +15,22 @@ class Stops:
 
     def __init__(self, status: KeptStatus) -> None:
         self._status = status
-        self.last = object()
-        """Another one with every stop: what is prepared keeps the one of its beginning."""
+        self._last_s = -math.inf
 
     def note(self) -> None:
         """Somebody asks for a stop; the arm is stopped, and `told` called, behind this."""
-        self.last = object()
+        self._last_s = time.monotonic()
 
     def told(self) -> None:
         """A cell that was ready is not any more."""
         self._status.no_longer_ready("stopped", STOPPED)
 
-    def since(self, before: object) -> bool:
-        """One came behind the one that was `last` before."""
-        return self.last is not before
+    def since(self, asked_s: float) -> bool:
+        """One came since then, by `time.monotonic()`."""
+        return self._last_s >= asked_s
 
-    def refuse_since(self, before: object) -> None:
-        """Raises StoppedError when one came."""
-        if self.since(before):
+    def refuse_since(self, asked_s: float) -> None:
+        """Raises StoppedError when one came; a cell that is ready by now, though it was stopped, is not any more."""
+        if self.since(asked_s):
             self.told()
-            raise StoppedError("the arm was stopped by request before it began to move")
+            raise StoppedError(TOO_LATE)

@@ -1,12 +1,14 @@
 """Idempotency keys: a request that is sent again, since its answer was lost, starts nothing a second time.
 
 A key belongs to the caller who sent it. It is written together with the scan that it was first used for, and goes with
-that scan; a request that is refused leaves none behind.
+that scan; a request that is refused leaves none behind. It is known for a while only when it was first sent: the arm is
+not to move for a wish that is older than the last stop, however often and whoever sends it again.
 """
 
 import hashlib
 import json
 import threading
+from collections import OrderedDict
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -18,6 +20,11 @@ from service.store import Store
 from service.tables import ScanRow
 
 LONGEST = 255
+
+WISH_S = 600.0
+"""So long it is known when a refused request was first sent; nobody sends one again by himself for longer."""
+MOST_WISHES = 10_000
+"""Of so many, the latest."""
 
 
 @dataclass(frozen=True)
@@ -60,17 +67,20 @@ class IdempotencyKeys:
         self._lock = threading.Lock()
         """Never held while the database is asked."""
         self._undecided: set[tuple[str, str]] = set()
+        self._wishes: OrderedDict[tuple[str, str], float] = OrderedDict()
+        """When each key that has started nothing was first sent, the latest at the end."""
 
     @contextmanager
-    def first_use(self, key: Key | None) -> Iterator[ScanRow | None]:
-        """The scan that the key was used for before, or None: then the body is the first to use it, and the only one.
+    def first_use(self, key: Key | None, arrived_s: float) -> Iterator[ScanRow | float]:
+        """The scan that the key was used for before; or, by `time.monotonic()`, since when it is asked for: then the
+        body is the first to use the key, and the only one. `arrived_s` is when this request came.
 
         Raises:
             ProblemError: 422 `idempotency-mismatch`, it was used for another request; 409 `idempotency-pending`,
                 another request with it is being decided on.
         """
         if key is None:
-            yield None
+            yield arrived_s
             return
         name = (key.caller, key.key)
         with self._lock:
@@ -82,11 +92,21 @@ class IdempotencyKeys:
                     {"Retry-After": "1"},
                 )
             self._undecided.add(name)
+            asked_s = self._first_sent(name, arrived_s)
         try:
-            yield self._used_for(key)
+            used = self._used_for(key)
+            yield asked_s if used is None else used
         finally:
             with self._lock:
                 self._undecided.remove(name)
+
+    def _first_sent(self, name: tuple[str, str], arrived_s: float) -> float:
+        while self._wishes and next(iter(self._wishes.values())) < arrived_s - WISH_S:
+            self._wishes.popitem(last=False)
+        asked_s = self._wishes.setdefault(name, arrived_s)
+        if len(self._wishes) > MOST_WISHES:
+            self._wishes.popitem(last=False)
+        return asked_s
 
     def _used_for(self, key: Key) -> ScanRow | None:
         used = self._store.key(key.caller, key.key)

@@ -147,7 +147,8 @@ class Jobs:
     def stop_arm(self, reason: str = "the arm was stopped by request") -> str | None:
         """Stops the arm, whatever goes on, and aborts the live scan or calibration under way, if any; the scan's id.
 
-        Waits for the arm alone: what was recorded is still being kept then, and the scan ends behind that.
+        Waits for what the arm is at, a move or a look: what was recorded is still being kept then, and the scan ends
+        behind that.
         """
         running = self._place.running
         live = running if running is not None and running.plan is not None else None
@@ -156,8 +157,9 @@ class Jobs:
         return live.row.id if live is not None and isinstance(live.row, ScanRow) else None
 
     def stop_unattended(self) -> None:
-        """Stops an arm that may be moving, because the service does not answer: nobody else could stop it."""
-        if self._cell.status.state == "busy":
+        """Stops an arm that moves or is about to, because the service does not answer: nobody else could stop it."""
+        self._cell.refuse_earlier()  # what is not accepted yet
+        if self._cell.status.state == "busy" or self.using_arm is not None:
             self.stop_arm("the service did not answer for more than a second, so nobody could have stopped the arm")
 
     def release_arm(self) -> None:
@@ -216,12 +218,16 @@ class Jobs:
             self._metrics.stopped(time.monotonic() - since)
         if running is None or not asked:
             return
-        if isinstance(running.row, ScanRow):
-            if running.plan is None:
-                self._end_recognition(running)
+        of_scan = isinstance(running.row, ScanRow)
+        if of_scan and running.plan is None:
+            self._end_recognition(running)
+        try:
             # A live one ends with its arm, and recognition waits for the next; unless it is at work on the last views.
-            threading.Thread(target=self._end_recognition, args=(running, BY_ITSELF_S), name="ending").start()
-        self._notes.submit(self._note_stopping, running)
+            if of_scan:
+                threading.Thread(target=self._end_recognition, args=(running, BY_ITSELF_S), name="ending").start()
+            self._notes.submit(self._note_stopping, running)
+        except RuntimeError:  # no other thread can be had: it is stopped all the same
+            log.exception("that %s is being stopped could not be written", running.words)
 
     def _note_stopping(self, running: Running[Any]) -> None:
         update = self._store.update_scan if isinstance(running.row, ScanRow) else self._store.calibrations.update
@@ -231,7 +237,8 @@ class Jobs:
             log.exception("that %s is being stopped could not be written", running.words)
 
     def _end_recognition(self, running: Running[Any], wait_s: float = 0.0) -> None:
-        if not running.ended.wait(wait_s):  # it could by now be at work on the next one
+        # It could still be at work on the picture of the one before, or already on the next one.
+        if running.begun.is_set() and not running.ended.wait(wait_s):
             self._worker.kill()
 
     def _work(self) -> None:
@@ -245,6 +252,7 @@ class Jobs:
             if running is None:
                 return
             runner = self._scans if isinstance(running.row, ScanRow) else self._calibrations
+            running.begun.set()
             runner.run(running)
             if self._accepted.empty():  # the next one, which may have been cancelled by now, does it if it must
                 self._prepare()

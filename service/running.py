@@ -23,6 +23,8 @@ class Running(Generic[R]):
         """As it was accepted."""
         self.plan = plan
         """Of what the arm does; None for a replay, for which it does nothing."""
+        self.begun = threading.Event()
+        """What was under way before it, with its picture, has ended."""
         self.ended = threading.Event()
         self.given_up = threading.Event()
         """The service is ending: its final row is written at once, or by the next start."""

@@ -7,6 +7,7 @@ from calibration.board import Board
 from cell.cell import Cell
 from recognition.model import Method
 from service.new_rows import NOBODY, Asked, new_calibration, new_scan
+from service.observing.arrival import arrived_s
 from service.place import Place
 from service.running import Running
 from service.store import Store
@@ -41,29 +42,40 @@ class Submissions:
             self._accept(Running(scan, None), lambda: self._store.add_scan(scan, asked.key_row(scan)))
             return scan
 
-    def live(self, views: int | None, method: Method, radius_m: float | None, asked: Asked = NOBODY) -> ScanRow:
-        """A scan by the cell, once the cell is ready and the scan is planned.
+    def live(
+        self,
+        views: int | None,
+        method: Method,
+        radius_m: float | None,
+        asked: Asked = NOBODY,
+        asked_s: float | None = None,
+    ) -> ScanRow:
+        """A scan by the cell, once the cell is ready and the scan is planned; refused when the arm was stopped since
+        `asked_s`, by default since the request arrived, however long this had to wait.
 
         Takes seconds where the cell has to be connected first.
         """
+        asked_s = arrived_s() if asked_s is None else asked_s
         with self._place.taken():
-            plan = self._cell.prepare(views)
+            plan = self._cell.prepare(views, asked_s)
             scan = new_scan("live", method, radius_m, asked, calibration_sha256=self._calibration_sha256)
             self._accept(Running(scan, plan), lambda: self._store.add_scan(scan, asked.key_row(scan)))
             return scan
 
     def calibration(self, board: Board, poses: int) -> CalibrationRow:
         """A calibration with the board on the table, as `live` does a scan."""
+        asked_s = arrived_s()
         with self._place.taken():
-            plan = self._cell.prepare_calibration(board, poses)
+            plan = self._cell.prepare_calibration(board, poses, asked_s=asked_s)
             row = new_calibration("calibration", board, poses, warnings=plan.warnings)
             self._accept(Running(row, plan), lambda: self._store.calibrations.add(row))
             return row
 
     def verification(self) -> CalibrationRow:
         """A look at the board, where it was left, from two poses."""
+        asked_s = arrived_s()
         with self._place.taken():
-            plan = self._cell.prepare_verification()
+            plan = self._cell.prepare_verification(asked_s)
             row = new_calibration("verification", None, len(plan.viewpoints), self._calibration_sha256)
             self._accept(Running(row, plan), lambda: self._store.calibrations.add(row))
             return row

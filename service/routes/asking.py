@@ -13,7 +13,10 @@ from service.security.caller import caller_of
 
 # Told to readers of the description only: the refusal has a type of its own.
 KEY_SCHEMA = {"minLength": 1, "maxLength": LONGEST, "pattern": "^[!-~]([ -~]*[!-~])?$"}
-KEY_WORDS = "Makes it safe to send the request again: of one token, the same key and body never start a second scan"
+KEY_WORDS = (
+    "Makes it safe to send the request again: of one token, the same key and body never start a second "
+    "scan; nor, once the arm was stopped, one that was first asked for before that"
+)
 
 
 @dataclass(frozen=True)

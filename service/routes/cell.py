@@ -35,7 +35,7 @@ def connect_cell(service: Service) -> CellResource:
 @router.post("/cell/stop", responses=problem_responses())
 async def stop_cell(request: Request, service: Service) -> CellResource:
     """Stops the arm at once, whatever goes on; a live scan or calibration under way is aborted, and ends a moment
-    behind the answer. Not an emergency stop."""
+    behind the answer. What was asked for before and does not move yet is refused. Not an emergency stop."""
     stopped = await to_thread.run_sync(service.jobs.stop_arm, limiter=service.stopping)
     request.state.stopped_scan = stopped  # for logs
     # Asks neither the database nor the disk: a locked or a slow one may not keep the next stop waiting.

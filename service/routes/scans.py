@@ -6,9 +6,11 @@ from collections.abc import Callable
 from anyio import to_thread
 from fastapi import APIRouter, Request, Response
 
+from cell.errors import StoppedError
 from service.context import Before, Context, Id, Limit, Scan, Service, find_scan
 from service.description import links
 from service.new_rows import Asked
+from service.observing.arrival import arrived_s
 from service.problems import ProblemError, problem_responses
 from service.reading import json_answer
 from service.routes.asking import Asks
@@ -37,10 +39,10 @@ def start_scan(wanted: ScanRequest, response: Response, service: Service, asking
     """
     asked = asking.asked(wanted)
 
-    def submit() -> ScanRow:
+    def submit(asked_s: float) -> ScanRow:
         if isinstance(wanted, LiveScan):
             radius = check_radius(wanted.string_radius_m, service.config.cell.scan.string_radius_m)
-            return service.jobs.submit.live(wanted.views, wanted.method, radius, asked)
+            return service.jobs.submit.live(wanted.views, wanted.method, radius, asked, asked_s)
         recording = service.store.recording(wanted.recording)
         if recording is None:
             raise ProblemError(404, "recording-not-found", f"there is no recording {wanted.recording}; upload it first")
@@ -60,7 +62,7 @@ def reprocess_scan(
     wanted = wanted or Reprocess()
     asked = asking.asked(wanted)
 
-    def submit() -> ScanRow:
+    def submit(_: float) -> ScanRow:
         if source.state in ACTIVE_STATES:
             raise ProblemError(409, "result-not-ready", f"scan {source.id} is {source.state}; wait for its end")
         recording = service.store.recording(source.recording) if source.recording else None
@@ -116,17 +118,20 @@ def _told(scan: ScanRow, service: Context) -> ScanResource:
     return scan_resource(scan, service.store.views([scan.id]))
 
 
-def _start(response: Response, service: Context, asked: Asked, submit: Callable[[], ScanRow]) -> ScanResource:
-    """The scan that `submit` starts, or the one that a request with the same key has started."""
-    with service.keys.first_use(asked.key) as known:
-        if known is not None:
+def _start(response: Response, service: Context, asked: Asked, submit: Callable[[float], ScanRow]) -> ScanResource:
+    """The scan that `submit` starts, told since when it is asked for; or the one that a request with the same key has
+    started."""
+    with service.keys.first_use(asked.key, arrived_s()) as known:
+        if isinstance(known, ScanRow):
             response.headers["Location"] = f"{SCANS}/{known.id}"
             response.headers["Idempotency-Replayed"] = "true"
             return _told(known, service)
         service.require_space()
         try:
-            scan = submit()
+            scan = submit(known)
         except sqlite3.IntegrityError as error:
             raise ProblemError(404, "recording-not-found", "the recording was removed a moment ago") from error
+        except StoppedError as error:
+            raise (error if asked.key is None else StoppedError(f"{error}, with a new Idempotency-Key")) from None
     response.headers["Location"] = f"{SCANS}/{scan.id}"
     return scan_resource(scan, ())  # as accepted: what it has become since is not worth a refusal

@@ -2,9 +2,10 @@
 
 import os
 import signal
+import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -228,6 +229,52 @@ def test_a_stop_between_planning_and_moving_keeps_the_arm_where_it_is(cell: Cell
     assert cell.status.slug == "stopped"
     cell.connect()
     assert cell.status.state == "ready"
+
+
+def test_a_stop_when_the_arm_is_home_leaves_a_cell_that_was_never_ready_behind_it(cell: Cell, tmp_path: Path) -> None:
+    plan, told = cell.prepare(2), []
+    with (
+        RecordingWriter(tmp_path / "scan.mcap", cell.header(RADIUS_M)) as writer,
+        cell.scanning(plan, writer, Told()) as views,
+    ):
+        assert len(list(views)) == 2
+        views.wait()
+        cell.on_status(lambda status: told.append((status.state, status.slug)))
+        cell.stop()
+    assert told == [("not_ready", "stopped")]
+    cell.connect()
+
+
+def test_what_was_asked_for_before_a_stop_is_refused_and_changes_nothing(cell: Cell) -> None:
+    asked_s = time.monotonic()
+    cell.stop()
+    cell.connect()
+    with pytest.raises(StoppedError, match="after this was asked for"):
+        cell.prepare(2, asked_s)
+    assert cell.status.state == "ready"
+    cell.prepare(2)
+
+
+def test_a_robot_lost_on_the_way_home_is_a_fault_though_too_few_views_came_first(tmp_path: Path) -> None:
+    """With too few views the arm goes home all the same; what happens on that way is the worse news."""
+    with opened(simulated(time_factor=2.0)) as cell:
+        plan = cell.prepare()
+        cell.camera.fault("zero")
+        with closing(controller(cell)) as admin:
+
+            def lost(_: int) -> None:
+                if len(told.reasons) == len(plan.viewpoints):
+                    threading.Thread(target=lose).start()
+
+            def lose() -> None:
+                while not admin.state().moving:
+                    time.sleep(0.005)
+                admin.protective_stop()
+
+            told = Told(on_missing=lost)
+            with pytest.raises(MissingViewsError):
+                scan(cell, tmp_path / "scan.mcap", told, plan)
+        assert (cell.status.state, cell.status.slug) == ("fault", "protective-stop")
 
 
 def test_an_arm_that_was_moved_since_the_scan_was_planned_is_not_sent_that_way(tmp_path: Path) -> None:

@@ -12,11 +12,12 @@ import httpx
 import pytest
 
 from service.data_folder import DataFolder
-from service.idempotency import IdempotencyKeys, Key, body_hash
+from service.idempotency import WISH_S, IdempotencyKeys, Key, body_hash
 from service.new_rows import NOBODY, Asked, new_scan
 from service.problems import ProblemError
 from service.schemas import LiveScan, Reprocess
 from service.store import Store
+from service.tables import ScanRow
 
 AssertProblem = Callable[[httpx.Response, int, str], str]
 Finished = Callable[[httpx.Client, str], dict[str, Any]]
@@ -132,13 +133,13 @@ def test_a_key_is_its_callers_own(store: Store) -> None:
     keys = IdempotencyKeys(store)
     for caller in ("ann", "bob"):
         key = Key(caller, "k", "hash")
-        with keys.first_use(key) as used:
-            assert used is None
+        with keys.first_use(key, 7.0) as used:
+            assert used == 7.0
             asked = Asked(caller, key)
             scan = new_scan("live", "graph", None, asked)
             store.add_scan(scan, asked.key_row(scan))
-        with keys.first_use(key) as used:
-            assert used is not None
+        with keys.first_use(key, 8.0) as used:
+            assert isinstance(used, ScanRow)
             assert (used.id, used.asked_by) == (scan.id, caller)
 
 
@@ -146,10 +147,10 @@ def test_while_the_first_is_decided_on_the_second_is_told_to_wait(store: Store) 
     keys, key = IdempotencyKeys(store), Key("ann", "k", "hash")
 
     def second(other: Key) -> None:
-        with keys.first_use(other):
+        with keys.first_use(other, 2.0):
             pass
 
-    with keys.first_use(key):
+    with keys.first_use(key, 1.0):
         with pytest.raises(ProblemError) as refused:
             second(Key("ann", "k", "of another body"))
         assert (refused.value.status_code, refused.value.headers) == (409, {"Retry-After": "1"})
@@ -157,6 +158,24 @@ def test_while_the_first_is_decided_on_the_second_is_told_to_wait(store: Store) 
     second(key)  # the first came to nothing
     assert store.key("ann", "k") is None
     assert new_scan("live", "graph", None, NOBODY).asked_by is None
+
+
+def test_a_refused_request_that_is_sent_again_is_no_new_wish(store: Store, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("service.idempotency.MOST_WISHES", 3)
+    keys = IdempotencyKeys(store)
+
+    def asked_for_since(key: str | None, arrived_s: float) -> float | ScanRow:
+        with keys.first_use(None if key is None else Key("ann", key, "hash"), arrived_s) as since:
+            return since
+
+    assert asked_for_since("k", 1000.0) == 1000.0
+    assert asked_for_since("k", 1000.0 + WISH_S) == 1000.0
+    assert asked_for_since(None, 1001.0 + WISH_S) == 1001.0 + WISH_S
+    assert asked_for_since("k", 1001.0 + WISH_S) == 1001.0 + WISH_S, "nobody sends it again by himself so late"
+    for key in "abc":
+        asked_for_since(key, 1002.0 + WISH_S)
+    assert asked_for_since("k", 1003.0 + WISH_S) == 1003.0 + WISH_S, "of too many, the oldest are forgotten"
+    assert asked_for_since("c", 1003.0 + WISH_S) == 1002.0 + WISH_S
 
 
 def test_the_hash_is_of_what_is_asked_for_and_where() -> None:

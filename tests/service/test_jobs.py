@@ -175,6 +175,26 @@ def test_a_scan_whose_results_are_removed_while_its_picture_is_drawn_has_succeed
     assert not [record for record in caplog.records if record.levelname == "ERROR"]
 
 
+def test_who_cancels_the_next_scan_does_not_end_the_picture_of_the_last(
+    serve: Serve, recording_file: Path, tmp_path: Path, finished: Finished
+) -> None:
+    with serve(tmp_path) as client:
+        process, jobs = recognition(client), client.app.state.context.jobs
+        first = start(client, recording_file)
+        wait_until(lambda: jobs.draws(Path(first).name) and client.get(first).json()["state"] == "succeeded")
+        os.kill(process, signal.SIGSTOP)  # not before its picture is drawn, unless that was quicker
+        with ThreadPoolExecutor(1) as pool:
+            body = {"mode": "replay", "recording": client.get(first).json()["recording"]}
+            second = client.post("/api/scans", json=body).headers["Location"]
+            cancelling = pool.submit(client.post, f"{second}/cancel", timeout=ANSWER_S)
+            wait_until(lambda: client.get(second).json()["state"] in ("stopping", "aborted"))
+            os.kill(process, signal.SIGCONT)
+            assert cancelling.result().json()["state"] == "aborted"
+        assert finished(client, first)["state"] == "succeeded"
+        assert client.get(client.get(first).json()["links"]["preview"]).status_code == 200
+        assert client.recognition_pid == process
+
+
 @pytest.mark.parametrize("killed", [False, True])
 def test_a_picture_that_is_not_whole_is_never_shown(
     *,

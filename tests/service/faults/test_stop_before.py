@@ -1,0 +1,142 @@
+"""What was asked for before a stop moves nothing behind it, wherever it waits, and however often it is sent again."""
+
+import threading
+from collections.abc import Callable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import contextmanager
+from typing import Any
+
+import httpx
+import pytest
+
+from cell.cell import Cell
+from service.jobs import Jobs
+from service.submissions import Submissions
+from service.worker import RecognitionWorker
+from tests.service.conftest import PATIENCE_S, Serve, wait_until
+from tests.service.faults.moves import now_in, seen
+from tests.service.live_cell import SCAN, LiveCell, live_cell
+
+pytestmark = pytest.mark.xdist_group("cell")  # one at a time: each is several busy processes
+
+Finished = Callable[[httpx.Client, str], dict[str, Any]]
+
+STOPPED = "urn:pointchain:stopped"
+
+
+@pytest.fixture(scope="module")
+def cell(serve: Serve, tmp_path_factory: pytest.TempPathFactory) -> Iterator[LiveCell]:
+    """Each test leaves it able to scan."""
+    with live_cell(serve, tmp_path_factory.mktemp("data")) as shared:
+        yield shared
+
+
+class Gate:
+    """Where a method of ours is held until it is let go; nothing else of it is changed."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch, owner: type, name: str, *, hold: bool = True) -> None:
+        self.come, self.go_on = threading.Semaphore(0), threading.Event()
+        method = getattr(owner, name)
+        if not hold:
+            self.go_on.set()
+
+        def held(*arguments: Any, **named: Any) -> Any:
+            self.come.release()
+            assert self.go_on.wait(PATIENCE_S)
+            return method(*arguments, **named)
+
+        monkeypatch.setattr(owner, name, held)
+
+    def wait_for_one(self) -> None:
+        assert self.come.acquire(timeout=PATIENCE_S)
+
+
+@contextmanager
+def one_being_planned_and_one_waiting(
+    cell: LiveCell, monkeypatch: pytest.MonkeyPatch, **named: Any
+) -> Iterator[tuple[Future[httpx.Response], Future[httpx.Response]]]:
+    """Two live scans are asked for, the first with what `named` says; both are decided on behind the body."""
+    monkeypatch.setattr("service.place.SOON_S", PATIENCE_S)
+    with ThreadPoolExecutor() as pool, monkeypatch.context() as patched:
+        planning, asking = Gate(patched, Cell, "plan"), Gate(patched, Submissions, "live", hold=False)
+        try:
+            first = pool.submit(cell.client.post, "/api/scans", json=SCAN, **named)
+            asking.wait_for_one()
+            planning.wait_for_one()
+            second = pool.submit(cell.client.post, "/api/scans", json=SCAN)
+            asking.wait_for_one()
+            yield first, second
+        finally:
+            planning.go_on.set()
+
+
+def assert_refused(answer: httpx.Response) -> None:
+    assert (answer.status_code, answer.json()["type"]) == (409, STOPPED), answer.text
+
+
+def test_whoever_waited_for_the_place_when_the_arm_was_stopped_does_not_get_it(
+    cell: LiveCell, finished: Finished, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    cell.is_well()
+    begin = now_in(cell)
+    with one_being_planned_and_one_waiting(cell, monkeypatch) as answers:
+        assert cell.client.post("/api/cell/stop").status_code == 200
+    for answer in answers:
+        assert_refused(answer.result(PATIENCE_S))
+    assert seen(cell, begin, "motion_start") == []
+    assert cell.state()["problem"] == STOPPED
+    assert finished(cell.client, cell.start(views=2))["state"] == "succeeded"  # one that is asked for behind it moves
+
+
+def test_a_wish_from_before_the_stop_is_none_behind_it_when_it_is_sent_again(
+    cell: LiveCell, finished: Finished, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def again(key: str) -> httpx.Response:
+        return cell.client.post("/api/scans", json=SCAN | {"views": 2}, headers={"Idempotency-Key": key})
+
+    cell.is_well()
+    begin = now_in(cell)
+    with one_being_planned_and_one_waiting(cell, monkeypatch, headers={"Idempotency-Key": "k"}) as (first, _):
+        assert cell.client.post("/api/cell/stop").status_code == 200
+    assert_refused(first.result(PATIENCE_S))
+    assert_refused(again("k"))
+    cell.is_well()
+    assert_refused(again("k"))
+    assert cell.state()["state"] == "ready", "whoever has connected since has what he asked for"
+    assert seen(cell, begin, "motion_start") == []
+    answer = again("another")
+    assert answer.status_code == 202, answer.text
+    finished(cell.client, answer.headers["Location"])
+
+
+def test_a_hanging_loop_lets_nothing_begin_that_was_accepted(
+    cell: LiveCell, finished: Finished, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    cell.is_well()
+    begin, jobs = now_in(cell), cell.client.app.state.context.jobs
+    with monkeypatch.context() as patched:
+        starting = Gate(patched, RecognitionWorker, "start")  # as long as a new process takes
+        try:
+            location = cell.start()
+            starting.wait_for_one()
+            jobs.stop_unattended()
+        finally:
+            starting.go_on.set()
+    scan = finished(cell.client, location)
+    assert scan["state"] == "aborted"
+    assert "did not answer" in scan["problem"]["detail"]
+    assert seen(cell, begin, "motion_start") == []
+
+
+def test_a_hanging_loop_lets_nothing_begin_that_is_being_prepared(
+    cell: LiveCell, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    cell.is_well()
+    begin, jobs = now_in(cell), cell.client.app.state.context.jobs
+    assert isinstance(jobs, Jobs)
+    with one_being_planned_and_one_waiting(cell, monkeypatch) as answers:
+        jobs.stop_unattended()
+    for answer in answers:
+        assert_refused(answer.result(PATIENCE_S))
+    assert seen(cell, begin, "motion_start") == []
+    wait_until(lambda: jobs.idle)
