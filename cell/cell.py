@@ -28,7 +28,7 @@ from cell.preparing import Preparing
 from cell.recording_header import RecordingHeader
 from cell.scan import BackgroundScan, ScanListener, ScanMeans, ViewWriter, attended
 from cell.settings import CellSettings
-from cell.stops import STOPPED, TOO_LATE, Stops
+from cell.stops import STOPPED, Stops
 from cell.viewpoints import ViewpointPlan, require_enough
 
 TURN_S = 1.0
@@ -288,9 +288,9 @@ class Cell:
         asked_s: float | None,
     ) -> ViewpointPlan:
         asked_s = time.monotonic() if asked_s is None else asked_s  # a stop counts that comes before this has its turn
-        if self._stops.since(asked_s):  # long ago, maybe: who has connected since finds the cell as it was
-            raise StoppedError(TOO_LATE)
+        self._stops.refuse_stale(asked_s)
         with self._using(HOME_S):
+            self._stops.refuse_stale(asked_s)  # once more: nobody connects behind a stop for what it refuses
             return self._preparing.prepare(board, calibration, planned, asked_s)
 
     def _means(self, basis: Basis, picture: bool) -> ScanMeans:

@@ -1,6 +1,7 @@
 """Which stop counts for what: one that came since something was asked for keeps it from moving."""
 
 import math
+import threading
 import time
 
 from cell.cell_status import KeptStatus
@@ -15,11 +16,14 @@ class Stops:
 
     def __init__(self, status: KeptStatus) -> None:
         self._status = status
+        self._lock = threading.Lock()
+        """Held for no longer than a number takes."""
         self._last_s = -math.inf
 
     def note(self) -> None:
         """Somebody asks for a stop; the arm is stopped, and `told` called, behind this."""
-        self._last_s = time.monotonic()
+        with self._lock:  # of two at once, the one that read the clock later counts
+            self._last_s = time.monotonic()
 
     def told(self) -> None:
         """A cell that was ready is not any more."""
@@ -33,4 +37,9 @@ class Stops:
         """Raises StoppedError when one came; a cell that is ready by now, though it was stopped, is not any more."""
         if self.since(asked_s):
             self.told()
+            raise StoppedError(TOO_LATE)
+
+    def refuse_stale(self, asked_s: float) -> None:
+        """The same, but whoever has connected since finds the cell as it was: it may have been long ago."""
+        if self.since(asked_s):
             raise StoppedError(TOO_LATE)

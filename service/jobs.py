@@ -5,6 +5,7 @@ There is no queue: a cell has one arm, and whoever asks while it is busy is told
 """
 
 import logging
+import math
 import queue
 import sqlite3
 import threading
@@ -15,6 +16,8 @@ from contextlib import AbstractContextManager
 from typing import Any
 
 from cell.cell import Cell
+from cell.errors import StoppedError
+from cell.stops import TOO_LATE
 from recognition.gripper import Gripper
 from service.calibrations.drift_watch import DriftWatch
 from service.calibrations.runner import CalibrationRunner
@@ -39,6 +42,10 @@ for again, and for a database that another program holds."""
 
 STOPPED_S = 1.0
 """Whoever stops the arm waits no longer than this for it to end what it was at: he wants to know that it was told."""
+
+PICTURE_S = 3.0
+"""A scan that is cancelled while the picture of the last one is being drawn waits so long for that, which takes half a
+second."""
 
 BY_ITSELF_S = 0.3
 """A live scan that is stopped has so long to end before its recognition is killed: the next one would wait for a new
@@ -66,6 +73,8 @@ class Jobs:
         self._worker = RecognitionWorker()
         self._metrics = metrics or ScanMetrics()
         self._place = Place()
+        self._stopped_s = -math.inf
+        """When somebody last asked to stop the arm, whatever goes on."""
         self.drift = DriftWatch(store.calibrations)
         """What recent scans tell of the calibration in use."""
         self._scans = ScanRunner(
@@ -150,11 +159,20 @@ class Jobs:
         Waits for what the arm is at, a move or a look: what was recorded is still being kept then, and the scan ends
         behind that.
         """
+        self._stopped_s = time.monotonic()
         running = self._place.running
         live = running if running is not None and running.plan is not None else None
         self._stop(live, "aborted", reason)
         self._cell.wait_while_busy(STOPPED_S)
         return live.row.id if live is not None and isinstance(live.row, ScanRow) else None
+
+    def refuse_stopped_since(self, wished_s: float) -> None:
+        """Raises StoppedError when somebody has asked to stop the arm since then, by `time.monotonic()`.
+
+        A scan that was cancelled, or ended with the service, is no reason to refuse others.
+        """
+        if self._stopped_s >= wished_s:
+            raise StoppedError(TOO_LATE)
 
     def stop_unattended(self) -> None:
         """Stops an arm that moves or is about to, because the service does not answer: nobody else could stop it."""
@@ -219,12 +237,14 @@ class Jobs:
         if running is None or not asked:
             return
         of_scan = isinstance(running.row, ScanRow)
-        if of_scan and running.plan is None:
+        if of_scan and running.plan is None and running.begun.is_set():
             self._end_recognition(running)
         try:
             # A live one ends with its arm, and recognition waits for the next; unless it is at work on the last views.
             if of_scan:
-                threading.Thread(target=self._end_recognition, args=(running, BY_ITSELF_S), name="ending").start()
+                soon = running.begun.is_set() or running.given_up.is_set()
+                wait_s = BY_ITSELF_S if soon else PICTURE_S
+                threading.Thread(target=self._end_recognition, args=(running, wait_s), name="ending").start()
             self._notes.submit(self._note_stopping, running)
         except RuntimeError:  # no other thread can be had: it is stopped all the same
             log.exception("that %s is being stopped could not be written", running.words)
@@ -237,8 +257,7 @@ class Jobs:
             log.exception("that %s is being stopped could not be written", running.words)
 
     def _end_recognition(self, running: Running[Any], wait_s: float = 0.0) -> None:
-        # It could still be at work on the picture of the one before, or already on the next one.
-        if running.begun.is_set() and not running.ended.wait(wait_s):
+        if not running.ended.wait(wait_s):  # else it could by now be at work on the next one
             self._worker.kill()
 
     def _work(self) -> None:

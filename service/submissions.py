@@ -48,14 +48,13 @@ class Submissions:
         method: Method,
         radius_m: float | None,
         asked: Asked = NOBODY,
-        asked_s: float | None = None,
     ) -> ScanRow:
         """A scan by the cell, once the cell is ready and the scan is planned; refused when the arm was stopped since
-        `asked_s`, by default since the request arrived, however long this had to wait.
+        the request arrived, however long this had to wait.
 
         Takes seconds where the cell has to be connected first.
         """
-        asked_s = arrived_s() if asked_s is None else asked_s
+        asked_s = arrived_s()
         with self._place.taken():
             plan = self._cell.prepare(views, asked_s)
             scan = new_scan("live", method, radius_m, asked, calibration_sha256=self._calibration_sha256)

@@ -6,12 +6,24 @@ from contextlib import contextmanager
 from contextvars import ContextVar
 
 _arrived: ContextVar[float | None] = ContextVar("arrived", default=None)
+_came: ContextVar[float | None] = ContextVar("came", default=None)
+
+
+@contextmanager
+def having_come(at_s: float | None) -> Iterator[None]:
+    """A request that begins to be answered within came then, by `time.monotonic()`, and had to wait; None: just now."""
+    token = _came.set(at_s)
+    try:
+        yield
+    finally:
+        _came.reset(token)
 
 
 @contextmanager
 def arriving() -> Iterator[float]:
     """The context in which a request is answered, by whichever threads; its arrival, `time.monotonic()`."""
-    at = time.monotonic()
+    came = _came.get()
+    at = time.monotonic() if came is None else came
     token = _arrived.set(at)
     try:
         yield at

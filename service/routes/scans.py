@@ -39,10 +39,11 @@ def start_scan(wanted: ScanRequest, response: Response, service: Service, asking
     """
     asked = asking.asked(wanted)
 
-    def submit(asked_s: float) -> ScanRow:
+    def submit(wished_s: float) -> ScanRow:
         if isinstance(wanted, LiveScan):
             radius = check_radius(wanted.string_radius_m, service.config.cell.scan.string_radius_m)
-            return service.jobs.submit.live(wanted.views, wanted.method, radius, asked, asked_s)
+            service.jobs.refuse_stopped_since(wished_s)
+            return service.jobs.submit.live(wanted.views, wanted.method, radius, asked)
         recording = service.store.recording(wanted.recording)
         if recording is None:
             raise ProblemError(404, "recording-not-found", f"there is no recording {wanted.recording}; upload it first")
@@ -132,6 +133,8 @@ def _start(response: Response, service: Context, asked: Asked, submit: Callable[
         except sqlite3.IntegrityError as error:
             raise ProblemError(404, "recording-not-found", "the recording was removed a moment ago") from error
         except StoppedError as error:
-            raise (error if asked.key is None else StoppedError(f"{error}, with a new Idempotency-Key")) from None
+            if asked.key is None:
+                raise
+            raise StoppedError(f"{error}; what is still wanted needs a new Idempotency-Key") from None
     response.headers["Location"] = f"{SCANS}/{scan.id}"
     return scan_resource(scan, ())  # as accepted: what it has become since is not worth a refusal

@@ -6,11 +6,13 @@ import itertools
 import json
 import logging
 import math
+import time
 from typing import Any, ClassVar
 
 import h11
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
+from service.observing.arrival import having_come
 from service.open_files import open_files
 from service.problems import MEDIA_TYPE, problem_document
 from service.security.caller import is_nobodys
@@ -56,6 +58,8 @@ class GuardedConnection(H11Protocol):
         self._waiting: asyncio.TimerHandle | None = None
         self._silent_since = 0
         """The turn at which it began, or its last request ended."""
+        self._came_s: float | None = None
+        """When what waits behind the request under way came, if anything does."""
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
         """Begins to wait for the first head, if there is room."""
@@ -68,6 +72,8 @@ class GuardedConnection(H11Protocol):
     def data_received(self, data: bytes) -> None:
         """Waits on for what is incomplete, from its first byte."""
         super().data_received(data)
+        if self._came_s is None and self._has_more:
+            self._came_s = time.monotonic()
         if self._between_requests or self._unread:
             self._wait()
         else:
@@ -76,7 +82,10 @@ class GuardedConnection(H11Protocol):
     def on_response_complete(self) -> None:
         """What came of the next request meanwhile, or is still to come of this one's body, is waited for."""
         self._silent_since = next(_turns)
-        super().on_response_complete()
+        with having_come(self._came_s):  # the next one, which may be a scan that was asked for before a stop
+            super().on_response_complete()
+        if not self._has_more:
+            self._came_s = None
         if self._unread or (self._between_requests and self.conn.trailing_data[0]):
             self._wait()
 
@@ -98,6 +107,11 @@ class GuardedConnection(H11Protocol):
     def _under_way(self) -> bool:
         """A request is there, and its answer is not whole yet."""
         return self.cycle is not None and not self.cycle.response_complete
+
+    @property
+    def _has_more(self) -> bool:
+        """Something of a next request came before the answer to the one under way is whole."""
+        return self._under_way and self.conn.their_state is h11.DONE and bool(self.conn.trailing_data[0])
 
     def _make_room(self) -> None:
         """Closes who has asked for nothing for longest; else who needs no token for what he takes; else this one."""

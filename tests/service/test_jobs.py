@@ -195,6 +195,21 @@ def test_who_cancels_the_next_scan_does_not_end_the_picture_of_the_last(
         assert client.recognition_pid == process
 
 
+def test_a_picture_that_does_not_end_keeps_no_cancelled_scan(
+    serve: Serve, recording_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("service.jobs.PICTURE_S", 0.1)
+    with serve(tmp_path) as client:
+        process, jobs = recognition(client), client.app.state.context.jobs
+        first = start(client, recording_file)
+        wait_until(lambda: jobs.draws(Path(first).name) and client.get(first).json()["state"] == "succeeded")
+        os.kill(process, signal.SIGSTOP)
+        body = {"mode": "replay", "recording": client.get(first).json()["recording"]}
+        second = client.post("/api/scans", json=body).headers["Location"]
+        assert client.post(f"{second}/cancel", timeout=ANSWER_S).json()["state"] == "aborted"
+        wait_until(lambda: jobs.idle)
+
+
 @pytest.mark.parametrize("killed", [False, True])
 def test_a_picture_that_is_not_whole_is_never_shown(
     *,

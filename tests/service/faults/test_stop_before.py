@@ -1,5 +1,7 @@
 """What was asked for before a stop moves nothing behind it, wherever it waits, and however often it is sent again."""
 
+import json
+import socket
 import threading
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -70,6 +72,10 @@ def one_being_planned_and_one_waiting(
             planning.go_on.set()
 
 
+def again(cell: LiveCell, key: str) -> httpx.Response:
+    return cell.client.post("/api/scans", json=SCAN | {"views": 2}, headers={"Idempotency-Key": key})
+
+
 def assert_refused(answer: httpx.Response) -> None:
     assert (answer.status_code, answer.json()["type"]) == (409, STOPPED), answer.text
 
@@ -91,22 +97,63 @@ def test_whoever_waited_for_the_place_when_the_arm_was_stopped_does_not_get_it(
 def test_a_wish_from_before_the_stop_is_none_behind_it_when_it_is_sent_again(
     cell: LiveCell, finished: Finished, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def again(key: str) -> httpx.Response:
-        return cell.client.post("/api/scans", json=SCAN | {"views": 2}, headers={"Idempotency-Key": key})
-
     cell.is_well()
     begin = now_in(cell)
     with one_being_planned_and_one_waiting(cell, monkeypatch, headers={"Idempotency-Key": "k"}) as (first, _):
         assert cell.client.post("/api/cell/stop").status_code == 200
     assert_refused(first.result(PATIENCE_S))
-    assert_refused(again("k"))
+    refused = again(cell, "k")
+    assert_refused(refused)
+    assert "needs a new Idempotency-Key" in refused.json()["detail"]
     cell.is_well()
-    assert_refused(again("k"))
+    assert_refused(again(cell, "k"))
     assert cell.state()["state"] == "ready", "whoever has connected since has what he asked for"
     assert seen(cell, begin, "motion_start") == []
-    answer = again("another")
+    answer = again(cell, "another")
     assert answer.status_code == 202, answer.text
     finished(cell.client, answer.headers["Location"])
+
+
+def test_who_was_told_to_come_again_may_when_nobody_stopped_the_arm_but_for_another(
+    cell: LiveCell, finished: Finished
+) -> None:
+    cell.is_well()
+    location = cell.start()
+    assert again(cell, "bob").json()["type"] == "urn:pointchain:cell-busy"
+    assert cell.client.post(f"{location}/cancel").json()["state"] == "aborted"
+    jobs = cell.client.app.state.context.jobs
+    jobs.stop_unattended()  # the loop hangs, and nothing moves
+    answer = again(cell, "bob")
+    assert answer.status_code == 202, answer.text
+    assert finished(cell.client, answer.headers["Location"])["state"] == "succeeded"
+
+
+def test_what_waited_unread_on_its_connection_was_asked_for_before_the_stop(
+    cell: LiveCell, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    cell.is_well()
+    begin, body = now_in(cell), json.dumps(SCAN | {"views": 2})
+    scan = (
+        f"POST /api/scans HTTP/1.1\r\nHost: localhost\r\nContent-Type: application/json\r\n"
+        f"Content-Length: {len(body)}\r\n\r\n{body}"
+    )
+    end = "GET /healthz HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n"
+    with (
+        socket.create_connection((cell.client.base_url.host, cell.client.base_url.port), PATIENCE_S) as connection,
+        monkeypatch.context() as patched,
+    ):
+        planning = Gate(patched, Cell, "plan")
+        try:
+            connection.sendall(f"{scan}{scan}{end}".encode())
+            planning.wait_for_one()
+            assert cell.client.post("/api/cell/stop").status_code == 200
+        finally:
+            planning.go_on.set()
+        answers = b"".join(iter(lambda: connection.recv(65536), b"")).decode()
+    assert (answers.count("HTTP/1.1 409 "), answers.count(STOPPED), answers.count("HTTP/1.1 200 ")) == (2, 2, 1), (
+        answers
+    )
+    assert seen(cell, begin, "motion_start") == []
 
 
 def test_a_hanging_loop_lets_nothing_begin_that_was_accepted(
