@@ -5,7 +5,6 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
-from typing import Literal
 
 from calibration.board import Board
 from calibration.storage import HandEye
@@ -13,22 +12,22 @@ from cell.calibration_poses import HELD_OUT, POSES
 from cell.camera import LiveCamera
 from cell.cell_calibration import rough_hand_eyes, verifiable_hand_eye
 from cell.cell_header import scan_header
-from cell.cell_status import FAULTS, CellStatus, KeptStatus, Listener
+from cell.cell_status import CellStatus, KeptStatus, Listener
 from cell.equipment import Equipment
 from cell.errors import (
     AcknowledgeRequiredError,
     CalibrationError,
     CellBusyError,
     NothingToAcknowledgeError,
-    StoppedError,
 )
 from cell.idle_watch import IdleWatch
-from cell.planning import Basis, Planning
+from cell.moving import Moving, Task
+from cell.planning import Planning
 from cell.preparing import Preparing
 from cell.recording_header import RecordingHeader
-from cell.scan import BackgroundScan, ScanListener, ScanMeans, ViewWriter, attended
+from cell.scan import BackgroundScan, ScanListener, ViewWriter
 from cell.settings import CellSettings
-from cell.stops import STOPPED, Stops
+from cell.stops import Stops
 from cell.viewpoints import ViewpointPlan, require_enough
 
 TURN_S = 1.0
@@ -53,6 +52,7 @@ class Cell:
         self._stops = Stops(self._status)
         self._planning = Planning(settings, self._equipment, lambda: self.status)
         self._preparing = Preparing(self._equipment, self._status, self._stops, self._planning)
+        self._moves = Moving(settings, self._equipment, self._status, self._stops, self._preparing)
         self._closing = threading.Event()
         self._watch = IdleWatch(self._equipment, self._status, self._turn)
 
@@ -170,7 +170,7 @@ class Cell:
         Raises what the scan does, CellBusyError, and StoppedError when a stop came since it was asked for.
         """
         least = min(self.settings.scan.min_views, len(plan.viewpoints))
-        return self._moving(plan, writer, listener, least, self._planning.scan_basis, "scan")
+        return self._moving(plan, writer, listener, Task("scan", least, self._planning.scan_basis))
 
     def calibrating(
         self, plan: ViewpointPlan, writer: ViewWriter, listener: ScanListener, least: int
@@ -179,7 +179,7 @@ class Cell:
         `T_flange_camera` is the one that the plan was made with. With fewer than `least` views it raises
         MissingViewsError. Afterwards the cell is ready only if there is a calibration that it can use.
         """
-        return self._moving(plan, writer, listener, least, lambda: self._planning.basis(plan), "calibration")
+        return self._moving(plan, writer, listener, Task("calibration", least, lambda: self._planning.basis(plan)))
 
     def stop(self) -> None:
         """Stops the arm, whatever goes on. The scan under way or being prepared, if any, ends with StoppedError."""
@@ -246,40 +246,6 @@ class Cell:
             if self._status.now.state != "fault":  # that nobody has looked at: it is not over with this
                 self._status.change(state="not_ready", slug="not-ready", reason="the service is ending")
 
-    @contextlib.contextmanager
-    def _moving(
-        self,
-        plan: ViewpointPlan,
-        writer: ViewWriter,
-        listener: ScanListener,
-        least: int,
-        basis: Callable[[], Basis],
-        what: Literal["scan", "calibration"],
-    ) -> Iterator[BackgroundScan]:
-        with self._using():
-            asked_s = self._preparing.asked_s
-            self._stops.refuse_since(asked_s)
-            means = self._means(basis(), picture=what == "calibration")
-            # Whatever else has happened to the arm since it was prepared, the scan's beginning tells.
-            self._status.change(state="busy", slug="cell-busy", reason=f"a {what} is under way")
-            going_home = f"all views of the last {what} are taken, the arm goes home"
-            scan = BackgroundScan(
-                *(means, plan, writer, listener, least),
-                going_home=lambda: self._status.change(reason=going_home),
-                failed=lambda error: self._status.after(error, FAULTS),  # whatever the body is at
-            )
-            try:
-                with attended(scan, self._equipment.stop):
-                    yield scan
-            finally:
-                if scan.error is None:
-                    stopped = self._stops.since(asked_s)  # when the arm was home already
-                    self._status.after(StoppedError(STOPPED) if stopped else None)
-                if what == "calibration":  # it was begun without asking for one that can be used
-                    self._preparing.require_usable()
-                if self._stops.since(asked_s):  # just now
-                    self._stops.told()
-
     def _prepared(
         self,
         board: Board | None,
@@ -288,14 +254,16 @@ class Cell:
         asked_s: float | None,
     ) -> ViewpointPlan:
         asked_s = time.monotonic() if asked_s is None else asked_s  # a stop counts that comes before this has its turn
-        self._stops.refuse_stale(asked_s)
         with self._using(HOME_S):
-            self._stops.refuse_stale(asked_s)  # once more: nobody connects behind a stop for what it refuses
+            self._stops.refuse_stale(asked_s)  # nobody connects behind a stop for what it refuses
             return self._preparing.prepare(board, calibration, planned, asked_s)
 
-    def _means(self, basis: Basis, picture: bool) -> ScanMeans:
-        arm, camera, settle_s = self._equipment.arm, self._equipment.camera, self.settings.camera.settle_s
-        return ScanMeans(arm, camera, basis.hand_eye.T_flange_camera, settle_s, basis.check, picture)
+    @contextlib.contextmanager
+    def _moving(
+        self, plan: ViewpointPlan, writer: ViewWriter, listener: ScanListener, task: Task
+    ) -> Iterator[BackgroundScan]:
+        with self._using(), self._moves.under_way(plan, writer, listener, task) as scan:
+            yield scan
 
     @contextlib.contextmanager
     def _using(self, wait_s: float = TURN_S) -> Iterator[None]:

@@ -236,15 +236,9 @@ class Jobs:
             self._metrics.stopped(time.monotonic() - since)
         if running is None or not asked:
             return
-        of_scan = isinstance(running.row, ScanRow)
-        if of_scan and running.plan is None and running.begun.is_set():
-            self._end_recognition(running)
         try:
-            # A live one ends with its arm, and recognition waits for the next; unless it is at work on the last views.
-            if of_scan:
-                soon = running.begun.is_set() or running.given_up.is_set()
-                wait_s = BY_ITSELF_S if soon else PICTURE_S
-                threading.Thread(target=self._end_recognition, args=(running, wait_s), name="ending").start()
+            if isinstance(running.row, ScanRow):
+                self._end_recognition(running)
             self._notes.submit(self._note_stopping, running)
         except RuntimeError:  # no other thread can be had: it is stopped all the same
             log.exception("that %s is being stopped could not be written", running.words)
@@ -256,7 +250,16 @@ class Jobs:
         except sqlite3.Error:
             log.exception("that %s is being stopped could not be written", running.words)
 
-    def _end_recognition(self, running: Running[Any], wait_s: float = 0.0) -> None:
+    def _end_recognition(self, running: Running[Any]) -> None:
+        begun = running.begun.is_set()
+        if begun and running.plan is None:
+            self._kill_unless_ended(running, 0.0)
+            return
+        # A live one ends with its arm, and recognition waits for the next; unless it is at work on the last views.
+        wait_s = BY_ITSELF_S if begun or running.given_up.is_set() else PICTURE_S
+        threading.Thread(target=self._kill_unless_ended, args=(running, wait_s), name="ending").start()
+
+    def _kill_unless_ended(self, running: Running[Any], wait_s: float) -> None:
         if not running.ended.wait(wait_s):  # else it could by now be at work on the next one
             self._worker.kill()
 

@@ -42,39 +42,30 @@ class Submissions:
             self._accept(Running(scan, None), lambda: self._store.add_scan(scan, asked.key_row(scan)))
             return scan
 
-    def live(
-        self,
-        views: int | None,
-        method: Method,
-        radius_m: float | None,
-        asked: Asked = NOBODY,
-    ) -> ScanRow:
+    def live(self, views: int | None, method: Method, radius_m: float | None, asked: Asked = NOBODY) -> ScanRow:
         """A scan by the cell, once the cell is ready and the scan is planned; refused when the arm was stopped since
         the request arrived, however long this had to wait.
 
         Takes seconds where the cell has to be connected first.
         """
-        asked_s = arrived_s()
         with self._place.taken():
-            plan = self._cell.prepare(views, asked_s)
+            plan = self._cell.prepare(views, arrived_s())
             scan = new_scan("live", method, radius_m, asked, calibration_sha256=self._calibration_sha256)
             self._accept(Running(scan, plan), lambda: self._store.add_scan(scan, asked.key_row(scan)))
             return scan
 
     def calibration(self, board: Board, poses: int) -> CalibrationRow:
         """A calibration with the board on the table, as `live` does a scan."""
-        asked_s = arrived_s()
         with self._place.taken():
-            plan = self._cell.prepare_calibration(board, poses, asked_s=asked_s)
+            plan = self._cell.prepare_calibration(board, poses, asked_s=arrived_s())
             row = new_calibration("calibration", board, poses, warnings=plan.warnings)
             self._accept(Running(row, plan), lambda: self._store.calibrations.add(row))
             return row
 
     def verification(self) -> CalibrationRow:
         """A look at the board, where it was left, from two poses."""
-        asked_s = arrived_s()
         with self._place.taken():
-            plan = self._cell.prepare_verification(asked_s)
+            plan = self._cell.prepare_verification(arrived_s())
             row = new_calibration("verification", None, len(plan.viewpoints), self._calibration_sha256)
             self._accept(Running(row, plan), lambda: self._store.calibrations.add(row))
             return row

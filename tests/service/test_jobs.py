@@ -25,6 +25,7 @@ from service.config import ServiceConfig
 from service.config_sections import RetentionConfig
 from service.data_folder import DataFolder
 from service.database import new_id, now
+from service.jobs import Jobs
 from service.retention import sweep
 from service.schemas import ScanState
 from service.security import roles
@@ -155,14 +156,21 @@ def test_a_recording_is_found_again_by_any_later_start(serve: Serve, tmp_path: P
             assert client.get(scan["links"]["recording"]).status_code == 200
 
 
+def frozen_while_it_draws(client: ServedClient, recording_file: Path) -> tuple[str, int, Jobs]:
+    """A scan that has succeeded, and its recognition process, which is suspended before the scan's picture is drawn,
+    unless that was quicker."""
+    process, jobs = recognition(client), client.app.state.context.jobs
+    location = start(client, recording_file)
+    wait_until(lambda: jobs.draws(Path(location).name) and client.get(location).json()["state"] == "succeeded")
+    os.kill(process, signal.SIGSTOP)
+    return location, process, jobs
+
+
 def test_a_scan_whose_results_are_removed_while_its_picture_is_drawn_has_succeeded(
     serve: Serve, recording_file: Path, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     with serve(tmp_path) as client:
-        process, jobs = recognition(client), client.app.state.context.jobs
-        location = start(client, recording_file)
-        wait_until(lambda: jobs.draws(Path(location).name) and client.get(location).json()["state"] == "succeeded")
-        os.kill(process, signal.SIGSTOP)  # not before its picture is drawn, unless that was quicker
+        location, process, jobs = frozen_while_it_draws(client, recording_file)
         later = datetime.now(UTC) + timedelta(days=2)
         assert sweep(client.app.state.context.store, RetentionConfig(max_age_days=1), later, lambda: True)
         os.kill(process, signal.SIGCONT)
@@ -179,10 +187,7 @@ def test_who_cancels_the_next_scan_does_not_end_the_picture_of_the_last(
     serve: Serve, recording_file: Path, tmp_path: Path, finished: Finished
 ) -> None:
     with serve(tmp_path) as client:
-        process, jobs = recognition(client), client.app.state.context.jobs
-        first = start(client, recording_file)
-        wait_until(lambda: jobs.draws(Path(first).name) and client.get(first).json()["state"] == "succeeded")
-        os.kill(process, signal.SIGSTOP)  # not before its picture is drawn, unless that was quicker
+        first, process, _ = frozen_while_it_draws(client, recording_file)
         with ThreadPoolExecutor(1) as pool:
             body = {"mode": "replay", "recording": client.get(first).json()["recording"]}
             second = client.post("/api/scans", json=body).headers["Location"]
@@ -200,10 +205,7 @@ def test_a_picture_that_does_not_end_keeps_no_cancelled_scan(
 ) -> None:
     monkeypatch.setattr("service.jobs.PICTURE_S", 0.1)
     with serve(tmp_path) as client:
-        process, jobs = recognition(client), client.app.state.context.jobs
-        first = start(client, recording_file)
-        wait_until(lambda: jobs.draws(Path(first).name) and client.get(first).json()["state"] == "succeeded")
-        os.kill(process, signal.SIGSTOP)
+        first, _, jobs = frozen_while_it_draws(client, recording_file)
         body = {"mode": "replay", "recording": client.get(first).json()["recording"]}
         second = client.post("/api/scans", json=body).headers["Location"]
         assert client.post(f"{second}/cancel", timeout=ANSWER_S).json()["state"] == "aborted"
