@@ -126,7 +126,10 @@ class ArmLink:
             if self.stopped.is_set():
                 self.fail(StoppedError(STOPPED))
             self._fail_lost(
-                RobotLostError(f"the link to the robot was lost ({error}): check network and robot, then connect again")
+                RobotLostError(
+                    f"the link to the robot was lost ({error}): check network and robot, then connect again"
+                ),
+                silent=True,
             )
         except StoppedError:
             raise
@@ -203,13 +206,20 @@ class ArmLink:
             child.close()
         raise self.why_ended()
 
-    def _fail_lost(self, error: CellError) -> NoReturn:
-        """`fail`, unless what keeps the arm at rest from answering is that somebody else's program has it."""
-        if not self.move_sent and self.program is not None and (name := self.program.anothers()) is not None:
-            error = RobotNotReadyError(
-                f"another program ({name or 'without a name'}) was started on the robot: stop it at the pendant, then "
-                "connect again"
-            )
+    def _fail_lost(self, error: CellError, silent: bool = False) -> NoReturn:
+        """`fail`; for an arm at rest with what the controller says of its program, where that tells more. ur_rtde, and
+        the `silent` child with it, waits for seconds when somebody else's program has taken the arm, also if that has
+        ended by now."""
+        if not self.move_sent and self.program is not None:
+            state, name = self.program.seen()
+            if name is not None:
+                error = RobotNotReadyError(
+                    f"another program ({name or 'without a name'}) was started on the robot: stop it at the pendant, "
+                    "then connect again"
+                )
+            elif silent and state == "STOPPED":
+                log.warning("%s", error)
+                error = self._program_ended("stopped")
         self.fail(error)
 
     def why_ended(self) -> CellError:
@@ -246,12 +256,15 @@ class ArmLink:
             if error is not None or reading.program == "playing":
                 return error
             if time.monotonic() > limit_s:
-                return RobotLostError(
-                    f"the robot's control program is {reading.program}: its watchdog heard nothing from here for "
-                    f"{1.0 / self._settings.watchdog_hz:g} s, or somebody ended it at the pendant. Connect again"
-                )
+                return self._program_ended(reading.program)
             time.sleep(POLL_S)
             reading = self.poll()
+
+    def _program_ended(self, program: str) -> RobotLostError:
+        return RobotLostError(
+            f"the robot's control program is {program}: its watchdog heard nothing from here for "
+            f"{1.0 / self._settings.watchdog_hz:g} s, or somebody ended it at the pendant. Connect again"
+        )
 
     def _end_stopped(self) -> NoReturn:
         """After `stop`, by the thread that moved: until the arm is still. It is made to be when that takes too long."""

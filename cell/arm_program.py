@@ -45,16 +45,17 @@ class OurProgram:
         """Nobody keeps its watchdog quiet from now on."""
         self._alone_s = self._alone_s or time.monotonic()
 
-    def anothers(self) -> str | None:
-        """The name of a program that somebody else has started in place of ours; None if none is known of."""
+    def seen(self) -> tuple[str | None, str | None]:
+        """What the controller says of its program, STOPPED if none runs, None if it says nothing; and the name of one
+        that somebody else has started in place of ours, None if none is known of."""
         try:
             state, name = _program_on(self.address)
         except RobotUnreachableError:
-            return None
+            return None, None
         if self._name is None or state == "STOPPED":
-            return None
+            return state, None
         starved = self._alone_s is not None and time.monotonic() > self._alone_s + self._watchdog_s + STARVED_S
-        return name if name != self._name or (starved and state == "PLAYING") else None
+        return state, name if name != self._name or (starved and state == "PLAYING") else None
 
     def end(self, wait_s: float, whatever_plays: bool) -> None:
         """Ends it, and its motion with it. Returns after `wait_s` at the latest, while it goes on trying.
@@ -75,7 +76,7 @@ class OurProgram:
 
     def _end(self, whatever_plays: bool) -> None:
         try:
-            if not whatever_plays and (name := self.anothers()) is not None:
+            if not whatever_plays and (name := self.seen()[1]) is not None:
                 log.warning("the program %s on the robot is not ours and is left alone", name)
             else:
                 answer = stop_program(self.address, DASHBOARD_S)

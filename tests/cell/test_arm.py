@@ -321,8 +321,15 @@ def test_closing_stops_a_move_under_way(controller: RunningController, arm: UrAr
     assert controller.admin.state().program_state == "STOPPED"
 
 
-def test_a_program_that_somebody_ended_is_not_started_again_by_itself(controller: RunningController, arm: UrArm):
+@pytest.mark.parametrize("silent", [False, True], ids=["answering", "silent"])
+def test_a_program_that_somebody_ended_is_not_started_again_by_itself(
+    controller: RunningController, arm: UrArm, *, silent: bool
+):
+    """Also when the child says nothing, as when it has just asked something of the program in place of ours."""
     begin = controller.admin.state().events
+    if silent:
+        assert arm._link.child is not None
+        os.kill(arm._link.child.pid, signal.SIGSTOP)
     controller.admin.foreign_program()
     controller.admin.reset(HOME)  # ... and ended again: the robot is free, and ours is gone
     until(lambda: controller.admin.state().program_state == "STOPPED", 5.0)
