@@ -28,11 +28,11 @@ from service.problems import install_problem_handlers
 from service.reading import Reading
 from service.recording_resource import RECORDINGS
 from service.retention import Retention
-from service.routes import calibration, cell, docs, events, health, recordings, results, scans
+from service.routes import calibration, cell, console, docs, events, health, recordings, results, scans, session
 from service.routes import metrics as metrics_route
 from service.security.audit import SERVICE, AuditLog
 from service.security.install import install_security
-from service.security.roles import DOCS_FILES
+from service.security.roles import CONSOLE_FILES, DOCS_FILES
 from service.stop_first import StopFirst
 from service.store import Store
 from service.supervision.fault_memory import FaultMemory
@@ -84,6 +84,7 @@ def create_app(config: ServiceConfig) -> FastAPI:
         openapi_url=None,  # description and page are ours, the page's files are a library's
         generate_unique_id_function=operation_id,
     )
+    app.mount(CONSOLE_FILES, console.FILES)
     app.mount(DOCS_FILES, StaticFiles(packages=[("fastapi_offline", "static")]))
     app.state.audit = audit
     describe_better(app)
@@ -93,7 +94,19 @@ def create_app(config: ServiceConfig) -> FastAPI:
     app.add_middleware(RequestWatch, metrics=metrics.requests)  # added last, it is outside of all others
     install_problem_handlers(app)
     # In this order they are looked for: what is asked for most comes first.
-    for resource in (scans, cell, results, recordings, calibration, events, health, metrics_route, docs):
+    for resource in (
+        scans,
+        cell,
+        results,
+        recordings,
+        calibration,
+        events,
+        health,
+        metrics_route,
+        session,
+        console,
+        docs,
+    ):
         app.include_router(resource.router)
     return app
 

@@ -58,6 +58,7 @@ TITLES = {
     "invalid-parameters": "The parameters cannot be used",
     "invalid-request": "The request is not as described",
     "no-result": "There is no such result",
+    "console-not-built": "The console is not built",
     "cross-origin": "Another page asked for it",
     "forbidden": "The role does not allow it",
     "headers-too-large": "The headers are too large",

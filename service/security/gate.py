@@ -8,13 +8,13 @@ from starlette.datastructures import Headers
 from starlette.types import ASGIApp, Receive, Scope, Send
 
 from service.problems import ProblemError
-from service.security.caller import LOCAL, Caller, Role
-from service.security.credential import token_of, unauthorized
-from service.security.hosts import AllowedHosts, is_loopback
+from service.security.caller import Role
+from service.security.callers import Callers
+from service.security.hosts import AllowedHosts
 from service.security.origin import check_origin
 from service.security.refusal import refuse
 from service.security.roles import Call, OtherMethods, find_call
-from service.security.tokens import PREFIX, TokenFile
+from service.security.tokens import PREFIX
 
 TARGET_BYTES = 2048
 HEADERS_BYTES = 16 * 2**10
@@ -28,9 +28,8 @@ SECRETS = frozenset(
 class Gate:
     """ASGI middleware: lets a request pass, with its caller in the scope's state, or answers it by a refusal."""
 
-    def __init__(self, app: ASGIApp, tokens: TokenFile, hosts: AllowedHosts, local: bool) -> None:
-        """`local`: the service listens on loopback alone, where nobody has to say who he is while there is no token."""
-        self._app, self._tokens, self._hosts, self._local = app, tokens, hosts, local
+    def __init__(self, app: ASGIApp, callers: Callers, hosts: AllowedHosts) -> None:
+        self._app, self._callers, self._hosts = app, callers, hosts
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Passes the request on, or refuses it."""
@@ -58,9 +57,9 @@ class Gate:
             if found.least is None:
                 check_origin(scope)
                 return
-        token, near = token_of(scope), _from_loopback(scope)
-        state["caller"] = caller = self._caller(token, near)
-        check_origin(scope)
+        known = self._callers.known(scope)
+        state["caller"] = caller = known.caller
+        check_origin(scope, known.by_cookie)
         if found is None:
             raise ProblemError(404, "not-found", "there is nothing at this address; /docs lists what there is")
         if isinstance(found, OtherMethods):
@@ -71,26 +70,15 @@ class Gate:
                 raise ProblemError(
                     403, "forbidden", f"this needs a token of the role {found.least}; {caller.name} is {caller.role}"
                 )
-            state["still_allowed"] = partial(self._still_allowed, token, near, found.least)
+            state["still_allowed"] = partial(self._still_allowed, scope, found.least)
         check_encoding(Headers(scope=scope))
 
-    def _still_allowed(self, token: str | None, near: bool, least: Role) -> bool:
+    def _still_allowed(self, scope: Scope, least: Role) -> bool:
         """Whether the same request would pass now."""
         try:
-            return self._caller(token, near).may(least)
+            return self._callers.known(scope).caller.may(least)
         except ProblemError:
             return False
-
-    def _caller(self, token: str | None, near: bool) -> Caller:
-        """`near`: from this machine. Raises ProblemError: 401 `unauthorized`."""
-        if token is not None:
-            known = self._tokens.find(token)
-            if known is None:
-                raise unauthorized("there is no such token, or it was removed: `pointchain token list` has all")
-            return Caller(known.name, known.role)
-        if self._local and self._tokens.none and near:
-            return LOCAL
-        raise unauthorized("this needs a token: `pointchain token add` makes one; send it as Authorization: Bearer")
 
 
 def check_size(scope: Scope) -> None:
@@ -138,8 +126,3 @@ def _has_secret(query: str) -> bool:
     if PREFIX in unquote(query):
         return True
     return any(name.strip().lower() in SECRETS for name, _ in parse_qsl(query, keep_blank_values=True))
-
-
-def _from_loopback(scope: Scope) -> bool:
-    client = scope.get("client")
-    return client is not None and is_loopback(client[0])

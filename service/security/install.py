@@ -6,6 +6,7 @@ from fastapi import FastAPI
 
 from service.config import ServiceConfig
 from service.security.audit import AuditLog
+from service.security.callers import Callers
 from service.security.gate import Gate
 from service.security.headers import SecurityHeaders
 from service.security.hosts import AllowedHosts, is_loopback
@@ -32,12 +33,8 @@ def install_security(app: FastAPI, config: ServiceConfig, audit: AuditLog, uploa
         upload_path=upload_path,
         patience=Patience(),
     )
-    app.add_middleware(
-        Gate,
-        tokens=TokenFile(config.data_dir),
-        hosts=AllowedHosts(config.host, config.security.allowed_hosts),
-        local=is_loopback(config.host),
-    )
+    app.state.callers = callers = Callers(TokenFile(config.data_dir), is_loopback(config.host))
+    app.add_middleware(Gate, callers=callers, hosts=AllowedHosts(config.host, config.security.allowed_hosts))
     app.add_middleware(Recorder, audit=audit)
     app.add_middleware(SecurityHeaders)
     _describe(app)

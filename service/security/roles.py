@@ -9,6 +9,7 @@ from starlette.routing import compile_path
 from service.security.caller import Role
 
 DOCS_FILES = "/static-offline-docs"
+CONSOLE_FILES = "/console"
 
 LEAST_ROLE: dict[str, Role | Literal["open"]] = {
     # Whether it lives, and its description: nothing of the cell's or of the strings'.
@@ -20,6 +21,14 @@ LEAST_ROLE: dict[str, Role | Literal["open"]] = {
     f"HEAD {DOCS_FILES}/{{path:path}}": "open",
     "GET /openapi.json": "open",
     "HEAD /openapi.json": "open",
+    # The operator's console, which asks who signs in.
+    "GET /": "open",
+    "HEAD /": "open",
+    f"GET {CONSOLE_FILES}/{{path:path}}": "open",
+    f"HEAD {CONSOLE_FILES}/{{path:path}}": "open",
+    "GET /api/session": "open",
+    "POST /api/session": "open",
+    "DELETE /api/session": "open",
     # Looking.
     "GET /metrics": "viewer",
     "GET /api/events": "viewer",

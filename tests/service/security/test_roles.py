@@ -14,7 +14,7 @@ from service.app import create_app
 from service.config import ServiceConfig
 from service.database import BUSY_S
 from service.security.caller import ROLES, Caller
-from service.security.roles import DOCS_FILES, LEAST_ROLE, Call, OtherMethods, find_call
+from service.security.roles import CONSOLE_FILES, DOCS_FILES, LEAST_ROLE, Call, OtherMethods, find_call
 from service.security.tokens import add_token, remove_token
 from tests.service.conftest import PATIENCE_S, Serve, wait_until
 from tests.service.security.conftest import Guarded, bearer, connect, port_of, without_recognition
@@ -28,7 +28,7 @@ THREADS = 40
 def routes() -> set[str]:
     found = set()
     for route in iter_route_contexts(create_app(ServiceConfig()).routes):
-        if route.path == DOCS_FILES:  # a folder of files
+        if route.path in (CONSOLE_FILES, DOCS_FILES):  # a folder of files
             found |= {f"{method} {route.path}/{{path:path}}" for method in ("GET", "HEAD")}
         else:
             assert route.methods, f"{route.path}: a route of another kind than the table knows"
@@ -51,7 +51,7 @@ def test_an_address_is_one_call_only() -> None:
 
 
 def test_what_is_not_in_the_table_does_not_exist() -> None:
-    for path in ("/", "/api", "/api/", "/api/scans/", "/api/scans//model", "/api/cell\n", "/API/cell", "//api/cell"):
+    for path in ("/api", "/api/", "/api/scans/", "/api/scans//model", "/api/cell\n", "/API/cell", "//api/cell"):
         assert find_call("GET", path) is None
     assert find_call("DELETE", "/api/scans/x") == OtherMethods(("GET",))
     assert find_call("get", "/api/cell") == OtherMethods(("GET",))
