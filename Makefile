@@ -1,5 +1,8 @@
 # `make demo` and `make test` are all that a fresh machine needs: both first install what is missing.
 
+CONSOLE := .ci/console service/openapi.json $(shell find service/console/web -type f \
+	-not -path '*/node_modules/*' -not -path '*/generated/*')
+
 .PHONY: help setup demo test soak fuzz serve lint bench lock clean
 
 help:
@@ -10,18 +13,23 @@ help:
 	@echo 'make serve   start the HTTP service'
 	@echo 'make lint    check style, types and the direction of imports'
 	@echo 'make bench   measure speed, the simulated cell, the service under load, and accuracy'
-	@echo 'make setup   make .venv; what the others do first when it is missing or out of date'
+	@echo 'make setup   make .venv and the console; what the others do first when it is missing or out of date'
 	@echo 'make lock    renew requirements.lock from pyproject.toml; UPGRADE=1 takes newer versions'
 	@echo 'make clean   remove what these commands made'
 
-setup: .venv/.ready
+setup: .venv/.ready service/console/built/.ready
 
 # Made anew when what it depends on changes; else there is nothing to do.
 .venv/.ready: requirements.lock pyproject.toml .python-version .ci/setup
 	@.ci/setup
 	@touch $@
 
-demo: setup
+# The operator's console, which needs the packages for its building.
+service/console/built/.ready: $(CONSOLE) | .venv/.ready
+	@.ci/console
+	@touch $@
+
+demo: .venv/.ready
 	@.venv/bin/pointchain demo
 
 test: setup
@@ -41,8 +49,9 @@ lint: setup
 	@.venv/bin/ruff format --check
 	@.venv/bin/pyright
 	@.venv/bin/lint-imports --no-logo
+	@.ci/console check
 
-bench: setup
+bench: .venv/.ready
 	@.venv/bin/pointchain bench
 
 # For every platform, with hashes, and without the address of an index: it installs from whichever
@@ -54,5 +63,5 @@ lock:
 		--output-file requirements.lock pyproject.toml
 
 clean:
-	rm -rf .venv .uv demo build dist *.egg-info .pytest_cache .ruff_cache .hypothesis .schemathesis .import_linter_cache
+	rm -rf .venv .uv demo build dist service/console/built service/console/web/node_modules service/console/web/generated *.egg-info .pytest_cache .ruff_cache .hypothesis .schemathesis .import_linter_cache
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +

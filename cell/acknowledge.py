@@ -46,11 +46,12 @@ def acknowledge_protective_stop(address: str, seen_s: float | None, program_ours
         # Towards the end of the wait the robot knows better: it was stopped a moment before that was seen.
         if wait_s > SEEN_LATER_S:
             raise TooEarlyError(
-                f"the robot cannot be unlocked earlier than {UNLOCK_S:g} s after its stop: try again in {wait_s:.1f} s"
+                f"the robot cannot be unlocked earlier than {UNLOCK_S:g} s after its stop: try again in {wait_s:.1f} s",
+                wait_s,
             )
         if "releasing" not in dashboard.ask("unlock protective stop").lower():
             again_s = UNLOCK_S if seen_s is None else max(wait_s, SEEN_LATER_S)
-            raise TooEarlyError(f"the robot does not let itself be unlocked yet: try again in {again_s:.1f} s")
+            raise TooEarlyError(f"the robot does not let itself be unlocked yet: try again in {again_s:.1f} s", again_s)
     with Dashboard(address, time.monotonic() + RELEASE_S) as dashboard:
         dashboard.ask("close safety popup")
         error = _after_release(dashboard)

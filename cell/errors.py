@@ -58,6 +58,14 @@ class TooEarlyError(CellError):
 
     slug = "too-early"
 
+    def __init__(self, message: str, wait_s: float) -> None:
+        super().__init__(message, wait_s)
+        self.wait_s = wait_s
+        """Then it is worth another try."""
+
+    def __str__(self) -> str:
+        return self.args[0]
+
 
 class CameraUnreachableError(CellError):
     """No camera answers, or not the configured one."""

@@ -1,23 +1,18 @@
 """From an MCAP file to views: the complete ones in order, and what is missing in words."""
 
 import json
-from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NoReturn
 
-import numpy as np
-from mcap.records import Attachment, Metadata
-from numpy.typing import NDArray
-
 from calibration.transforms import NotRigidError
 from cell.devices import InvalidViewError, View
-from cell.mcap_stream import Ending, TopicMessage, read_contents
+from cell.mcap_stream import TopicMessage, read_contents
+from cell.recording_contents import Contents, Parts, collect
 from cell.recording_errors import (
     RecordingContentError,
     RecordingEmptyError,
     RecordingHeaderError,
-    RecordingTooLargeError,
 )
 from cell.recording_header import HAND_EYE, METADATA, RecordingHeader, parse_header
 from cell.recording_limits import DEFAULT_LIMITS, Limits
@@ -25,12 +20,6 @@ from cell.view_messages import (
     CALIBRATION,
     DEPTH,
     POSE,
-    SCHEMAS,
-    PinholeCalibration,
-    decode_calibration,
-    decode_colour,
-    decode_depth,
-    decode_pose,
 )
 
 MODEL = "/result/model"
@@ -47,28 +36,6 @@ class Recording:
     """What is missing, in words; empty when the recording is whole."""
 
 
-@dataclass
-class _Parts:
-    """What was met of one view so far."""
-
-    log_time_ns: int
-    pose: NDArray[np.float64] | None = None
-    calibration: PinholeCalibration | None = None
-    depth: NDArray[np.uint16] | None = None
-    colour: bytes | None = None
-
-
-@dataclass
-class _Contents:
-    """What was met of a recording so far."""
-
-    views: dict[int, _Parts] = field(default_factory=dict)
-    not_taken: list[str] = field(default_factory=list)
-    metadata: dict[str, str] | None = None
-    hand_eye: bytes | None = None
-    cut: str | None = None
-
-
 def read_recording(path: Path, limits: Limits = DEFAULT_LIMITS) -> Recording:
     """All complete views of a recording, ours or another writer's, in the order in which they were taken.
 
@@ -78,13 +45,13 @@ def read_recording(path: Path, limits: Limits = DEFAULT_LIMITS) -> Recording:
     Raises:
         RecordingError: the recording cannot be used; the subclass and the message say why and where.
     """
-    contents = _collect(path, limits)
-    header = _header(contents, path.name)
+    contents = collect(path, limits)
+    header = header_of(contents, path.name)
     complete: list[View] = []
     missing = contents.not_taken
     for index in range(max(contents.views, default=-1) + 1):
         parts = contents.views.get(index)
-        view = _view(index, parts, header)
+        view = view_of(index, parts, header)
         if view is None:
             missing.append(f"view {index} {_lacking(parts)}")
         else:
@@ -119,30 +86,8 @@ def read_result(path: Path, limits: Limits = DEFAULT_LIMITS) -> dict[str, Any] |
     return model
 
 
-def _collect(path: Path, limits: Limits) -> _Contents:
-    contents = _Contents()
-    for item in read_contents(path, limits):
-        match item:
-            case TopicMessage(topic=topic) if topic in SCHEMAS:
-                contents.not_taken.extend(_take(item, contents.views, limits))
-            case Metadata(name=name) if name == METADATA:
-                if contents.metadata is not None:
-                    raise RecordingHeaderError(f"{path.name} has its {METADATA!r} metadata twice")
-                contents.metadata = item.metadata
-            case Attachment(name=name) if name == HAND_EYE:
-                if contents.hand_eye is not None:
-                    raise RecordingHeaderError(f"{path.name} has its attachment {HAND_EYE} twice")
-                if len(item.data) > limits.attachment_bytes:
-                    raise RecordingTooLargeError(
-                        f"{HAND_EYE} has {len(item.data)} bytes; {limits.attachment_bytes} at most are read"
-                    )
-                contents.hand_eye = item.data
-            case Ending():
-                contents.cut = item.cut
-    return contents
-
-
-def _header(contents: _Contents, name: str) -> RecordingHeader:
+def header_of(contents: Contents, name: str) -> RecordingHeader:
+    """The header of what was met of the file `name`. Raises RecordingHeaderError."""
     cut = f" ({contents.cut})" if contents.cut else ""
     if contents.metadata is None:
         raise RecordingHeaderError(f"{name} has no {METADATA!r} metadata{cut}: it is no recording of a scan")
@@ -151,48 +96,7 @@ def _header(contents: _Contents, name: str) -> RecordingHeader:
     return parse_header(contents.metadata, contents.hand_eye)
 
 
-def _take(message: TopicMessage, views: dict[int, _Parts], limits: Limits) -> Iterator[str]:
-    """Puts a message to the view it belongs to; yields, in words, what of it is not taken."""
-    topic, index = message.topic, message.sequence
-    where = f"view {index}"
-    wanted = SCHEMAS[topic].DESCRIPTOR.full_name
-    if (message.encoding, message.schema) != ("protobuf", wanted):
-        raise RecordingContentError(
-            f"{topic} has messages of type {message.schema[:60]!r} in encoding {message.encoding[:20]!r}; "
-            f"only {wanted!r} in encoding 'protobuf' is read"
-        )
-    if topic in (POSE, CALIBRATION) and len(message.data) > limits.metadata_bytes:
-        raise RecordingTooLargeError(
-            f"{where}: {topic} has {len(message.data)} bytes; {limits.metadata_bytes} at most are read"
-        )
-    part: Any
-    if topic == POSE:
-        part, name = decode_pose(message.data, where), "pose"
-        if part is None:  # another edge of the frame tree
-            return
-    elif topic == CALIBRATION:
-        part, name = decode_calibration(message.data, where), "calibration"
-    elif topic == DEPTH:
-        part, name = decode_depth(message.data, where, limits.image_pixels), "depth"
-    else:
-        (part, kind), name = decode_colour(message.data, where), "colour"
-        if kind.lower() not in ("jpeg", "jpg"):
-            yield f"{where} has its colour image as {kind!r}; only jpeg is taken"
-            return
-    if index >= limits.views:
-        raise RecordingTooLargeError(f"{where} ({topic}): views, told by `sequence`, go from 0 to {limits.views - 1}")
-    parts = views.setdefault(index, _Parts(message.log_time_ns))
-    if getattr(parts, name) is not None:
-        raise RecordingContentError(f"{where} is there twice: it has two messages on {topic}")
-    if parts.log_time_ns != message.log_time_ns:
-        raise RecordingContentError(
-            f"{where}: its messages are of different moments, {parts.log_time_ns} ns "
-            f"and {message.log_time_ns} ns ({topic})"
-        )
-    setattr(parts, name, part)
-
-
-def _lacking(parts: _Parts | None) -> str:
+def _lacking(parts: Parts | None) -> str:
     """What an incomplete view lacks, in words."""
     if parts is None:
         return "is not in the file"
@@ -204,7 +108,7 @@ def _lacking(parts: _Parts | None) -> str:
     return "has " + ", ".join(f"no {name}" for name, part in needed.items() if part is None)
 
 
-def _view(index: int, parts: _Parts | None, header: RecordingHeader) -> View | None:
+def view_of(index: int, parts: Parts | None, header: RecordingHeader) -> View | None:
     """The view, or None when a part is missing."""
     if parts is None or parts.pose is None or parts.calibration is None or parts.depth is None:
         return None
@@ -230,7 +134,7 @@ def _view(index: int, parts: _Parts | None, header: RecordingHeader) -> View | N
         raise RecordingContentError(str(error)) from error
 
 
-def _why_none(contents: _Contents) -> str:
+def _why_none(contents: Contents) -> str:
     by_reason: dict[str, list[str]] = {}
     for index in sorted(contents.views):
         by_reason.setdefault(_lacking(contents.views[index]), []).append(str(index))

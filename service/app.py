@@ -24,11 +24,12 @@ from service.observing.metrics import Metrics
 from service.observing.request_watch import RequestWatch
 from service.observing.scan_metrics import ScanMetrics
 from service.observing.state_metrics import StateMetrics
+from service.pictures import Pictures
 from service.problems import install_problem_handlers
 from service.reading import Reading
 from service.recording_resource import RECORDINGS
 from service.retention import Retention
-from service.routes import calibration, cell, console, docs, events, health, recordings, results, scans, session
+from service.routes import calibration, cell, console, docs, events, health, recordings, results, scans, session, views
 from service.routes import metrics as metrics_route
 from service.security.audit import SERVICE, AuditLog
 from service.security.install import install_security
@@ -94,20 +95,10 @@ def create_app(config: ServiceConfig) -> FastAPI:
     app.add_middleware(RequestWatch, metrics=metrics.requests)  # added last, it is outside of all others
     install_problem_handlers(app)
     # In this order they are looked for: what is asked for most comes first.
-    for resource in (
-        scans,
-        cell,
-        results,
-        recordings,
-        calibration,
-        events,
-        health,
-        metrics_route,
-        session,
-        console,
-        docs,
-    ):
+    for resource in (scans, cell, results, views, recordings, calibration, events, session, health, metrics_route):
         app.include_router(resource.router)
+    for page in (console, docs):
+        app.include_router(page.router)
     return app
 
 
@@ -135,6 +126,7 @@ def _open(config: ServiceConfig, metrics: ScanMetrics, audit: AuditLog) -> Conte
         uploads=CapacityLimiter(recordings.UPLOADS),
         planning=CapacityLimiter(1),
         stopping=CapacityLimiter(STOPS),
+        pictures=Pictures(),
         keys=IdempotencyKeys(store),
         retention=retention,
         streams=StreamSlots(config.limits.event_streams, config.limits.event_streams_each),

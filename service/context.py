@@ -12,6 +12,7 @@ from service.events.slots import StreamSlots
 from service.free_space import require_space
 from service.idempotency import IdempotencyKeys
 from service.jobs import Jobs
+from service.pictures import Pictures
 from service.problems import ProblemError
 from service.reading import Reading
 from service.retention import Retention
@@ -38,6 +39,8 @@ class Context:
     stopping: CapacityLimiter
     """The threads of stops and cancels. Those of all other requests may all be waiting for a robot that does not
     answer, and a stop would wait for them."""
+    pictures: Pictures
+    """That are made when somebody looks at them."""
     keys: IdempotencyKeys
     retention: Retention
     streams: StreamSlots

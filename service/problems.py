@@ -1,5 +1,6 @@
 """Errors as `application/problem+json` (RFC 9457): every answer that is not a success has this shape."""
 
+import math
 import sqlite3
 from typing import Any
 from urllib.parse import quote
@@ -11,7 +12,7 @@ from starlette.exceptions import HTTPException
 
 from calibration.transforms import NotRigidError
 from cell.devices import InvalidViewError
-from cell.errors import CellError
+from cell.errors import CellError, TooEarlyError
 from cell.recording_errors import RecordingError, RecordingTooLargeError
 from recognition.errors import RecognitionError
 from service.data_folder import OutsideError
@@ -216,7 +217,8 @@ def install_problem_handlers(app: FastAPI) -> None:
 
     @app.exception_handler(CellError)
     async def _cell(request: Request, error: CellError) -> JSONResponse:
-        return respond(request, CELL_STATUS.get(error.slug, 409), error.slug, str(error))
+        again = {"Retry-After": str(math.ceil(error.wait_s))} if isinstance(error, TooEarlyError) else None
+        return respond(request, CELL_STATUS.get(error.slug, 409), error.slug, str(error), again)
 
     @app.exception_handler(OutsideError)
     async def _outside(request: Request, error: OutsideError) -> JSONResponse:

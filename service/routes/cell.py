@@ -11,8 +11,10 @@ from service.calibrations.resources import calibration_warnings, recent_drift, u
 from service.calibrations.schemas import CellWarning
 from service.cell_schemas import CellResource, PlanRequest, cell_resource
 from service.context import Context, Service, ViewCount
+from service.plan_schema import PlanDocument
 from service.problems import problem_responses
 from service.reading import json_answer
+from service.room import RoomResource, room_resource
 from service.routes.recordings import BINARY
 
 router = APIRouter(prefix="/api", tags=["cell"])
@@ -23,6 +25,17 @@ async def get_cell(service: Service) -> Response:
     """The cell as last seen: state, robot, camera, calibration, viewpoints."""
     in_use = await service.reading.known(("calibration", service.jobs.drift.scans), lambda: _in_use(service))
     return json_answer(_told(service, in_use))
+
+
+@router.get("/cell/room", response_model=RoomResource, responses=problem_responses())
+async def get_room(service: Service) -> Response:
+    """What of the cell stays as it is while the service runs, for whoever draws it: workspace, table, obstacles, the
+    arm's shape, what is set. Asks no device anything."""
+
+    def read() -> Response:
+        return json_answer(room_resource(service.config, usable_hand_eye(service.cell)))
+
+    return await service.reading.answer("room", read)
 
 
 @router.post("/cell/connect", responses=problem_responses(409, 503))
@@ -58,8 +71,8 @@ def acknowledge_fault(service: Service) -> CellResource:
     return _resource(service)
 
 
-@router.post("/viewpoints/plan", responses=problem_responses(409, 422))
-async def plan_viewpoints(service: Service, wanted: PlanRequest | None = None) -> dict[str, Any]:
+@router.post("/viewpoints/plan", response_model=PlanDocument, responses=problem_responses(409, 422))
+async def plan_viewpoints(service: Service, wanted: PlanRequest | None = None) -> Any:
     """The viewpoints, which of them can be reached and why not, their order and the way. Nothing moves."""
     views = wanted.views if wanted else None
     return await to_thread.run_sync(lambda: service.cell.plan(views).to_json(), limiter=service.planning)

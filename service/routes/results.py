@@ -13,6 +13,7 @@ from service.context import Context, Id, Scan, Service, find_scan
 from service.data_folder import CLOUD, MODEL, PREVIEW
 from service.etags import matches
 from service.model_schema import GraspsDocument, ModelDocument
+from service.pictures import shrink_picture
 from service.problems import ProblemError, problem_responses
 from service.routes import recordings
 from service.routes.files import NOT_MODIFIED, IfNoneMatch, not_modified, present, send_file
@@ -26,6 +27,8 @@ router = APIRouter(prefix=SCANS, tags=["scans"])
 Responses = dict[int | str, dict[str, Any]]
 REFUSALS: Responses = NOT_MODIFIED | problem_responses(404, 409, 422)
 PLY = "application/octet-stream"
+THUMBNAIL = 240
+"""Pixels across."""
 LOOK_S = 0.02
 """How often it is looked whether a picture is there."""
 
@@ -71,14 +74,25 @@ def get_cloud(scan: Scan, service: Service, has: IfNoneMatch) -> Response:
 @router.get("/{id}/preview.png", response_class=FileResponse, responses=_file("image/png") | REFUSALS)
 async def get_preview(id: Id, service: Service, has: IfNoneMatch) -> Response:  # noqa: A002 (the path's own name)
     """The result from above: cloud, chains, crossings. Drawn behind the model: the first to ask may wait a moment."""
-    deadline = time.monotonic() + PREVIEW_S
-    while service.jobs.draws(id) and time.monotonic() < deadline:
-        await asyncio.sleep(LOOK_S)  # no thread is held meanwhile
+    await _drawn(id, service)
 
     def read() -> Response:
         return _send(find_scan(id, service), service, PREVIEW, "image/png", has)
 
     return await service.reading.answer(("preview", id, has), read)
+
+
+@router.get("/{id}/thumbnail.png", response_class=Response, responses=_file("image/png") | REFUSALS)
+async def get_thumbnail(id: Id, service: Service, has: IfNoneMatch) -> Response:  # noqa: A002 (the path's own name)
+    """The same in small."""
+    await _drawn(id, service)
+
+    def look() -> tuple[Path, str]:
+        path = _result(find_scan(id, service), service, PREVIEW)
+        return path, present(path)[1]
+
+    path, etag = await service.reading.known(("thumbnail", id), look)
+    return await service.pictures.answer((id, etag), has, lambda: shrink_picture(path.read_bytes(), THUMBNAIL))
 
 
 RECORDING: Responses = _file(recordings.MCAP) | NOT_MODIFIED | problem_responses(404, 422)
@@ -91,6 +105,13 @@ def get_scan_recording(scan: Scan, service: Service, has: IfNoneMatch) -> Respon
     if recording is None:
         raise ProblemError(404, "no-result", f"scan {scan.id} has no recording")
     return recordings.send_recording(service, recording, has)
+
+
+async def _drawn(scan_id: str, service: Context) -> None:
+    """Returns when the scan's picture is there, or will not be."""
+    deadline = time.monotonic() + PREVIEW_S
+    while service.jobs.draws(scan_id) and time.monotonic() < deadline:
+        await asyncio.sleep(LOOK_S)  # no thread is held meanwhile
 
 
 def _send(

@@ -1,0 +1,4 @@
+/** The screen. */
+export function CalibrationScreen() {
+  return <h1>Calibration</h1>;
+}

@@ -1,0 +1,44 @@
+import type { Model } from "../net/api";
+import { sentence } from "../ui/action";
+import type { Place } from "../view3d/scene";
+import { counted } from "../words/units";
+import { placeIn } from "./places";
+
+/** What to know before anything is grasped: a press turns the view to it. */
+export function Findings({ model, show }: { model: Model; show: (place: Place) => void }) {
+  const { ambiguities, warnings, views } = model.quality;
+  const found = [...ambiguities, ...warnings];
+  const unused = views.filter((view) => !view.used);
+  if (found.length + unused.length === 0) {
+    return <p class="note good">✓ Nothing was found that speaks against this result.</p>;
+  }
+  return (
+    <section aria-label="Findings">
+      <h2 class="warn">▲ {counted(found.length + unused.length, "thing")} to know before you grasp</h2>
+      <ul class="places">
+        {found.map((words) => (
+          <li key={words}>
+            <Finding words={words} show={show} />
+          </li>
+        ))}
+        {unused.map((view) => (
+          <li key={view.index}>
+            <button type="button" onClick={() => show({ kind: "view", index: view.index })}>
+              View {view.index + 1} was not used: {sentence(view.reason ?? "no reason is told")}
+            </button>
+          </li>
+        ))}
+      </ul>
+    </section>
+  );
+}
+
+function Finding({ words, show }: { words: string; show: (place: Place) => void }) {
+  const place = placeIn(words);
+  if (place === null) return <p class="note warn">{sentence(words)}</p>;
+  return (
+    <button type="button" onClick={() => show(place)}>
+      {sentence(words)}
+    </button>
+  );
+}

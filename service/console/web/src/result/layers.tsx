@@ -1,0 +1,36 @@
+import type { Layer } from "../view3d/view3d";
+
+const NAMES: [Layer, string][] = [
+  ["strings", "Strings"],
+  ["cloud", "Measured points"],
+  ["crossings", "Crossings"],
+  ["grasps", "Grasps"],
+  ["cameras", "Cameras"],
+  ["arm", "Arm"],
+  ["labels", "Labels"],
+  ["room", "Table"],
+];
+
+/** What is shown at first. */
+export const USUAL: ReadonlySet<Layer> = new Set<Layer>(["strings", "cloud", "crossings", "labels", "room"]);
+
+interface LayersProps {
+  shown: ReadonlySet<Layer>;
+  set: (shown: ReadonlySet<Layer>) => void;
+}
+
+/** Switches what is drawn. */
+export function Layers({ shown, set }: LayersProps) {
+  const toggle = (layer: Layer) => set(new Set(shown.has(layer) ? [...shown].filter((one) => one !== layer) : [...shown, layer]));
+  return (
+    <fieldset class="row layers">
+      <legend class="small">Show</legend>
+      {NAMES.map(([layer, name]) => (
+        <label key={layer} class="tick">
+          <input type="checkbox" checked={shown.has(layer)} onChange={() => toggle(layer)} />
+          {name}
+        </label>
+      ))}
+    </fieldset>
+  );
+}

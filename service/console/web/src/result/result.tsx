@@ -1,0 +1,77 @@
+import "./result.css";
+import { useMemo, useState } from "preact/hooks";
+import { Badge } from "../bar/status";
+import { addressOf } from "../route";
+import { latest } from "../state/scans";
+import { Failed, sentence } from "../ui/action";
+import type { Other, Place } from "../view3d/scene";
+import { hasModel, SCAN } from "../words/states";
+import { counted, when } from "../words/units";
+import { Compare } from "./compare";
+import { Crossings } from "./crossings";
+import { Findings } from "./findings";
+import { Grasps } from "./grasps";
+import { useResult } from "./load";
+import { Point } from "./point";
+import { Strings } from "./strings";
+import { Viewer } from "./viewer";
+
+/** What a person looks at, and whether the view is to turn to it. */
+export interface Chosen {
+  place: Place;
+  turn: boolean;
+}
+
+/** A scan's result: in 3D, and in words beside it. */
+export function ResultScreen({ id }: { id: string | null }) {
+  const newest = latest.value !== null && hasModel(latest.value) ? latest.value.id : null;
+  const shown = id ?? newest;
+  const loaded = useResult(shown);
+  const [chosen, setChosen] = useState<Chosen | null>(null);
+  const [others, setOthers] = useState<readonly Other[]>([]);
+  const { scan, model, cloud, views } = loaded;
+  const content = useMemo(() => ({ model, cloud, views, others }), [model, cloud, views, others]);
+  const show = (place: Place) => setChosen({ place, turn: true });
+
+  if (shown === null) {
+    return (
+      <>
+        <h1>Result</h1>
+        <p>
+          The last scan has no result. <a href={addressOf("scan")}>Scan</a>, or choose an earlier one in the{" "}
+          <a href={addressOf("history")}>history</a>.
+        </p>
+      </>
+    );
+  }
+  return (
+    <div class="result">
+      <Viewer content={content} chosen={chosen} picked={(place) => setChosen({ place, turn: false })} />
+      <div class="beside">
+        <h1>
+          {model === null ? "Result" : counted(model.chains.length, "string")}
+          {model !== null && `, ${counted(model.crossings.length, "crossing")}`}
+        </h1>
+        {scan !== null && (
+          <p>
+            <Badge look={SCAN[scan.state].look}>{SCAN[scan.state].word}</Badge> {when(scan.created_at)}
+            {model !== null && `, ${model.method}`}
+          </p>
+        )}
+        {scan?.problem && <p class="note bad">{sentence(scan.problem.detail)}</p>}
+        <Failed failure={loaded.failure} />
+        {model !== null && scan !== null && (
+          <>
+            {model.chains.length === 0 && <p class="note warn">There is no string in view. The reasons are below.</p>}
+            <Findings model={model} show={show} />
+            <Point model={model} place={chosen?.place ?? null} choose={setChosen} />
+            <Strings model={model} show={show} />
+            <Crossings model={model} show={show} />
+            <Grasps model={model} show={show} />
+            <Compare scan={scan} model={model} others={others} setOthers={setOthers} />
+          </>
+        )}
+      </div>
+    </div>
+  );
+}

@@ -1,0 +1,33 @@
+import { signal } from "@preact/signals";
+
+/** The screens. */
+export const SCREENS = ["scan", "result", "history", "calibration"] as const;
+export type Screen = (typeof SCREENS)[number];
+
+/** Where the page is, as `#/result/ID`. */
+export interface Route {
+  screen: Screen;
+  /** Of the scan that the screen is about. */
+  id: string | null;
+}
+
+/** The route that an address names behind its #. */
+export function routeOf(hash: string): Route {
+  const [name, id] = hash.replace(/^#\/?/, "").split("/");
+  const screen = SCREENS.find((one) => one === name) ?? "scan";
+  return { screen, id: id ? decodeURIComponent(id) : null };
+}
+
+/** The address of a screen. */
+export function addressOf(screen: Screen, id: string | null = null): string {
+  return id === null ? `#/${screen}` : `#/${screen}/${encodeURIComponent(id)}`;
+}
+
+/** Where the page is now. */
+export const route = signal(routeOf(location.hash));
+addEventListener("hashchange", () => (route.value = routeOf(location.hash)));
+
+/** Goes to a screen. */
+export function go(screen: Screen, id: string | null = null): void {
+  location.hash = addressOf(screen, id);
+}

@@ -1,0 +1,30 @@
+import { computed, signal } from "@preact/signals";
+import { api, slugOf, told, type Calibration, type Cell } from "../net/api";
+
+/** The cell as last told; null: not asked yet. */
+export const cell = signal<Cell | null>(null);
+/** The calibration in use, as last told. */
+export const calibration = signal<Calibration | null>(null);
+
+/** Why the cell is not ready, in one word. */
+export const why = computed(() => (cell.value?.problem ? slugOf(cell.value.problem) : null));
+
+/** The arm moves, or may begin to at any moment. */
+export const atWork = computed(() => cell.value?.state === "busy" || cell.value?.robot.moving === true);
+
+/** Asks for the cell. */
+export async function askCell(): Promise<void> {
+  const before = cell.value?.calibration?.sha256;
+  cell.value = await told(api.GET("/api/cell"));
+  if (calibration.value === null || cell.value.calibration?.sha256 !== before) await askCalibration();
+}
+
+/** Asks for the calibration in use: its age, its verdict, what recent scans tell of it. */
+export async function askCalibration(): Promise<void> {
+  calibration.value = await told(api.GET("/api/calibration"));
+}
+
+/** Takes over what an event tells of the cell, ahead of the next answer. */
+export function cellEvent(news: Pick<Cell, "state" | "problem" | "reason">): void {
+  if (cell.value !== null) cell.value = { ...cell.value, ...news };
+}

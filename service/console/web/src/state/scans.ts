@@ -1,0 +1,60 @@
+import { computed, signal } from "@preact/signals";
+import { api, told, type Scan } from "../net/api";
+import { underWay } from "../words/states";
+
+/** The scan that is shown under way, or was last; null: there is none. */
+export const latest = signal<Scan | null>(null);
+/** Goes up whenever a scan has begun or ended, so that lists ask anew. */
+export const changes = signal(0);
+
+/** The scan under way, whoever has started it. */
+export const running = computed(() => (latest.value !== null && underWay(latest.value.state) ? latest.value : null));
+
+/** Asks which scan is the newest, and for the one that is shown. */
+export async function askScans(): Promise<void> {
+  const { scans } = await told(api.GET("/api/scans", { params: { query: { limit: 1 } } }));
+  const [newest] = scans;
+  if (newest !== undefined) show(newest);
+}
+
+/** Shows a scan, as it was told. */
+export function show(scan: Scan): void {
+  const before = latest.value;
+  latest.value = scan;
+  if (before?.id !== scan.id || underWay(before.state) !== underWay(scan.state)) changes.value++;
+}
+
+/** An event of the stream of all scans. */
+export type ScanNews =
+  | { kind: "state"; scan: string; data: Pick<Scan, "state" | "problem" | "summary"> & Stage }
+  | { kind: "progress"; scan: string; data: Stage }
+  | { kind: "view"; scan: string; data: Scan["progress"]["views"][number] };
+
+interface Stage {
+  stage: string | null;
+  fraction: number;
+}
+
+/** Takes over what an event tells; what it does not tell, as a scan's links, is asked for. */
+export async function scanEvent(news: ScanNews): Promise<void> {
+  const scan = latest.value;
+  if (scan === null || scan.id !== news.scan) {
+    if (news.kind === "state") await askScans();
+    return;
+  }
+  if (news.kind === "view") {
+    const others = scan.progress.views.filter((view) => view.index !== news.data.index);
+    const views = [...others, news.data].sort((a, b) => a.index - b.index);
+    latest.value = { ...scan, progress: { ...scan.progress, views } };
+    return;
+  }
+  const { stage, fraction } = news.data;
+  latest.value = { ...scan, ...(news.kind === "state" ? { state: news.data.state } : {}), progress: { ...scan.progress, stage, fraction } };
+  if (news.kind === "state") await askScan(scan.id);
+}
+
+/** Asks for one scan, and shows it. */
+export async function askScan(id: string): Promise<void> {
+  const asked = await told(api.GET("/api/scans/{id}", { params: { path: { id } } }));
+  if (latest.value === null || latest.value.id === id) show(asked);
+}

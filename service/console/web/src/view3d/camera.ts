@@ -1,0 +1,69 @@
+import { DirectionalLight, PerspectiveCamera, Vector3 } from "three";
+import { OrbitControls } from "three/examples/jsm/controls/OrbitControls.js";
+import { DIRECTIONS, type Framing, framing, UP } from "./framing";
+
+const FOV_RAD = 0.6;
+const [NEAR_M, FAR_M] = [0.005, 20];
+const [NEAREST_M, FARTHEST_M] = [0.02, 6];
+
+/** The camera that a person turns about what is looked at; up is up, and light comes from beside it. */
+export class Orbit {
+  readonly camera = new PerspectiveCamera((FOV_RAD * 180) / Math.PI, 1, NEAR_M, FAR_M);
+  private readonly controls: OrbitControls;
+
+  constructor(element: HTMLElement, moved: () => void) {
+    this.camera.up.copy(UP);
+    const light = new DirectionalLight(0xffffff, 1.6);
+    light.position.set(-0.4, 0.8, 1);
+    this.camera.add(light, light.target);
+    this.controls = new OrbitControls(this.camera, element);
+    this.controls.minDistance = NEAREST_M;
+    this.controls.maxDistance = FARTHEST_M;
+    this.place({ position: DIRECTIONS.fit.clone().multiplyScalar(0.5), target: new Vector3() });
+    this.controls.addEventListener("change", moved);
+  }
+
+  setAspect(aspect: number): void {
+    this.camera.aspect = aspect;
+    this.camera.updateProjectionMatrix();
+  }
+
+  /** Looks from a direction so that all of the points are seen; whether there were any. */
+  fit(points: readonly Vector3[], from: Vector3): boolean {
+    const framed = framing(points, from, FOV_RAD, this.camera.aspect);
+    if (framed) this.place(framed);
+    return framed !== null;
+  }
+
+  /** Turns to a point from where the camera is, so near that so much around it is seen. */
+  approach(point: Vector3, around_m: number): void {
+    const from = this.camera.position.clone().sub(this.controls.target).normalize();
+    const distance = (1.5 * around_m) / Math.tan(FOV_RAD / 2) / Math.min(1, this.camera.aspect);
+    this.place({ position: point.clone().addScaledVector(from, distance), target: point });
+  }
+
+  /** Above 1: nearer. */
+  zoom(factor: number): void {
+    this.controls.dollyOut(factor);
+  }
+
+  rotate(dx_rad: number, dy_rad: number): void {
+    this.controls.rotateLeft(dx_rad);
+    this.controls.rotateUp(dy_rad);
+  }
+
+  /** Of the camera from what it turns about. */
+  get distance_m(): number {
+    return this.controls.getDistance();
+  }
+
+  dispose(): void {
+    this.controls.dispose();
+  }
+
+  private place({ position, target }: Framing): void {
+    this.camera.position.copy(position);
+    this.controls.target.copy(target);
+    this.controls.update();
+  }
+}

@@ -1,0 +1,70 @@
+import {
+  BufferGeometry, type Color, DoubleSide, Float32BufferAttribute, Group, LineBasicMaterial, LineSegments, Mesh,
+  MeshBasicMaterial, Vector3,
+} from "three";
+import { label } from "./labels";
+import type { Palette } from "./palette";
+import { matrixOf } from "./pose";
+import type { Model, ViewPose } from "./scene";
+
+/** How far the drawn part of what a camera sees reaches. */
+const REACH_M = 0.05;
+
+/** From where the views were taken: what each saw, as a pyramid with the view's number. */
+export function drawCameras(views: readonly ViewPose[], model: Model | null, palette: Palette): Group {
+  const group = new Group();
+  for (const view of views) {
+    const quality = model?.quality.views.find((one) => one.index === view.index);
+    const used = quality?.used ?? true;
+    group.add(pyramid(view, used ? palette.ink : palette.unsure));
+    const place = { kind: "view", index: view.index } as const;
+    const text = { brief: `${view.index}`, kind: used ? "view" : "view unsure", place, rank: 5 };
+    group.add(label(used ? text : { ...text, detail: "not used" }, eyeOf(view)));
+  }
+  return group;
+}
+
+/** One view's pyramid with its sides filled. */
+export function drawView(view: ViewPose, colour: Color): Group {
+  const group = new Group();
+  const [a, b, c, d] = cornersOf(view, 1.5 * REACH_M);
+  const eye = eyeOf(view);
+  if (!a || !b || !c || !d) return group;
+  const shape = shapeOf([eye, a, b, eye, b, c, eye, c, d, eye, d, a]);
+  const sides = { color: colour, side: DoubleSide, transparent: true, opacity: 0.35, depthWrite: false };
+  group.add(new Mesh(shape, new MeshBasicMaterial(sides)), pyramid(view, colour, 1.5 * REACH_M));
+  return group;
+}
+
+/** Where a view's camera was. */
+export function eyeOf(view: ViewPose): Vector3 {
+  return new Vector3().setFromMatrixPosition(matrixOf(view.T_base_camera));
+}
+
+function pyramid(view: ViewPose, colour: Color, reach_m = REACH_M): LineSegments {
+  const [a, b, c, d] = cornersOf(view, reach_m);
+  const eye = eyeOf(view);
+  if (!a || !b || !c || !d) return new LineSegments();
+  // A peak on the side that is up in the picture.
+  const across = b.clone().sub(a);
+  const peak = a.clone().addScaledVector(across, 0.5).addScaledVector(a.clone().sub(d), 0.25);
+  const lines = [eye, a, eye, b, eye, c, eye, d, a, b, b, c, c, d, d, a, a, peak, peak, b];
+  return new LineSegments(shapeOf(lines), new LineBasicMaterial({ color: colour }));
+}
+
+/** The picture's corners at a distance: upper left, upper right, lower right, lower left. */
+function cornersOf(view: ViewPose, reach_m: number): Vector3[] {
+  const [fx, fy] = [view.K[0]?.[0] ?? view.width, view.K[1]?.[1] ?? view.width];
+  const [cx, cy] = [view.K[0]?.[2] ?? view.width / 2, view.K[1]?.[2] ?? view.height / 2];
+  const pose = matrixOf(view.T_base_camera);
+  const pixels: [number, number][] = [[0, 0], [view.width, 0], [view.width, view.height], [0, view.height]];
+  return pixels.map(([u, v]) =>
+    new Vector3((u - cx) / fx, (v - cy) / fy, 1).multiplyScalar(reach_m).applyMatrix4(pose),
+  );
+}
+
+function shapeOf(points: readonly Vector3[]): BufferGeometry {
+  const shape = new BufferGeometry();
+  shape.setAttribute("position", new Float32BufferAttribute(points.flatMap((point) => point.toArray()), 3));
+  return shape;
+}

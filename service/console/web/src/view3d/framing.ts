@@ -1,0 +1,79 @@
+import { Vector3 } from "three";
+import { partEnds } from "./arm";
+import { eyeOf } from "./cameras";
+import { workspaceOf } from "./room";
+import type { Content, Layer } from "./scene";
+
+export const UP = new Vector3(0, 0, 1);
+/** From where one looks: for a look over all, from above with x to the right, and level with the table. */
+export const DIRECTIONS = {
+  fit: new Vector3(0.25, -0.75, 0.9).normalize(),
+  top: new Vector3(0, -1e-4, 1).normalize(),
+  side: new Vector3(0, -1, 0.04).normalize(),
+};
+/** Around what is shown some room is left, for labels too. */
+const MARGIN = 1.15;
+const LEAST_M = 0.05;
+/** Radius of what is drawn about a point. */
+const PAD_M = 0.01;
+const CLOUD_SAMPLES = 2000;
+
+/** Where a camera is, and what it turns about. */
+export interface Framing {
+  position: Vector3;
+  target: Vector3;
+}
+
+/** The place in a direction from which all of the points are just seen; `fov_rad` is the picture's height. */
+export function framing(points: readonly Vector3[], towards: Vector3, fov_rad: number, aspect: number): Framing | null {
+  const target = middle(points);
+  if (target === null) return null;
+  const right = new Vector3().crossVectors(UP, towards).normalize();
+  const above = new Vector3().crossVectors(towards, right);
+  const half = Math.tan(fov_rad / 2) / MARGIN;
+  let distance = LEAST_M;
+  for (const point of points) {
+    const from = point.clone().sub(target);
+    const aside = Math.max((Math.abs(from.dot(right)) + PAD_M) / aspect, Math.abs(from.dot(above)) + PAD_M);
+    distance = Math.max(distance, aside / half + from.dot(towards));
+  }
+  return { position: target.clone().addScaledVector(towards, distance), target };
+}
+
+/** What a look over all shows: strings, or points, or else the cell's workspace; and what is shown around them. */
+export function outlineOf(content: Content, cloud: Float32Array | null, shown: ReadonlySet<Layer>): Vector3[] {
+  const { model, room, q_rad, views } = content;
+  const points = (model?.chains ?? []).flatMap((chain) => chain.points.map((point) => new Vector3().fromArray(point)));
+  if (points.length === 0 && cloud !== null) points.push(...sample(cloud));
+  if (points.length === 0 && room !== null) points.push(...corners(room));
+  if (shown.has("cameras")) points.push(...views.map(eyeOf));
+  if (shown.has("arm") && room !== null && q_rad !== null) {
+    points.push(...partEnds(room.arm, q_rad).flatMap(([, ends]) => ends));
+  }
+  return points;
+}
+
+function corners(room: NonNullable<Content["room"]>): Vector3[] {
+  const { min, max } = workspaceOf(room);
+  return [min, max].flatMap((x) =>
+    [min, max].flatMap((y) => [min, max].map((z) => new Vector3(x.x, y.y, z.z))),
+  );
+}
+
+function sample(cloud: Float32Array): Vector3[] {
+  const step = 3 * Math.ceil(cloud.length / 3 / CLOUD_SAMPLES);
+  const points: Vector3[] = [];
+  for (let at = 0; at + 2 < cloud.length; at += step) points.push(new Vector3().fromArray(cloud, at));
+  return points;
+}
+
+function middle(points: readonly Vector3[]): Vector3 | null {
+  const [first] = points;
+  if (!first) return null;
+  const [low, high] = [first.clone(), first.clone()];
+  for (const point of points) {
+    low.min(point);
+    high.max(point);
+  }
+  return low.add(high).multiplyScalar(0.5);
+}

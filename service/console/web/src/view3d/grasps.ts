@@ -1,0 +1,69 @@
+import { BoxGeometry, type Color, Group, InstancedMesh, Matrix4, MeshLambertMaterial, Vector3 } from "three";
+import { mm, percent } from "../words/units";
+import { label } from "./labels";
+import type { Palette } from "./palette";
+import { matrixOf } from "./pose";
+import type { Grasp, Model, Room } from "./scene";
+
+type Bars = InstancedMesh<BoxGeometry, MeshLambertMaterial>;
+/** Drawn fingers are slimmer than real ones, so that many can be told apart. */
+const [THICK_M, WIDE_M, LONG_M] = [0.0007, 0.0018, 0.014];
+/** So many of the best have a label. */
+const LABELLED = 5;
+
+/** The grasps: two fingers beside the string and the bar that joins them. */
+export function drawGrasps(model: Model | null, palette: Palette): Group {
+  const group = new Group();
+  const grasps = model?.grasps ?? [];
+  if (grasps.length === 0) return group;
+  group.add(bars(grasps, palette.grasp, { thick: THICK_M, wide: WIDE_M, long: LONG_M }));
+  const best = grasps.map((_, index) => index).sort((a, b) => (grasps[b]?.score ?? 0) - (grasps[a]?.score ?? 0));
+  best.slice(0, LABELLED).forEach((index, rank) => {
+    const grasp = grasps[index];
+    if (!grasp) return;
+    const place = { kind: "grasp", index } as const;
+    group.add(label({ brief: `grasp ${index}`, kind: "grasp", place, rank: 10 + rank }, handleOf(grasp)));
+  });
+  return group;
+}
+
+/** One grasp as large as the gripper is, where that is known. */
+export function drawGrasp(grasp: Grasp, room: Room | null, colour: Color): Group {
+  const group = new Group();
+  const gripper = room?.gripper;
+  const size = {
+    thick: gripper?.finger_thickness_m ?? 4 * THICK_M,
+    wide: gripper?.finger_width_m ?? 4 * WIDE_M,
+    long: gripper?.finger_depth_m ?? 2 * LONG_M,
+  };
+  const mesh = bars([grasp], colour, size);
+  mesh.material.transparent = true;
+  mesh.material.opacity = 0.7;
+  return group.add(mesh);
+}
+
+/** A grasp in words. */
+export function graspWords(grasp: Grasp): string {
+  return `opens ${mm(grasp.opening_m)}, score ${percent(grasp.score)}`;
+}
+
+/** The middle of the bar behind a grasp's fingers. */
+export function handleOf(grasp: Grasp): Vector3 {
+  return new Vector3(0, 0, grasp.reach_m - LONG_M).applyMatrix4(matrixOf(grasp.T_base_grasp));
+}
+
+function bars(grasps: readonly Grasp[], colour: Color, size: { thick: number; wide: number; long: number }): Bars {
+  const material = new MeshLambertMaterial({ color: colour });
+  const mesh = new InstancedMesh(new BoxGeometry(1, 1, 1), material, 3 * grasps.length);
+  grasps.forEach((grasp, index) => {
+    const pose = matrixOf(grasp.T_base_grasp);
+    const beside = (grasp.opening_m + size.thick) / 2;
+    const middle = grasp.reach_m - size.long / 2;
+    const box = (x: number, z: number, wide: number, high: number) =>
+      pose.clone().multiply(new Matrix4().makeTranslation(x, 0, z)).scale(new Vector3(wide, size.wide, high));
+    mesh.setMatrixAt(3 * index, box(-beside, middle, size.thick, size.long));
+    mesh.setMatrixAt(3 * index + 1, box(beside, middle, size.thick, size.long));
+    mesh.setMatrixAt(3 * index + 2, box(0, grasp.reach_m - size.long, 2 * beside + size.thick, size.thick));
+  });
+  return mesh;
+}

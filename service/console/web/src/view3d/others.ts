@@ -1,0 +1,44 @@
+import { CapsuleGeometry, type Color, Group, InstancedMesh, MeshBasicMaterial, Object3D, Vector3 } from "three";
+import { pieceCount, pointAt } from "./along";
+import type { Palette } from "./palette";
+import { type Chain, type LineStyle, lineStyle, type Other } from "./scene";
+import { directionAt } from "./tubes";
+
+/** Length of a stroke and of the way from one to the next, in radii of the string. */
+const STROKES: Record<LineStyle, { long: number; step: number }> = {
+  solid: { long: 2, step: 1 },
+  dashed: { long: 2.5, step: 5 },
+  dotted: { long: 0, step: 2.2 },
+};
+const [CORE, RIM] = [0.35, 0.6];
+
+/** What other methods found, as lines over all else: light with a dark rim, seen on any ground. */
+export function drawOthers(others: readonly Other[], palette: Palette): Group {
+  const group = new Group();
+  for (const { method, model } of others) {
+    for (const chain of model.chains) {
+      group.add(strokes(chain, lineStyle(method), RIM, palette.ink, 20));
+      group.add(strokes(chain, lineStyle(method), CORE, palette.ground, 21));
+    }
+  }
+  return group;
+}
+
+function strokes(chain: Chain, style: LineStyle, thick: number, colour: Color, order: number): InstancedMesh {
+  const r = chain.radius_m;
+  const { long, step } = STROKES[style];
+  const count = Math.max(1, Math.round(chain.length_m / (step * r)));
+  const shape = new CapsuleGeometry(thick * r, long * r, 3, 8);
+  const mesh = new InstancedMesh(shape, new MeshBasicMaterial({ color: colour, depthTest: false }), count);
+  mesh.renderOrder = order;
+  const pose = new Object3D();
+  for (let index = 0; index < count; index++) {
+    const s = ((index + 0.5) / count) * chain.length_m;
+    pose.position.fromArray(pointAt(chain, s).point);
+    const way = directionAt(chain, s, chain.length_m / pieceCount(chain));
+    pose.quaternion.setFromUnitVectors(new Vector3(0, 1, 0), way);
+    pose.updateMatrix();
+    mesh.setMatrixAt(index, pose.matrix);
+  }
+  return mesh;
+}

@@ -1,0 +1,25 @@
+import { BackSide, type Color, ShaderMaterial } from "three";
+import { PIXEL } from "./pixel";
+
+/** An outline round a body: its hull a little larger, of which only the far side is drawn; at least 1.5 pixels. */
+export function outline(colour: Color, grow_m: number): ShaderMaterial {
+  return new ShaderMaterial({
+    side: BackSide,
+    uniforms: { colour: { value: colour }, grow: { value: grow_m }, pixel: PIXEL },
+    vertexShader: `
+      uniform float grow;
+      uniform float pixel;
+      void main() {
+        vec4 seen = modelViewMatrix * vec4(position, 1.0);
+        vec3 out_of = normalize(normalMatrix * normal);
+        seen.xyz += out_of * max(grow, -1.5 * pixel * seen.z);
+        gl_Position = projectionMatrix * seen;
+      }`,
+    fragmentShader: `
+      uniform vec3 colour;
+      void main() {
+        gl_FragColor = vec4(colour, 1.0);
+        #include <colorspace_fragment>
+      }`,
+  });
+}

@@ -1,0 +1,69 @@
+import { Color } from "three";
+import { ORDER_STOPS } from "./order";
+
+/** As the page is. */
+export type Scheme = "light" | "dark";
+
+/** The scene's colours. */
+export interface Palette {
+  ground: Color;
+  ink: Color;
+  muted: Color;
+  line: Color;
+  /** What a person pointed at. */
+  accent: Color;
+  /** An end that was not seen. */
+  warn: Color;
+  unsure: Color;
+  grasp: Color;
+  arm: Color;
+  cloudLow: Color;
+  cloudHigh: Color;
+}
+
+/** The page's custom properties, and what holds where it has none. */
+const OF_THE_PAGE = {
+  ground: ["--ground", "#ffffff", "#0d1216"],
+  ink: ["--ink", "#10181f", "#eff4f7"],
+  muted: ["--muted", "#44515c", "#b9c5ce"],
+  line: ["--line", "#b9c3cb", "#37434d"],
+  accent: ["--accent", "#0a4a94", "#9ccaff"],
+  warn: ["--warn", "#7a4600", "#ffcb70"],
+} as const;
+/** Those that only the scene has. */
+const OWN: Record<Scheme, Record<Exclude<keyof Palette, keyof typeof OF_THE_PAGE>, string>> = {
+  light: { unsure: "#d83a00", grasp: "#b0008e", arm: "#5b6770", cloudLow: "#3c464e", cloudHigh: "#a9b4bc" },
+  dark: { unsure: "#ff7a45", grasp: "#ff6ad5", arm: "#9fb0bc", cloudLow: "#5d6972", cloudHigh: "#d5dee4" },
+};
+
+/** The colours in a scheme; those that the page has as well are asked from it. */
+export function paletteOf(element: Element, scheme: Scheme): Palette {
+  const style = getComputedStyle(element);
+  const page = (name: keyof typeof OF_THE_PAGE) => {
+    const [property, light, dark] = OF_THE_PAGE[name];
+    return new Color(style.getPropertyValue(property).trim() || (scheme === "dark" ? dark : light));
+  };
+  const own = OWN[scheme];
+  return {
+    ground: page("ground"),
+    ink: page("ink"),
+    muted: page("muted"),
+    line: page("line"),
+    accent: page("accent"),
+    warn: page("warn"),
+    unsure: new Color(own.unsure),
+    grasp: new Color(own.grasp),
+    arm: new Color(own.arm),
+    cloudLow: new Color(own.cloudLow),
+    cloudHigh: new Color(own.cloudHigh),
+  };
+}
+
+const STOPS = ORDER_STOPS.map((stop) => new Color(stop));
+
+/** The colour of a string at a share of its length. */
+export function orderColour(share: number): Color {
+  const at = Math.min(Math.max(share, 0), 1) * (STOPS.length - 1);
+  const from = Math.min(Math.floor(at), STOPS.length - 2);
+  return new Color().lerpColors(STOPS[from] ?? new Color(), STOPS[from + 1] ?? new Color(), at - from);
+}

@@ -1,0 +1,217 @@
+import { AmbientLight, Scene, type Vector3, type WebGLRenderer } from "three";
+import { drawArm, poseArm } from "./arm";
+import { Orbit } from "./camera";
+import { drawCameras } from "./cameras";
+import { drawCloud } from "./cloud";
+import { drawCrossings } from "./crossings";
+import { DIRECTIONS, outlineOf } from "./framing";
+import { closeGraphics, openGraphics } from "./graphics";
+import { drawGrasps } from "./grasps";
+import { LabelLayer } from "./labels";
+import { drawMark, whereIs } from "./mark";
+import { drawOthers } from "./others";
+import { paletteOf, type Scheme } from "./palette";
+import { Part } from "./part";
+import { pick } from "./pick";
+import { PIXEL, SHARPNESS } from "./pixel";
+import { readCloud } from "./ply";
+import { drawRoom } from "./room";
+import { Scale } from "./scale";
+import type { Content, Layer, Place } from "./scene";
+import { covered, pixelsAhead, type Screen } from "./screen";
+import { drawStrings } from "./strings";
+import { onTap } from "./tap";
+import type { View3D } from "./view3d";
+
+const NOTHING: Content = { model: null, cloud: null, views: [], room: null, q_rad: null, others: [] };
+
+/** Holds what is shown, and draws it when something has changed: never by itself. */
+export class Stage implements View3D {
+  private readonly renderer: WebGLRenderer;
+  private readonly scene = new Scene();
+  private readonly orbit: Orbit;
+  private readonly labels: LabelLayer;
+  private readonly scale: Scale;
+  private readonly ends = new AbortController();
+  private readonly resized = new ResizeObserver(() => this.resize());
+  private readonly parts = {
+    cloud: new Part(this.scene, drawCloud),
+    strings: new Part(this.scene, drawStrings),
+    others: new Part(this.scene, drawOthers),
+    crossings: new Part(this.scene, drawCrossings),
+    grasps: new Part(this.scene, drawGrasps),
+    cameras: new Part(this.scene, drawCameras),
+    arm: new Part(this.scene, drawArm),
+    room: new Part(this.scene, drawRoom),
+    mark: new Part(this.scene, drawMark),
+  };
+  private content = NOTHING;
+  private points: Float32Array | null = null;
+  private shown: ReadonlySet<Layer> = new Set(["cloud", "strings", "crossings", "labels", "room"]);
+  private marked: Place | null = null;
+  private palette;
+  private frames = 0;
+  private asked: number | null = null;
+  /** Nobody has seen this content yet: the next picture shows all of it. */
+  private unseen = true;
+
+  constructor(
+    private readonly canvas: HTMLCanvasElement,
+    labels: HTMLElement,
+    picked: (place: Place) => void,
+  ) {
+    this.renderer = openGraphics(canvas);
+    this.palette = paletteOf(canvas, matchMedia("(prefers-color-scheme: dark)").matches ? "dark" : "light");
+    this.orbit = new Orbit(canvas, () => this.ask());
+    this.scene.add(this.orbit.camera, new AmbientLight(0xffffff, 2));
+    this.labels = new LabelLayer(labels);
+    this.scale = new Scale(labels);
+    const { signal } = this.ends;
+    canvas.addEventListener("webglcontextlost", () => this.empty(), { signal });
+    canvas.addEventListener("webglcontextrestored", () => this.update(), { signal });
+    signal.addEventListener("abort", onTap(canvas, (x, y) => this.tapped(x, y, picked)));
+    canvas.dataset.frames = "0";
+    this.update();
+    this.resized.observe(canvas);
+  }
+
+  show(content: Content): void {
+    if (content.cloud !== this.content.cloud) this.points = content.cloud && readCloud(content.cloud);
+    if (content.model !== this.content.model) {
+      this.unseen = true;
+      this.marked = null;
+    }
+    this.content = content;
+    this.canvas.dataset.points = String((this.points?.length ?? 0) / 3);
+    this.update();
+  }
+
+  layers(shown: ReadonlySet<Layer>): void {
+    this.shown = new Set(shown);
+    this.update();
+  }
+
+  arm(q_rad: readonly number[] | null): void {
+    this.content = { ...this.content, q_rad };
+    this.poseArm();
+    if (this.shown.has("arm")) this.ask();
+  }
+
+  mark(place: Place | null): void {
+    this.marked = place;
+    this.update();
+  }
+
+  focus(place: Place): void {
+    this.mark(place);
+    const where = whereIs(place, this.content);
+    if (where === null) return;
+    this.unseen = false;
+    this.orbit.approach(where.point, where.around_m);
+  }
+
+  look(from: "fit" | "top" | "side"): void {
+    this.unseen = !this.orbit.fit(this.outline(), DIRECTIONS[from]);
+    this.ask();
+  }
+
+  zoom(factor: number): void {
+    this.orbit.zoom(factor);
+  }
+
+  rotate(dx_rad: number, dy_rad: number): void {
+    this.orbit.rotate(dx_rad, dy_rad);
+  }
+
+  scheme(scheme: Scheme): void {
+    this.palette = paletteOf(this.canvas, scheme);
+    this.update();
+  }
+
+  dispose(): void {
+    if (this.asked !== null) cancelAnimationFrame(this.asked);
+    this.ends.abort();
+    this.resized.disconnect();
+    this.orbit.dispose();
+    this.empty();
+    this.scale.dispose();
+    closeGraphics(this.renderer);
+  }
+
+  /** What is in the graphics' memory is let go while it is lost: later it would belong to nobody. */
+  private empty(): void {
+    for (const part of Object.values(this.parts)) part.dispose();
+  }
+
+  /** Brings the scene up to date with what is to be shown. */
+  private update(): void {
+    const { parts, content, palette, shown } = this;
+    const { model, room, views } = content;
+    this.scene.background = palette.ground;
+    parts.cloud.update(this.points, palette);
+    parts.strings.update(model, palette);
+    parts.others.update(content.others, palette);
+    parts.crossings.update(model, palette);
+    parts.grasps.update(model, palette);
+    parts.cameras.update(views, model, palette);
+    parts.arm.update(room, palette);
+    parts.room.update(room, palette);
+    parts.mark.update(this.marked, content, palette);
+    parts.others.visible = shown.has("strings");
+    for (const layer of ["cloud", "strings", "crossings", "grasps", "cameras", "room"] as const) {
+      parts[layer].visible = shown.has(layer);
+    }
+    this.labels.show(shown.has("labels"));
+    this.poseArm();
+    this.ask();
+  }
+
+  private outline(): Vector3[] {
+    return outlineOf(this.content, this.points, this.shown);
+  }
+
+  private screen(): Screen {
+    return { camera: this.orbit.camera, width: this.canvas.clientWidth, height: this.canvas.clientHeight };
+  }
+
+  private poseArm(): void {
+    const { room, q_rad } = this.content;
+    const { arm } = this.parts;
+    arm.visible = this.shown.has("arm") && q_rad !== null;
+    if (arm.group !== null && room !== null && q_rad !== null) poseArm(arm.group, room.arm, q_rad);
+  }
+
+  private resize(): void {
+    const { clientWidth: width, clientHeight: height } = this.canvas;
+    if (width === 0 || height === 0) return;
+    this.renderer.setSize(width, height, false);
+    this.labels.setSize(width, height);
+    this.orbit.setAspect(width / height);
+    this.draw(); // at once: a canvas of a new size is empty
+  }
+
+  private ask(): void {
+    this.asked ??= requestAnimationFrame(() => this.draw());
+  }
+
+  private draw(): void {
+    const screen = this.screen();
+    const can = screen.height > 0 && !this.renderer.getContext().isContextLost();
+    if (this.unseen && can) this.unseen = !this.orbit.fit(this.outline(), DIRECTIONS.fit);
+    if (this.asked !== null) cancelAnimationFrame(this.asked);
+    this.asked = null;
+    if (!can) return;
+    PIXEL.value = 1 / pixelsAhead(screen);
+    SHARPNESS.value = this.renderer.getPixelRatio();
+    this.renderer.render(this.scene, this.orbit.camera);
+    this.labels.draw(this.scene, screen, covered(this.content.model?.chains ?? [], screen));
+    this.scale.update(pixelsAhead(screen) / this.orbit.distance_m);
+    this.canvas.dataset.frames = String(++this.frames);
+  }
+
+  private tapped(x: number, y: number, picked: (place: Place) => void): void {
+    const labelled = this.shown.has("labels") ? this.labels.placeAt(x, y) : null;
+    const place = labelled ?? pick(this.content, this.shown, this.screen(), x, y);
+    if (place) picked(place);
+  }
+}

@@ -1,0 +1,50 @@
+import type { Cell, Scan, ScanState } from "../net/api";
+
+/** How a state looks: each has a word, a shape and a colour. */
+export type Look = "good" | "work" | "warn" | "bad" | "none";
+
+export const SHAPES: Record<Look, string> = { good: "✓", work: "◌", warn: "▲", bad: "⬣", none: "?" };
+
+export const CELL: Record<Cell["state"], { word: string; look: Look }> = {
+  ready: { word: "Ready", look: "good" },
+  busy: { word: "Working", look: "work" },
+  not_ready: { word: "Not ready", look: "warn" },
+  fault: { word: "Look at the cell", look: "bad" },
+};
+
+export const SCAN: Record<ScanState, { word: string; look: Look }> = {
+  queued: { word: "Waiting", look: "work" },
+  preflight: { word: "Checking the cell", look: "work" },
+  scanning: { word: "Looking", look: "work" },
+  processing: { word: "Working out the shape", look: "work" },
+  stopping: { word: "Stopping", look: "warn" },
+  succeeded: { word: "Done", look: "good" },
+  partial: { word: "Done, views are missing", look: "warn" },
+  failed: { word: "Failed", look: "bad" },
+  aborted: { word: "Stopped", look: "warn" },
+  interrupted: { word: "The service was restarted", look: "warn" },
+};
+
+/** Whether it goes on. */
+export function underWay(state: ScanState): boolean {
+  return ["queued", "preflight", "scanning", "processing", "stopping"].includes(state);
+}
+
+/** Whether there is a model of it. */
+export function hasModel(scan: Scan): boolean {
+  return scan.links.model !== null;
+}
+
+/** A name of the service's, as `protective_stop`, in words. */
+export function words(name: string): string {
+  return name.replaceAll("_", " ");
+}
+
+export const METHODS: Record<Scan["method"], { name: string; hint: string }> = {
+  graph: { name: "graph", hint: "Our own: follows the strands through all views. Take this one." },
+  enhanced: { name: "enhanced", hint: "The paper's better method: also joins what is hidden under a crossing." },
+  matching: { name: "matching", hint: "The paper's plain method: joins neighbouring points." },
+};
+
+/** What is thought of a calibration. */
+export const VERDICTS = { accept: "good", warn: "usable, with warnings", refuse: "must not be used" } as const;

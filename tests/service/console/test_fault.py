@@ -1,0 +1,54 @@
+"""A protective stop, as the page tells it and has it acknowledged."""
+
+import json
+
+import pytest
+from playwright.sync_api import expect
+
+from cell.cell_status import FAULTS
+from service.routes.console import BUILT
+from tests.service.console.conftest import Cell, Open
+
+CHECK_FIRST = json.loads((BUILT.parent / "web/src/words/check_first.json").read_text())
+
+pytestmark = pytest.mark.xdist_group("console")
+
+
+def test_a_protective_stop_is_acknowledged_by_a_maintainer_who_has_looked(open_console: Open, cell: Cell) -> None:
+    operator = open_console(cell.live.client, token=cell.tokens["operator"]).page
+    opened = open_console(cell.live.client, token=cell.tokens["maintainer"])
+    opened.expect("409")  # too early
+    maintainer = opened.page
+    location = cell.live.start()
+    cell.live.wait_for_motion(location)
+    cell.live.controller.protective_stop()
+    for page in (operator, maintainer):
+        fault = page.get_by_role("region", name="Fault")
+        expect(fault).to_contain_text("protective stop")
+        for check in CHECK_FIRST["protective-stop"]:
+            expect(fault).to_contain_text(check)
+        expect(page.get_by_role("banner")).to_contain_text("safety: protective stop")
+        page.keyboard.press("4")
+        expect(fault).to_be_visible()  # on every screen
+        page.keyboard.press("1")
+    expect(operator.get_by_text("Ask a maintainer to look at the cell")).to_be_visible()
+    expect(operator.get_by_role("button", name="Acknowledge")).to_have_count(0)
+    expect(operator.get_by_role("button", name="Scan: the arm will move")).to_be_disabled()
+
+    acknowledge = maintainer.get_by_role("button", name="Acknowledge: nothing moves")
+    expect(acknowledge).to_be_disabled()
+    maintainer.get_by_label("I have looked at the cell").check()
+    acknowledge.click()
+    # The robot itself refuses for five seconds, which is told and waited for.
+    expect(maintainer.get_by_role("button", name="The robot needs a moment")).to_be_disabled()
+    expect(acknowledge).to_be_enabled()
+    acknowledge.click()
+    for page in (operator, maintainer):
+        expect(page.get_by_role("region", name="Fault")).to_have_count(0)
+        expect(page.get_by_role("banner")).to_contain_text("Acknowledged: connect, or start a live scan")
+    expect(operator.get_by_role("button", name="Scan: the arm will move")).to_be_enabled()
+    cell.is_well()
+
+
+def test_each_fault_has_what_to_check_first() -> None:
+    assert set(CHECK_FIRST) == {fault.slug for fault in FAULTS}

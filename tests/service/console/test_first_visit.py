@@ -1,0 +1,67 @@
+"""The page as it is opened first."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import httpx
+import pytest
+from playwright.sync_api import expect
+
+from service.routes import console
+from tests.service.conftest import Serve, ServedClient
+from tests.service.console.conftest import Open
+from tests.service.security.conftest import without_recognition
+
+pytestmark = pytest.mark.xdist_group("console")
+
+
+def test_without_a_token_it_tells_the_cell_at_once(open_console: Open, client: ServedClient) -> None:
+    page = open_console(client).page
+    expect(page.get_by_role("banner").get_by_role("status")).to_contain_text("Not ready")
+    expect(page.get_by_role("banner").get_by_role("status")).to_contain_text("Not connected yet")
+    expect(page.get_by_role("button", name="STOP the arm")).to_be_enabled()
+    expect(page.get_by_text("This machine: may do everything")).to_be_visible()
+    expect(page.get_by_role("banner").get_by_text("Live", exact=True)).to_be_visible()
+
+
+def test_each_screen_has_an_address_and_a_key(open_console: Open, client: ServedClient) -> None:
+    page = open_console(client, "#/history").page
+    expect(page.get_by_role("heading", name="History", level=1)).to_be_visible()
+    for key, name in (("4", "Calibration"), ("1", "Scan"), ("3", "History")):
+        page.keyboard.press(key)
+        expect(page.get_by_role("link", name=name, exact=False).locator("xpath=self::*[@aria-current]")).to_be_visible()
+        expect(page.get_by_role("heading", name=name, level=1)).to_be_visible()
+
+
+def test_the_files_are_the_services_own_and_asked_for_again(client: ServedClient) -> None:
+    page = client.get("/")
+    assert page.headers["content-type"].startswith("text/html")
+    assert "script-src" not in page.headers["content-security-policy"]
+    assert client.head("/").status_code == 200
+    named = [part.split('"')[0] for part in page.text.split('="/console/')[1:]]
+    assert {"main.js", "stop.js", "main.css", "icon.svg"} <= set(named)
+    for name in named:
+        answer = client.get(f"/console/{name}")
+        assert answer.status_code == 200, name
+        assert answer.headers["cache-control"] == "no-cache"
+        again = client.get(f"/console/{name}", headers={"If-None-Match": answer.headers["etag"]})
+        assert again.status_code == 304
+
+
+def test_nothing_but_what_is_built_can_be_had(
+    client: ServedClient, assert_problem: Callable[[httpx.Response, int, str], str]
+) -> None:
+    for path in ("/console/none.js", "/console/../web/package.json", "/console/%2e%2e/__init__.py", "/console/"):
+        assert_problem(client.get(path), 404, "not-found")
+
+
+def test_where_nothing_is_built_the_rest_works(
+    serve: Serve,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    assert_problem: Callable[[httpx.Response, int, str], str],
+) -> None:
+    monkeypatch.setattr(console.FILES, "all_directories", [tmp_path / "none"])
+    with without_recognition(serve, tmp_path) as client:
+        assert "make setup" in assert_problem(client.get("/"), 503, "console-not-built")
+        assert client.get("/api/cell").status_code == 200

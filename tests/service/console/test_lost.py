@@ -1,0 +1,45 @@
+"""A service that answers no more, and comes back."""
+
+import os
+import signal
+from pathlib import Path
+
+import pytest
+from playwright.sync_api import expect
+
+from tests.service.console.conftest import Open
+from tests.service.service_process import process
+
+pytestmark = pytest.mark.xdist_group("console")
+
+
+def test_what_is_shown_is_told_to_be_old_until_the_service_is_back(open_console: Open, tmp_path: Path) -> None:
+    with process(tmp_path / "data", tmp_path / "log") as (running, client):
+        port = str(client.base_url.port)
+        opened = open_console(client)
+        opened.expect("ERR_CONNECTION_REFUSED", "ERR_CONNECTION_RESET", "ERR_INCOMPLETE_CHUNKED_ENCODING", "ERR_EMPTY")
+        page = opened.page
+        bar = page.get_by_role("banner")
+        expect(bar).to_contain_text("Not connected yet")
+        scan = page.get_by_role("button", name="Scan: the arm will move")
+        expect(scan).to_be_enabled()
+
+        os.kill(running.pid, signal.SIGSTOP)  # it hangs: connections stay open, nothing comes
+        expect(bar).to_contain_text("Not known: no connection")
+        expect(bar).to_contain_text("All below is as it was then")
+        expect(scan).to_be_disabled()
+        stop = page.get_by_role("button", name="STOP the arm")
+        expect(stop).to_be_enabled()
+        stop.click()
+        expect(page.locator("#stop-told")).to_contain_text("STOP DID NOT GET THROUGH")
+        os.kill(running.pid, signal.SIGCONT)
+        expect(bar).to_contain_text("Not connected yet")
+        expect(bar.get_by_text("Live", exact=True)).to_be_visible()
+        expect(scan).to_be_enabled()
+        stop.click()
+        expect(page.locator("#stop-told")).to_contain_text("No arm is connected")
+    expect(bar).to_contain_text("Not known: no connection")
+    with process(tmp_path / "data", tmp_path / "log2", POINTCHAIN_PORT=port):
+        expect(bar).to_contain_text("Not connected yet")
+        expect(bar.get_by_text("Live", exact=True)).to_be_visible()
+        expect(scan).to_be_enabled()

@@ -1,0 +1,72 @@
+"""Stopping the arm by the page."""
+
+from collections.abc import Callable
+from typing import Any
+
+import httpx
+import pytest
+from playwright.sync_api import Route, expect
+
+from tests.service.console.conftest import Cell, Open
+
+pytestmark = pytest.mark.xdist_group("console")
+
+Finished = Callable[[httpx.Client, str], dict[str, Any]]
+
+
+@pytest.mark.parametrize("way", ["button", "keys"])
+def test_stop_in_the_middle_of_a_move(open_console: Open, cell: Cell, finished: Finished, way: str) -> None:
+    page = open_console(cell.live.client, token=cell.tokens["operator"]).page
+    page.get_by_role("button", name="Scan: the arm will move").click()
+    expect(page.get_by_text("Taking view", exact=False)).to_be_visible()
+    location = cell.live.client.get("/api/scans?limit=1").json()["scans"][0]["links"]["self"]
+    cell.live.wait_for_motion(location)
+    page.keyboard.press("3")  # from whichever screen
+    if way == "button":
+        page.get_by_role("button", name="STOP the arm").click()
+    else:
+        page.keyboard.press("Control+.")
+    expect(page.locator("#stop-told")).to_contain_text("The arm was stopped")
+    assert not cell.live.moving()
+    assert finished(cell.live.client, location)["state"] == "aborted"
+    page.keyboard.press("1")
+    expect(page.get_by_role("region", name="The last scan").get_by_text("Stopped", exact=False).first).to_be_visible()
+    cell.is_well()
+
+
+def test_stop_does_not_wait_for_what_the_page_is_loading(open_console: Open, cell: Cell) -> None:
+    """A browser has six connections to a service; here more than six requests of the page get no answer."""
+    cell.is_well()
+    opened = open_console(cell.live.client, token=cell.tokens["operator"])
+    page = opened.page
+    expect(page.get_by_role("button", name="Scan: the arm will move")).to_be_enabled()
+    held: list[object] = []
+    page.route(
+        "**/api/**", lambda route: route.continue_() if route.request.url.endswith("/stop") else held.append(route)
+    )
+    for screen in ("3", "4", "1", "3", "4", "1"):
+        page.keyboard.press(screen)
+    page.get_by_role("button", name="STOP the arm").click()
+    expect(page.locator("#stop-told")).to_contain_text("The arm was stopped")
+    assert held
+    page.unroute_all(behavior="ignoreErrors")
+
+
+def test_a_stop_that_does_not_get_through_says_so(open_console: Open, cell: Cell) -> None:
+    opened = open_console(cell.live.client, token=cell.tokens["operator"])
+    opened.expect("ERR_FAILED")
+    page = opened.page
+    expect(page.get_by_role("banner").get_by_role("status")).to_be_visible()
+    tries: list[str] = []
+
+    def refuse(route: Route) -> None:
+        tries.append(route.request.url)
+        route.abort()
+
+    page.route("**/api/cell/stop", refuse)
+    page.get_by_role("button", name="STOP the arm").click()
+    expect(page.locator("#stop-told")).to_contain_text("STOP DID NOT GET THROUGH")
+    assert len(tries) == 2  # a stop may be sent twice
+    page.unroute_all()
+    page.get_by_role("button", name="STOP the arm").click()
+    expect(page.locator("#stop-told")).to_contain_text("The arm was stopped")
