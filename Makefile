@@ -3,7 +3,7 @@
 CONSOLE := .ci/console service/openapi.json $(shell find service/console/web -type f \
 	-not -path '*/node_modules/*' -not -path '*/generated/*')
 
-.PHONY: help setup demo test soak fuzz serve lint bench lock clean
+.PHONY: help setup demo test soak fuzz serve lint pictures bench lock clean
 
 help:
 	@echo 'make demo    a live scan by the simulated cell, the string in it recognised, the result shown'
@@ -13,6 +13,7 @@ help:
 	@echo 'make serve   start the HTTP service'
 	@echo 'make lint    check style, types and the direction of imports'
 	@echo 'make bench   measure speed, the simulated cell, the service under load, and accuracy'
+	@echo 'make pictures  take the pictures of the console anew, and measure how soon the page is there'
 	@echo 'make setup   make .venv and the console; what the others do first when it is missing or out of date'
 	@echo 'make lock    renew requirements.lock from pyproject.toml; UPGRADE=1 takes newer versions'
 	@echo 'make clean   remove what these commands made'
@@ -50,6 +51,9 @@ lint: setup
 	@.venv/bin/pyright
 	@.venv/bin/lint-imports --no-logo
 	@.ci/console check
+
+pictures: setup
+	@.venv/bin/python -m tests.service.console.pictures
 
 bench: .venv/.ready
 	@.venv/bin/pointchain bench

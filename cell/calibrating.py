@@ -11,8 +11,6 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Protocol
 
-import numpy as np
-
 from calibration.board import Board
 from calibration.calibration_setup import Setup
 from calibration.disk import replace_synced
@@ -25,6 +23,7 @@ from calibration.observe import numbered_alike
 from calibration.storage import write_result
 from calibration.verification import Verification, verify
 from calibration.verified import verification_findings
+from cell.board_seen import ACROSS, DOWN, BoardSeen, board_seen
 from cell.cell import Cell
 from cell.devices import View
 from cell.errors import CalibrationError, MissingViewsError
@@ -33,8 +32,6 @@ from cell.viewpoints import ViewpointPlan
 
 PICTURE_BYTES = 1 << 20
 """No picture takes more on the disk."""
-CELLS = (8, 5)
-"""Of the picture, across and down, for the coverage."""
 NOT_SEEN = (
     "lay it flat in the middle of the workspace, print up, evenly lit and without reflections; if the camera was "
     "mounted otherwise since the last calibration, take that one away and tell hand_eye.rough_xyz_m"
@@ -45,8 +42,8 @@ class CalibrationListener(ScanListener, Protocol):
     """Who is told how it goes. `seen`, `unseen` and `home` come from the thread that calibrates, the others from
     the arm's."""
 
-    def seen(self, index: int, corners: int, possible: int, coverage: float) -> None:
-        """The board is in the picture from pose `index`, with so many of its `possible` corners.
+    def seen(self, index: int, board: BoardSeen, coverage: float) -> None:
+        """The board is in the picture from pose `index`.
 
         `coverage`: the share of the picture's parts (8 x 5) in which corners were seen so far.
         """
@@ -136,7 +133,7 @@ class _Looks:
     unseen: list[tuple[str, str]] = field(default_factory=list)
     _setup: Setup | None = None
     _names: dict[int, str] = field(default_factory=dict)
-    _covered: set[tuple[int, int]] = field(default_factory=set)
+    _covered: set[int] = field(default_factory=set)
 
     @property
     def setup(self) -> Setup:
@@ -189,15 +186,13 @@ class _Looks:
             self.unseen.append((name, str(error)))
             self.listener.unseen(view.index, str(error))
             return
-        self.views[view.index] = BoardView(
+        self.views[view.index] = shown = BoardView(
             name, view.T_base_flange, sighting.ids, sighting.pixels, sighting.corner_sigma_px
         )
         self.certain.append(sighting.numbered)
-        height, width = view.image.shape[:2]
-        cells = (sighting.pixels / (width, height) * CELLS).astype(np.int64).clip(0, np.array(CELLS) - 1)
-        self._covered.update(map(tuple, cells.tolist()))
-        coverage = len(self._covered) / (CELLS[0] * CELLS[1])
-        self.listener.seen(view.index, len(sighting.ids), len(self.board.points), coverage)
+        seen = board_seen(shown, self.setup)
+        self._covered.update(seen.cells)
+        self.listener.seen(view.index, seen, len(self._covered) / (ACROSS * DOWN))
 
 
 def _look(

@@ -10,10 +10,11 @@ from anyio import CapacityLimiter, to_thread
 from starlette.responses import Response
 
 from service.etags import matches, tag_of_hash
+from service.problems import ProblemError
 from service.routes.files import not_modified
 
 REMEMBERED = 64
-"""So many, of some tens of kilobytes each."""
+"""So many, of 200 kB at the most where they are usual ones."""
 
 
 @dataclass(frozen=True)
@@ -27,6 +28,9 @@ class Pictures:
     loop's thread."""
 
     def __init__(self) -> None:
+        # Now, and not when somebody looks at a moving arm: it keeps all threads waiting.
+        import cv2  # noqa: F401
+
         self._made: OrderedDict[Hashable, _Made] = OrderedDict()
         self._one = CapacityLimiter(1)
 
@@ -49,11 +53,15 @@ class Pictures:
 
 
 def shrink_picture(png: bytes, width: int) -> bytes:
-    """The picture, so many pixels across."""
+    """The picture, so many pixels across.
+
+    Raises:
+        ProblemError: 500 `damaged`, it is none.
+    """
     import cv2
 
-    picture = cv2.imdecode(np.frombuffer(png, np.uint8), cv2.IMREAD_COLOR)
-    assert picture is not None
-    height = round(picture.shape[0] * width / picture.shape[1])
-    small = cv2.resize(picture, (width, height), interpolation=cv2.INTER_AREA)
-    return cv2.imencode(".png", small)[1].tobytes()
+    picture = cv2.imdecode(np.frombuffer(png, np.uint8), cv2.IMREAD_COLOR) if png else None
+    if picture is None:
+        raise ProblemError(500, "damaged", "the picture is damaged, the model is not: reprocess the scan")
+    height = max(1, round(picture.shape[0] * width / picture.shape[1]))
+    return cv2.imencode(".png", cv2.resize(picture, (width, height), interpolation=cv2.INTER_AREA))[1].tobytes()

@@ -67,4 +67,6 @@ def _links(row: ScanRow, own: str) -> ScanLinks:
         grasps=f"{own}/grasps" if done else None,
         cloud=f"{own}/cloud.ply" if done else None,
         preview=f"{own}/preview.png" if done else None,
+        thumbnail=f"{own}/thumbnail.png" if done else None,
+        views=f"{own}/views" if row.recording or row.mode == "live" else None,
     )

@@ -177,6 +177,9 @@ class ScanLinks(BaseModel):
     grasps: str | None
     cloud: str | None
     preview: str | None
+    thumbnail: str | None
+    views: str | None
+    """From where each view was taken; of a live scan from its beginning on."""
 
 
 class ScanResource(BaseModel):

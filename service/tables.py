@@ -88,6 +88,10 @@ DROP TABLE scan_errors;
 ALTER TABLE lasting_errors RENAME TO scan_errors;
 CREATE INDEX scan_errors_of ON scan_errors (calibration_sha256, scan);
 """,
+    """
+ALTER TABLE calibration_views ADD COLUMN rms_px DOUBLE PRECISION;
+ALTER TABLE calibration_views ADD COLUMN cells TEXT;
+""",
 )
 """What makes the tables, and what later versions added: the database's user_version tells how many of these it has."""
 VERSION = len(MIGRATIONS)
@@ -206,6 +210,10 @@ class CalibrationViewRow:
     """Found in its picture; None: not looked for yet."""
     possible: int | None
     changed_at: str
+    rms_px: float | None = None
+    """How far they are from where a board would have them."""
+    cells: list[int] | None = None
+    """Parts of the picture in which they are; None: not looked for yet."""
 
 
 @dataclass(frozen=True)
@@ -225,7 +233,7 @@ Row = RecordingRow | ScanRow | ViewRow | KeyRow | CalibrationRow | CalibrationVi
 
 def stored(value: Any) -> Any:
     """A value as its column takes it."""
-    return json.dumps(value, allow_nan=False) if isinstance(value, dict | list) else value
+    return json.dumps(value, allow_nan=False) if isinstance(value, dict | list | tuple) else value
 
 
 def insert(db: sqlite3.Connection, table: str, row: Row) -> None:
@@ -250,6 +258,11 @@ def to_scan(row: sqlite3.Row) -> ScanRow:
 def to_calibration(row: sqlite3.Row) -> CalibrationRow:
     """A row of `calibrations`."""
     return CalibrationRow(**_parsed(row, "board", "warnings", "result", "verification", "problem"))
+
+
+def to_calibration_view(row: sqlite3.Row) -> CalibrationViewRow:
+    """A row of `calibration_views`."""
+    return CalibrationViewRow(**_parsed(row, "cells"))
 
 
 def to_scan_error(row: sqlite3.Row) -> ScanErrorRow:

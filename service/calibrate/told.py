@@ -3,6 +3,7 @@
 import sys
 import threading
 
+from cell.board_seen import BoardSeen
 from cell.errors import StoppedError
 from cell.viewpoints import ViewpointPlan
 
@@ -29,9 +30,11 @@ class ToldCalibration:
         """There is no such picture."""
         self.say(f"pose {index} is missing: {reason}")
 
-    def seen(self, index: int, corners: int, possible: int, coverage: float) -> None:
+    def seen(self, index: int, board: BoardSeen, coverage: float) -> None:
         """The board was found in it."""
-        self.say(f"pose {index}: {corners} of {possible} corners; {coverage:.0%} of the image covered so far")
+        fit = "" if board.rms_px is None else f", {board.rms_px:.2f} px off"
+        found = f"{board.corners} of {board.possible} corners{fit}"
+        self.say(f"pose {index}: {found}; {coverage:.0%} of the image covered so far")
 
     def unseen(self, index: int, reason: str) -> None:
         """The board was not found in it."""

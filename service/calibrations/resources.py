@@ -122,6 +122,8 @@ def run_resource(row: CalibrationRow, views: Sequence[CalibrationViewRow]) -> Ru
                     reason=view.reason,
                     corners=view.corners,
                     possible=view.possible,
+                    rms_px=view.rms_px,
+                    cells=view.cells,
                     picture=f"{own}/views/{view.view}.png" if view.state == "recorded" else None,
                 )
                 for view in views

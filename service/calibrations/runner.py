@@ -11,6 +11,7 @@ from typing import Any
 from calibration.board import Board
 from calibration.errors import BoardDetectionError, HandEyeError
 from calibration.folder import HAND_EYE
+from cell.board_seen import BoardSeen
 from cell.calibrating import run_calibration, run_verification
 from cell.cell import Cell
 from cell.errors import CellError, StoppedError
@@ -48,14 +49,14 @@ class StoredCalibrationProgress:
         self._store.set_view(self._id, index, "missing", reason)
         self._advance()
 
-    def seen(self, index: int, corners: int, possible: int, coverage: float) -> None:
+    def seen(self, index: int, board: BoardSeen, coverage: float) -> None:
         """The board was found in the picture; `coverage` is that of all pictures so far."""
-        self._store.set_seen(self._id, index, corners, possible, None)
+        self._store.set_seen(self._id, index, board)
         self._store.update(self._id, ("scanning", "processing"), coverage=coverage)
 
     def unseen(self, index: int, reason: str) -> None:
         """The board was not found in the picture."""
-        self._store.set_seen(self._id, index, 0, None, reason)
+        self._store.set_unseen(self._id, index, reason)
 
     def home(self) -> None:
         """The arm is home."""

@@ -6,6 +6,7 @@ from pydantic import BaseModel, ConfigDict, Field, JsonValue
 
 from calibration.board import FEWEST, LARGEST_PITCH_M, MARKERS, MOST, SMALLEST_PITCH_M, Board, BoardKind, usual_board
 from calibration.hand_eye_result import Verdict
+from cell.board_seen import ACROSS, DOWN
 from service.calibrations.result_schema import CalibrationResult, FindingResource, VerificationResource
 from service.schemas import WHOLE, Id, Problem, ScanState, ViewState
 
@@ -71,6 +72,12 @@ class CalibrationView(BaseModel):
     """Found in its picture; null: not looked for yet."""
     possible: int | None
     """That the board has."""
+    rms_px: float | None
+    """How far they are from where the board would have them by the pose that fits this picture alone best, each
+    coordinate; null: not looked for yet, none were found, or no pose fits."""
+    cells: list[Annotated[int, Field(ge=0, lt=ACROSS * DOWN)]] | None
+    """Parts of the picture, 8 across and 5 down, in which they are: row by row, 0 is the first of the upper row. All
+    views' together are the coverage. Null: not looked for yet, or of an earlier version."""
     picture: str | None
     """Address of the picture."""
 

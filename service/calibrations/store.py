@@ -4,8 +4,10 @@ Pictures, corners and results lie in files beside them; a row tells of a file on
 """
 
 from collections.abc import Sequence
+from dataclasses import asdict
 from typing import Any
 
+from cell.board_seen import BoardSeen
 from service.database import Database, now, update
 from service.problems import stopped_problem
 from service.schemas import ACTIVE_STATES, ScanState, ViewState
@@ -14,7 +16,9 @@ from service.tables import (
     CalibrationViewRow,
     ScanErrorRow,
     insert,
+    stored,
     to_calibration,
+    to_calibration_view,
     to_scan_error,
 )
 
@@ -72,20 +76,25 @@ class CalibrationStore:
             db.execute("DELETE FROM calibration_views WHERE calibration = ? AND view = ?", (calibration_id, view))
             insert(db, "calibration_views", row)
 
-    def set_seen(self, calibration_id: str, view: int, corners: int, possible: int | None, reason: str | None) -> None:
-        """Writes how many corners were found in a view's picture; none: for which reason."""
-        sql = (
-            "UPDATE calibration_views SET corners = ?, possible = ?, reason = ?, changed_at = ? "
-            "WHERE calibration = ? AND view = ?"
-        )
+    def set_seen(self, calibration_id: str, view: int, board: BoardSeen) -> None:
+        """Writes what was found in a view's picture."""
+        self._update_view(calibration_id, view, asdict(board))
+
+    def set_unseen(self, calibration_id: str, view: int, reason: str) -> None:
+        """Writes why nothing was found in a view's picture."""
+        self._update_view(calibration_id, view, {"corners": 0, "cells": [], "reason": reason})
+
+    def _update_view(self, calibration_id: str, view: int, values: dict[str, Any]) -> None:
+        assignments = ", ".join(f"{name} = ?" for name in values)
+        sql = f"UPDATE calibration_views SET {assignments}, changed_at = ? WHERE calibration = ? AND view = ?"
         with self._database.transaction() as db:
-            db.execute(sql, (corners, possible, reason, now(), calibration_id, view))
+            db.execute(sql, (*map(stored, values.values()), now(), calibration_id, view))
 
     def views(self, calibration_ids: Sequence[str]) -> list[CalibrationViewRow]:
         """The views of these, in order."""
         marks = ", ".join("?" * len(calibration_ids))
         sql = f"SELECT * FROM calibration_views WHERE calibration IN ({marks}) ORDER BY calibration, view"
-        return self._database.all(lambda row: CalibrationViewRow(**dict(row)), sql, *calibration_ids)
+        return self._database.all(to_calibration_view, sql, *calibration_ids)
 
     def interrupt_unfinished(self) -> None:
         """At start-up: those that were under way when the service ended become `interrupted`."""

@@ -18,6 +18,7 @@ from service.tables import (
     ScanRow,
     ViewRow,
     to_calibration,
+    to_calibration_view,
     to_recording,
     to_scan,
 )
@@ -82,7 +83,7 @@ def readable_calibration(values: dict[str, Any]) -> CalibrationRow:
 def readable_calibration_view(values: dict[str, Any], of: Callable[[str], CalibrationRow | None]) -> CalibrationViewRow:
     """The row of these columns; `of` gives its calibration, if that can be read. Raises UnreadableRowError."""
     with _told(values):
-        row = CalibrationViewRow(**values)
+        row = to_calibration_view(values)  # pyright: ignore[reportArgumentType]
         if (calibration := of(row.calibration)) is not None:
             run_resource(calibration, [row])
         return row

@@ -64,7 +64,11 @@ def release_arm(service: Service) -> CellResource:
     return _resource(service)
 
 
-@router.post("/cell/acknowledge", responses=problem_responses(409, 503))
+_AGAIN = {"Retry-After": {"description": "Seconds, where it is `too-early`", "schema": {"type": "integer"}}}
+_LATER: dict[int | str, dict[str, Any]] = {409: problem_responses(409)[409] | {"headers": _AGAIN}}
+
+
+@router.post("/cell/acknowledge", responses=problem_responses(409, 503) | _LATER)
 def acknowledge_fault(service: Service) -> CellResource:
     """Says that a person has looked at the cell after a fault. Unlocks a protective stop; nothing moves."""
     service.cell.acknowledge()

@@ -53,7 +53,12 @@ def present(path: Path, sha256: str | None = None, size_bytes: int | None = None
     return found, tag_of_file(found) if sha256 is None else tag_of_hash(sha256)
 
 
-def _read(path: Path, size_bytes: int) -> bytes:
+def read_whole(path: Path, size_bytes: int) -> bytes:
+    """The content of a file that had this size a moment ago.
+
+    Raises:
+        ProblemError: 404 `no-result`, it is gone; 500 `damaged`, it has another size.
+    """
     try:
         content = path.read_bytes()
     except FileNotFoundError:  # removed a moment ago
@@ -93,7 +98,7 @@ def send_file(
     file = WholeFile(path, media_type, save_as, found, etag)
     if found.st_size > AT_ONCE_BYTES:
         return file
-    return Response(_read(path, found.st_size), headers=dict(file.headers))
+    return Response(read_whole(path, found.st_size), headers=dict(file.headers))
 
 
 def not_modified(etag: str) -> Response:

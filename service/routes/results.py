@@ -16,7 +16,7 @@ from service.model_schema import GraspsDocument, ModelDocument
 from service.pictures import shrink_picture
 from service.problems import ProblemError, problem_responses
 from service.routes import recordings
-from service.routes.files import NOT_MODIFIED, IfNoneMatch, not_modified, present, send_file
+from service.routes.files import NOT_MODIFIED, IfNoneMatch, not_modified, present, read_whole, send_file
 from service.scan_resource import SCANS
 from service.schemas import ACTIVE_STATES, RESULT_STATES
 from service.tables import ScanRow
@@ -87,12 +87,15 @@ async def get_thumbnail(id: Id, service: Service, has: IfNoneMatch) -> Response:
     """The same in small."""
     await _drawn(id, service)
 
-    def look() -> tuple[Path, str]:
+    def look() -> tuple[Path, int, str]:
         path = _result(find_scan(id, service), service, PREVIEW)
-        return path, present(path)[1]
+        found, etag = present(path)
+        return path, found.st_size, etag
 
-    path, etag = await service.reading.known(("thumbnail", id), look)
-    return await service.pictures.answer((id, etag), has, lambda: shrink_picture(path.read_bytes(), THUMBNAIL))
+    path, size_bytes, etag = await service.reading.known(("thumbnail", id), look)
+    return await service.pictures.answer(
+        (id, etag), has, lambda: shrink_picture(read_whole(path, size_bytes), THUMBNAIL)
+    )
 
 
 RECORDING: Responses = _file(recordings.MCAP) | NOT_MODIFIED | problem_responses(404, 422)

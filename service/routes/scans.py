@@ -26,7 +26,7 @@ router = APIRouter(prefix=SCANS, tags=["scans"])
 STARTED = problem_responses(404, 409, 413, 422, 503, 507) | {
     202: links(
         *("get_scan", "follow_scan", "cancel_scan", "keep_scan", "reprocess_scan"),
-        *("get_model", "get_grasps", "get_cloud", "get_preview", "get_scan_recording"),
+        *("get_model", "get_grasps", "get_cloud", "get_preview", "get_thumbnail", "get_views", "get_scan_recording"),
     )
 }
 

@@ -15,7 +15,6 @@ from service.reading import json_answer
 from service.routes.files import NOT_MODIFIED, IfNoneMatch
 from service.routes.recordings import BINARY, require_whole
 from service.scan_resource import SCANS
-from service.tables import ScanRow
 
 router = APIRouter(prefix=SCANS, tags=["scans"])
 

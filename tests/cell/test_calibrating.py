@@ -23,6 +23,7 @@ from calibration.storage import activate, load_hand_eye, write_hand_eye
 from calibration.transforms import from_rotation_vector, inverse, rotation_angle
 from calibration.verification import Verification
 from cell.arm_settings import SimulatedArm, URArm
+from cell.board_seen import BoardSeen
 from cell.calibrating import CalibrationRun, run_calibration, run_verification
 from cell.camera_settings import OakCamera, SimulatedCamera
 from cell.cell import Cell
@@ -45,7 +46,7 @@ class Told:
         self.events: list[tuple[str, int]] = []
         self.reasons: dict[int, str] = {}
         self.coverage: list[float] = []
-        self.corners: dict[int, tuple[int, int]] = {}
+        self.boards: dict[int, BoardSeen] = {}
         self._on_recorded = on_recorded
 
     def moving(self, index: int) -> None:
@@ -59,8 +60,8 @@ class Told:
     def missing(self, index: int, reason: str) -> None:
         self.reasons[index] = reason
 
-    def seen(self, index: int, corners: int, possible: int, coverage: float) -> None:
-        self.corners[index] = (corners, possible)
+    def seen(self, index: int, board: BoardSeen, coverage: float) -> None:
+        self.boards[index] = board
         self.coverage.append(coverage)
 
     def unseen(self, index: int, reason: str) -> None:
@@ -130,8 +131,10 @@ def test_the_camera_is_found_where_it_is(cell: Cell, done: tuple[CalibrationRun,
     assert off_m < 3 * run.result.sigma_m
     assert run.unseen == ()
     assert told.reasons == {}
-    assert set(told.corners.values()) == {(48, 48)}
+    assert {(board.corners, board.possible) for board in told.boards.values()} == {(48, 48)}
     assert told.coverage == sorted(told.coverage)
+    # Nobody has solved anything yet: each view by itself, by the camera as it tells of itself.
+    assert all(board.rms_px is not None and 0 < board.rms_px < 0.3 for board in told.boards.values())
     assert told.coverage[-1] > 0.35
     assert len(run.result.views) == 15
 

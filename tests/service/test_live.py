@@ -49,6 +49,9 @@ def test_a_live_scan_gives_the_true_model_and_replays_to_the_same(
     assert recording["missing"] == []
     assert scan["calibration_sha256"] == recording["provenance"]["calibration_sha256"] is not None
     content = cell.client.get(scan["links"]["recording"]).content
+    taken = cell.client.get(scan["links"]["views"]).json()["views"]
+    assert [view["index"] for view in taken] == list(range(8))
+    assert cell.client.get(taken[7]["picture"]).content.startswith(b"\x89PNG")
     store: Store = cell.client.app.state.context.store
     row, views = store.scan(scan["id"]), store.views([scan["id"]])
     for view in views:

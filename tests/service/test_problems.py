@@ -10,6 +10,8 @@ from pathlib import Path
 import httpx
 import pytest
 
+from cell.cell import Cell
+from cell.errors import TooEarlyError
 from service.store import Store
 
 Serve = Callable[..., AbstractContextManager[httpx.Client]]
@@ -72,6 +74,15 @@ def test_a_database_that_another_holds_is_busy(
         holder.execute("ROLLBACK")
         holder.close()
     assert own.post("/api/recordings", content=recording_file.read_bytes()).status_code == 201
+
+
+def test_what_is_too_early_says_when_it_is_not(
+    own: httpx.Client, assert_problem: AssertProblem, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(Cell, "acknowledge", failing(TooEarlyError("try again in 3.2 s", 3.2)))
+    answer = own.post("/api/cell/acknowledge")
+    assert assert_problem(answer, 409, "too-early") == "try again in 3.2 s"
+    assert answer.headers["Retry-After"] == "4"  # whole seconds, and not too early again
 
 
 def test_an_unexpected_error_tells_the_log_and_not_the_client(

@@ -27,7 +27,7 @@ def scan(client: ServedClient, recording_file: Path, finished: Finished) -> dict
     return finished(client, answer.headers["Location"])
 
 
-@pytest.mark.parametrize("name", ["model", "grasps", "cloud", "preview", "recording"])
+@pytest.mark.parametrize("name", ["model", "grasps", "cloud", "preview", "thumbnail", "recording"])
 def test_who_has_it_already_is_told_so(client: ServedClient, scan: dict[str, Any], name: str) -> None:
     address = scan["links"][name]
     first = client.get(address)

@@ -1,6 +1,6 @@
 // Makes ../built of these sources, and says what it weighs.
 import { build } from "esbuild";
-import { cp, mkdir, readdir, readFile, rm } from "node:fs/promises";
+import { cp, mkdir, readdir, readFile, rm, writeFile } from "node:fs/promises";
 import { join } from "node:path";
 import { gzipSync } from "node:zlib";
 
@@ -20,9 +20,16 @@ await build({
   chunkNames: "[name]-[hash]",
   jsx: "automatic",
   jsxImportSource: "preact",
-  legalComments: "linked",
+  legalComments: "none",
   logLevel: "warning",
 });
+// The licences ask to go along with what is made of the packages.
+const { dependencies } = JSON.parse(await readFile("package.json", "utf8"));
+const licences = Object.keys(dependencies).map(async (name) => {
+  const text = await readFile(join("node_modules", name, "LICENSE"), "utf8");
+  return `${name}\n\n${text}`;
+});
+await writeFile(join(BUILT, "licences.txt"), (await Promise.all(licences)).join("\n---\n\n"));
 await Promise.all(STATIC.map((name) => cp(name, join(BUILT, name))));
 
 for (const name of (await readdir(BUILT)).sort()) {

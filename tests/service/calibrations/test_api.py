@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 
 from calibration.board import Board
+from cell.board_seen import BoardSeen
 from cell.camera_settings import SimulatedCamera
 from cell.settings import CellSettings
 from cell.simulation.world import simulated_world
@@ -76,7 +77,7 @@ def client(
         for row in left.values():
             store.calibrations.add(row)
         store.calibrations.set_view(left["scanning"].id, 0, "recorded")
-        store.calibrations.set_seen(left["scanning"].id, 0, 40, 48, None)
+        store.calibrations.set_seen(left["scanning"].id, 0, BoardSeen(40, 48, 0.12, (3, 4, 11)))
         store.calibrations.set_view(left["scanning"].id, 1, "moving")
         information = np.diag([1e6] * 3 + [4e6] * 3)
         for _ in range(3):
@@ -101,6 +102,8 @@ def test_what_a_killed_service_left_is_interrupted(
     if state == "scanning":
         first, second = run["progress"]["views"]
         assert (first["state"], first["corners"], first["possible"]) == ("recorded", 40, 48)
+        assert (first["rms_px"], first["cells"]) == (0.12, [3, 4, 11])
+        assert (second["rms_px"], second["cells"]) == (None, None)
         assert (second["state"], second["picture"]) == ("missing", None)
 
 

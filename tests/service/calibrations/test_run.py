@@ -57,6 +57,11 @@ def test_a_run_tells_what_it_saw_and_gives_the_true_mounting(cell: LiveCell, cal
     for view in views:
         assert (view["state"], view["reason"], view["possible"]) == ("recorded", None, 48)
         assert view["corners"] > 24
+        # The simulated camera's corners are exact to a tenth of a pixel.
+        assert 0 < view["rms_px"] < 0.3
+        assert view["cells"] == sorted(set(view["cells"]))
+    cells = {cell for view in views for cell in view["cells"]}
+    assert calibrated["progress"]["coverage"] == len(cells) / 40
     picture = cell.client.get(views[3]["picture"])
     assert picture.headers["content-type"] == "image/png"
     assert picture.content.startswith(b"\x89PNG")

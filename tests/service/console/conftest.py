@@ -16,7 +16,7 @@ from playwright.sync_api import Browser, ConsoleMessage, Page, Request, expect, 
 from service.routes.console import BUILT
 from service.security.caller import ROLES, Role
 from service.security.tokens import add_token
-from tests.service.conftest import PATIENCE_S, Serve
+from tests.service.conftest import PATIENCE_S, Serve, wait_until
 from tests.service.live_cell import LiveCell, live_cell
 
 ARGUMENTS = (
@@ -31,10 +31,15 @@ ARGUMENTS = (
 """Draws WebGL by the processor, and has the browser ask for nothing of its own accord."""
 
 
+def chromium_path() -> str | None:
+    """Where the browser is, if there is one."""
+    return os.environ.get("POINTCHAIN_CHROMIUM") or shutil.which("chromium") or shutil.which("google-chrome")
+
+
 @pytest.fixture(scope="session")
 def chromium() -> Iterator[Browser]:
     """The browser. Where there is none, its tests are skipped; not so in continuous integration."""
-    path = os.environ.get("POINTCHAIN_CHROMIUM") or shutil.which("chromium") or shutil.which("google-chrome")
+    path = chromium_path()
     if path is None:
         missing = (
             "there is no Chromium: install it (Debian: apt-get install chromium), or name it in POINTCHAIN_CHROMIUM"
@@ -89,7 +94,7 @@ def open_console(chromium: Browser) -> Iterator[Open]:
     ) -> Opened:
         origin = str(client.base_url).rstrip("/")
         context = chromium.new_context(color_scheme=scheme, viewport={"width": width, "height": 800}, locale="en-GB")
-        context.set_default_timeout(PATIENCE_S * 1000)
+        context.set_default_timeout(PATIENCE_S * 500)
         if token is not None:
             answer = context.request.post(f"{origin}/api/session", data={"token": token})
             assert answer.ok, answer.text()
@@ -126,7 +131,10 @@ class Cell:
 
     def is_well(self) -> None:
         """Has the arm stand free and the cell able to scan again."""
-        self.live.controller.clear()
+        if self.live.state()["state"] == "fault":
+            self.live.controller.reset()
+            answer = self.live.client.post("/api/cell/acknowledge")
+            assert answer.status_code == 200, answer.text
         self.live.is_well()
 
 
@@ -135,6 +143,17 @@ def cell(serve: Serve, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cel
     """One for all tests, slow enough to be caught in motion; each leaves it able to scan."""
     data = tmp_path_factory.mktemp("cell")
     tokens: dict[Role, str] = {role: add_token(data, f"an-{role}", role) for role in ROLES}
-    with live_cell(serve, data, time_factor=8.0) as live:
+    with live_cell(serve, data, time_factor=5.0) as live:
         live.client.headers["Authorization"] = f"Bearer {tokens['maintainer']}"
         yield Cell(live, data, tokens)
+
+
+def frames(page: Page) -> int:
+    """How often the 3D view was drawn so far."""
+    return int(page.locator("canvas").get_attribute("data-frames") or 0)
+
+
+def drawn(page: Page) -> None:
+    """Waits until a result is there in 3D, with its cloud."""
+    expect(page.locator('canvas[data-points]:not([data-points="0"])')).to_be_visible()
+    wait_until(lambda: frames(page) > 0)

@@ -9,10 +9,12 @@ from pathlib import Path
 
 import pytest
 
+from service.calibrations.store import CalibrationStore
 from service.data_folder import DataFolder
+from service.database import Database
 from service.doctor.repair import repair
 from service.doctor.rows import TABLES
-from service.new_rows import NOBODY, new_scan
+from service.new_rows import NOBODY, new_calibration, new_scan
 from service.store import Store
 from service.tables import MIGRATIONS, VERSION
 from tests.service.stored_data import LIVE, REPLAY, UPLOAD, Data
@@ -74,6 +76,19 @@ def test_tables_of_an_earlier_version_are_brought_up_to_date(tmp_path: Path) -> 
     assert data.codes() == {"database-older"}
     data.mend()
     assert data.row("PRAGMA user_version") == (VERSION,)
+
+
+def test_views_of_a_calibration_by_an_earlier_version_are_kept(tmp_path: Path) -> None:
+    run = vars(new_calibration("calibration", None, 3)) | {"id": "run-1", "state": "failed", "warnings": "[]"}
+    with closing(sqlite3.connect(tmp_path / "pointchain.sqlite3")) as db, db:
+        db.executescript("".join(MIGRATIONS[:4]) + "PRAGMA user_version = 4")
+        db.execute(
+            f"INSERT INTO calibrations ({', '.join(run)}) VALUES ({', '.join('?' * len(run))})", tuple(run.values())
+        )
+        db.execute("INSERT INTO calibration_views VALUES ('run-1', 0, 'recorded', NULL, 40, 48, '')")
+    with closing(Database(tmp_path / "pointchain.sqlite3")) as database:
+        (view,) = CalibrationStore(database).views(["run-1"])
+    assert (view.corners, view.possible, view.rms_px, view.cells) == (40, 48, None, None)
 
 
 def test_a_log_that_was_cut_anywhere_opens_with_a_beginning_of_what_was_written(data: Data, tmp_path: Path) -> None:

@@ -153,11 +153,15 @@ def test_a_calibration_that_cannot_be_told_keeps_its_folder(data: Data) -> None:
     )
     data.mend()
     assert data.row("SELECT state, verification FROM calibrations") == ("succeeded", json.dumps(VERIFICATION))
-    data.change("INSERT INTO calibration_views VALUES ('run-1', 1, 'banana', NULL, NULL, NULL, '')")
+    data.change("INSERT INTO calibration_views VALUES ('run-1', 0, 'recorded', NULL, 40, 48, '', 0.1, '[7, 39]')")
+    data.change("INSERT INTO calibration_views VALUES ('run-1', 1, 'banana', NULL, NULL, NULL, '', NULL, NULL)")
+    data.change("INSERT INTO calibration_views VALUES ('run-1', 2, 'recorded', NULL, 40, 48, '', NULL, '[40]')")
+    data.change("INSERT INTO calibration_views VALUES ('run-1', 3, 'recorded', NULL, 40, 48, '', 'near', '{')")
     assert data.codes() == {"row-unreadable"}
     shutil.rmtree(data.root / "lost+found")
     data.mend()
     assert_told(data)
+    assert data.row("SELECT count(*), sum(cells = '[7, 39]') FROM calibration_views") == (1, 1)
 
 
 # A disk that takes nothing

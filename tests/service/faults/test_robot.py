@@ -116,7 +116,9 @@ def test_a_protective_stop_is_ended_by_a_person_only(
         assert_problem(cell.client.post("/api/scans", json=SCAN), 409, "acknowledge-required")
         assert_problem(cell.client.post("/api/cell/connect"), 409, "acknowledge-required")
         wait_until(lambda until_s=stopped_s + early_s: time.monotonic() >= until_s)
-        assert "try again in" in assert_problem(cell.client.post("/api/cell/acknowledge"), 409, "too-early")
+        answer = cell.client.post("/api/cell/acknowledge")
+        assert "try again in" in assert_problem(answer, 409, "too-early")
+        assert answer.headers["Retry-After"] in ("1", "2")
         assert unlocks(cell, since) == []
         wait_until(lambda until_s=stopped_s + UNLOCK_S + 0.1: time.monotonic() >= until_s)
         answer = cell.client.post("/api/cell/acknowledge")

@@ -12,6 +12,7 @@ const NAMES: Record<Screen, string> = { scan: "Scan", result: "Result", history:
 
 /** All below the bar. */
 export function App() {
+  if (caller.value === undefined) return <main id="main">Asking the service ...</main>;
   if (caller.value === null) return <Login />;
   return (
     <>

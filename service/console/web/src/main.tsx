@@ -1,6 +1,6 @@
 import { render } from "preact";
 import "./console.css";
-import "../view3d.css";
+import "./view3d/view3d.css";
 import { App, screenKeys } from "./app";
 import { Status } from "./bar/status";
 import { follow } from "./state/follow";

@@ -25,7 +25,10 @@ export function addressOf(screen: Screen, id: string | null = null): string {
 
 /** Where the page is now. */
 export const route = signal(routeOf(location.hash));
-addEventListener("hashchange", () => (route.value = routeOf(location.hash)));
+addEventListener("hashchange", () => {
+  route.value = routeOf(location.hash);
+  scrollTo(0, 0);
+});
 
 /** Goes to a screen. */
 export function go(screen: Screen, id: string | null = null): void {

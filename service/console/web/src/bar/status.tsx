@@ -1,3 +1,4 @@
+import { computed } from "@preact/signals";
 import type { ComponentChildren } from "preact";
 import { calibration, cell } from "../state/cell";
 import { lastHeard, lost, silent_s } from "../state/freshness";
@@ -80,9 +81,12 @@ function Fact({ name, look, children }: { name: string; look: Look; children: Co
   );
 }
 
+/** What was told last can be taken for what is. */
+const fresh = computed(() => !lost.value && Boolean(caller.value));
+
 function Robot() {
   const robot = cell.value?.robot;
-  if (!robot || lost.value) return <Fact name="Robot" look="none">not known</Fact>;
+  if (!robot || !fresh.value) return <Fact name="Robot" look="none">not known</Fact>;
   const { robot_mode, safety_mode } = robot;
   if (robot_mode === null || safety_mode === null) {
     return <Fact name="Robot" look="none">{`${robot.model}, not connected`}</Fact>;
@@ -95,14 +99,14 @@ function Robot() {
 
 function Camera() {
   const camera = cell.value?.camera;
-  if (!camera || lost.value) return <Fact name="Camera" look="none">not known</Fact>;
+  if (!camera || !fresh.value) return <Fact name="Camera" look="none">not known</Fact>;
   if (camera.width === null || cell.value?.state === "not_ready") return <Fact name="Camera" look="none">not connected</Fact>;
   const [warning] = camera.warnings;
   return <Fact name="Camera" look={warning ? "warn" : "good"}>{warning ?? `${camera.width} x ${camera.height}`}</Fact>;
 }
 
 function CalibrationFact() {
-  const known = calibration.value !== null && !lost.value;
+  const known = calibration.value !== null && fresh.value;
   return (
     <Fact name="Calibration" look={known ? calibrationLook() : "none"}>
       <a href={addressOf("calibration")}>{known ? calibrationWords() : "not known"}</a>

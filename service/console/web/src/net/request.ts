@@ -24,7 +24,7 @@ export function heard(): void {
  * @throws LostError, GivenUpError
  */
 export async function request(asked: Request, limit_s = USUAL_S): Promise<Response> {
-  const slot = await takeSlot(asked.method !== "GET");
+  const slot = await takeSlot();
   const timeout = AbortSignal.timeout(limit_s * 1000);
   try {
     const answer = await fetch(asked, { signal: AbortSignal.any([asked.signal, slot.signal, timeout]) });

@@ -1,38 +1,51 @@
 /**
  * A browser opens at most six connections to one host; the next request waits until one of them is free. So that Stop
- * never waits, all else takes one of a few slots, and Stop has the others given up.
+ * never waits, all else takes one of a few slots, and Stop has the others given up. Pictures leave some of the slots to
+ * what tells the state of the cell.
  */
-const MOST = 4;
+const MOST = 5;
+const MOST_PICTURES = 2;
 
-interface Slot {
+export type Kind = "call" | "picture";
+
+export interface Slot {
   /** Aborted when what is under way is given up. */
   signal: AbortSignal;
   /** Lets the next one have it; may be called again. */
   free(): void;
 }
 
-const underWay = new Set<AbortController>();
-const waiting: (() => void)[] = [];
-let taken = 0;
+const underWay = new Map<AbortController, Kind>();
+const waiting: Record<Kind, (() => void)[]> = { call: [], picture: [] };
 
-/** Waits for a slot. What is asked for by `first` comes before all that waits. */
-export async function takeSlot(first = false): Promise<Slot> {
-  if (taken < MOST) taken++;
-  else await new Promise<void>((resolve) => (first ? waiting.unshift(resolve) : waiting.push(resolve)));
+function isFree(kind: Kind): boolean {
+  const pictures = [...underWay.values()].filter((one) => one === "picture").length;
+  return underWay.size < MOST && (kind === "call" || pictures < MOST_PICTURES);
+}
+
+/** Waits for a slot; calls come before pictures. */
+export async function takeSlot(kind: Kind = "call"): Promise<Slot> {
   const controller = new AbortController();
-  underWay.add(controller);
+  if (isFree(kind)) underWay.set(controller, kind);
+  else {
+    await new Promise<void>((resolve) =>
+      waiting[kind].push(() => {
+        underWay.set(controller, kind);
+        resolve();
+      }),
+    );
+  }
   return {
     signal: controller.signal,
     free() {
       if (!underWay.delete(controller)) return;
-      const next = waiting.shift();
-      if (next) next();
-      else taken--;
+      const next = waiting.call.shift() ?? (isFree("picture") ? waiting.picture.shift() : undefined);
+      next?.();
     },
   };
 }
 
 /** Ends all that is under way, for Stop to come first. */
 export function giveUpAll(): void {
-  for (const controller of underWay) controller.abort();
+  for (const controller of underWay.keys()) controller.abort();
 }

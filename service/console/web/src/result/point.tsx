@@ -3,7 +3,7 @@ import { Hint } from "../ui/hint";
 import { pointAt } from "../view3d/along";
 import type { Place } from "../view3d/scene";
 import { mm, place as inMm } from "../words/units";
-import type { Chosen } from "./result";
+import type { Chosen } from "../viewer/viewer";
 
 interface PointProps {
   model: Model;

@@ -1,5 +1,5 @@
 import "./result.css";
-import { useMemo, useState } from "preact/hooks";
+import { useEffect, useMemo, useState } from "preact/hooks";
 import { Badge } from "../bar/status";
 import { addressOf } from "../route";
 import { latest } from "../state/scans";
@@ -14,26 +14,26 @@ import { Grasps } from "./grasps";
 import { useResult } from "./load";
 import { Point } from "./point";
 import { Strings } from "./strings";
-import { Viewer } from "./viewer";
+import { Viewer, type Chosen } from "../viewer/viewer";
 
-/** What a person looks at, and whether the view is to turn to it. */
-export interface Chosen {
-  place: Place;
-  turn: boolean;
-}
+const LAYERS = ["strings", "cloud", "crossings", "labels", "room"] as const;
 
 /** A scan's result: in 3D, and in words beside it. */
 export function ResultScreen({ id }: { id: string | null }) {
   const newest = latest.value !== null && hasModel(latest.value) ? latest.value.id : null;
-  const shown = id ?? newest;
-  const loaded = useResult(shown);
+  const loaded = useResult(id);
   const [chosen, setChosen] = useState<Chosen | null>(null);
   const [others, setOthers] = useState<readonly Other[]>([]);
   const { scan, model, cloud, views } = loaded;
   const content = useMemo(() => ({ model, cloud, views, others }), [model, cloud, views, others]);
   const show = (place: Place) => setChosen({ place, turn: true });
 
-  if (shown === null) {
+  // From now on it is this one, also when another scan ends.
+  useEffect(() => {
+    if (id === null && newest !== null) location.replace(addressOf("result", newest));
+  }, [id, newest]);
+
+  if (id === null) {
     return (
       <>
         <h1>Result</h1>
@@ -46,7 +46,13 @@ export function ResultScreen({ id }: { id: string | null }) {
   }
   return (
     <div class="result">
-      <Viewer content={content} chosen={chosen} picked={(place) => setChosen({ place, turn: false })} />
+      <Viewer
+        content={content}
+        layers={LAYERS}
+        chosen={chosen}
+        picked={(place) => setChosen({ place, turn: false })}
+        instead={scan?.links.preview}
+      />
       <div class="beside">
         <h1>
           {model === null ? "Result" : counted(model.chains.length, "string")}

@@ -1,6 +1,5 @@
 import { api, slowly, told, type Scan } from "../net/api";
 import { cell } from "../state/cell";
-import { operates } from "../state/session";
 import { show } from "../state/scans";
 import { Act, Failed, useAction } from "../ui/action";
 import { SCAN } from "../words/states";
@@ -12,12 +11,13 @@ import { Views } from "./views";
 export function Progress({ scan }: { scan: Scan }) {
   const action = useAction();
   const { look } = SCAN[scan.state];
+  const coming = Math.max(0, (cell.value?.viewpoints?.reachable ?? 0) - scan.progress.views.length);
   return (
     <section class="panel" aria-label="Scan under way">
       <h2>
         <Badge look={look}>{doing(scan)}</Badge>
       </h2>
-      <div class="row">
+      <div class="done">
         <progress max={1} value={scan.progress.fraction} aria-label="Done of the whole" />
         <span>{percent(scan.progress.fraction)}</span>
       </div>
@@ -31,8 +31,7 @@ export function Progress({ scan }: { scan: Scan }) {
         {scan.mode === "live" ? "Cancel this scan: the arm stops" : "Cancel"}
       </Act>
       <Failed failure={action.failure} />
-      {scan.mode === "live" && <Views scan={scan} />}
-      {!operates.value && <p class="small">Whoever may look may also stop.</p>}
+      {scan.mode === "live" && <Views scan={scan} coming={coming} />}
     </section>
   );
 }

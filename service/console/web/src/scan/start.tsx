@@ -8,6 +8,7 @@ import { Act, Failed, useAction } from "../ui/action";
 import { Field } from "../ui/field";
 import { METHODS } from "../words/states";
 import { mm } from "../words/units";
+import { Hold } from "./hold";
 import { Reach } from "./reach";
 import { Recordings } from "./recordings";
 
@@ -101,6 +102,7 @@ export function Start() {
       >
         {mode === "live" ? "Scan: the arm will move" : "Recognise the recording: nothing moves"}
       </Act>
+      {mode === "live" && <Hold />}
       {mode === "live" && fault && <p class="note bad">The fault above comes first.</p>}
       <Failed failure={action.failure} />
     </section>

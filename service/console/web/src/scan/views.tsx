@@ -4,8 +4,8 @@ import { sentence } from "../ui/action";
 
 const WORDS = { moving: "on the way", recorded: "taken", missing: "missing" } as const;
 
-/** Each viewpoint of a live scan, with what the camera measured there as it comes in. */
-export function Views({ scan }: { scan: Scan }) {
+/** Each viewpoint of a live scan, with what the camera measured there as it comes in; `coming`: so many are to come. */
+export function Views({ scan, coming = 0 }: { scan: Scan; coming?: number }) {
   const reasons = scan.progress.views.filter((view) => view.state === "missing" && view.reason !== null);
   return (
     <>
@@ -21,6 +21,12 @@ export function Views({ scan }: { scan: Scan }) {
               <span class="picture">{view.state === "moving" ? "..." : "✗"}</span>
             )}
             {view.index + 1} {WORDS[view.state]}
+          </li>
+        ))}
+        {Array.from({ length: coming }, (_, k) => (
+          <li key={`coming ${k}`}>
+            <span class="picture" />
+            to come
           </li>
         ))}
       </ol>

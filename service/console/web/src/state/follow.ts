@@ -10,7 +10,8 @@ import { askSession, caller } from "./session";
 
 const IDLE_MS = 2000;
 const BUSY_MS = 700;
-const CALIBRATION_MS = 60_000;
+/** What changes seldom is asked for seldom. */
+const SLOW_MS = 60_000;
 const AGAIN_MS = [1000, 2000, 4000, 5000];
 
 /** How news come: at once, or when they are asked for. */
@@ -40,16 +41,17 @@ export function follow(): void {
 }
 
 async function askAgainAndAgain(): Promise<never> {
-  let calibrationAt = performance.now();
+  let slowAt = performance.now();
   for (;;) {
     await quietly(async () => {
       if (!caller.value) return askSession();
       await askCell();
       await askScans();
       if (room.value === null) await askRoom();
-      if (performance.now() - calibrationAt > CALIBRATION_MS) {
-        calibrationAt = performance.now();
+      if (performance.now() - slowAt > SLOW_MS) {
+        slowAt = performance.now();
         await askCalibration();
+        await askSession();
       }
     });
     await rest(atWork.value || running.value !== null ? BUSY_MS : IDLE_MS);
@@ -73,7 +75,7 @@ async function quietly(work: () => Promise<void>): Promise<void> {
     await work();
   } catch (error) {
     if (error instanceof RefusedError && error.slug === "unauthorized") caller.value = null;
-    else if (!(error instanceof LostError || error instanceof GivenUpError || error instanceof RefusedError)) throw error;
+    else if (!(error instanceof LostError || error instanceof GivenUpError || error instanceof RefusedError)) reportError(error);
   }
 }
 

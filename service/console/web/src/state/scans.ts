@@ -45,11 +45,11 @@ export async function scanEvent(news: ScanNews): Promise<void> {
   if (news.kind === "view") {
     const others = scan.progress.views.filter((view) => view.index !== news.data.index);
     const views = [...others, news.data].sort((a, b) => a.index - b.index);
-    latest.value = { ...scan, progress: { ...scan.progress, views } };
-    return;
+    return show({ ...scan, progress: { ...scan.progress, views } });
   }
   const { stage, fraction } = news.data;
-  latest.value = { ...scan, ...(news.kind === "state" ? { state: news.data.state } : {}), progress: { ...scan.progress, stage, fraction } };
+  const state = news.kind === "state" ? news.data.state : scan.state;
+  show({ ...scan, state, progress: { ...scan.progress, stage, fraction } });
   if (news.kind === "state") await askScan(scan.id);
 }
 

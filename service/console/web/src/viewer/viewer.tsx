@@ -1,16 +1,24 @@
+import "./viewer.css";
 import { useEffect, useRef, useState } from "preact/hooks";
 import { cell } from "../state/cell";
 import { lost } from "../state/freshness";
 import { room } from "../state/room";
 import type { Content, Layer, Place, View3D } from "../view3d/view3d";
-import { Layers, USUAL } from "./layers";
 import { Picture } from "../ui/picture";
-import type { Chosen } from "./result";
+import { Layers } from "./layers";
+
+/** What a person looks at, and whether the view is to turn to it. */
+export interface Chosen {
+  place: Place;
+  turn: boolean;
+}
 
 interface ViewerProps {
   content: Pick<Content, "model" | "cloud" | "views" | "others">;
-  chosen: Chosen | null;
-  picked: (place: Place) => void;
+  /** What is shown at first. */
+  layers: readonly Layer[];
+  chosen?: Chosen | null;
+  picked?: (place: Place) => void;
   /** Shown where the browser cannot draw in 3D. */
   instead?: string | null;
 }
@@ -18,12 +26,12 @@ interface ViewerProps {
 const TURN = Math.PI / 18;
 
 /** The 3D view. Its code is fetched only now, behind all that must be seen at once; nothing in it can move the robot. */
-export function Viewer({ content, chosen, picked, instead = null }: ViewerProps) {
+export function Viewer({ content, layers, chosen = null, picked, instead = null }: ViewerProps) {
   const canvas = useRef<HTMLCanvasElement>(null);
   const labels = useRef<HTMLDivElement>(null);
   const [view, setView] = useState<View3D | null>(null);
   const [failed, setFailed] = useState(false);
-  const [shown, setShown] = useState<ReadonlySet<Layer>>(USUAL);
+  const [shown, setShown] = useState<ReadonlySet<Layer>>(new Set(layers));
   const onPick = useRef(picked);
   onPick.current = picked;
   const q_rad = lost.value ? null : (cell.value?.robot.q_rad ?? null);
@@ -38,7 +46,7 @@ export function Viewer({ content, chosen, picked, instead = null }: ViewerProps)
       const { open3D, NoWebGLError } = await import("../view3d/view3d");
       if (gone || canvas.current === null || labels.current === null) return;
       try {
-        open = open3D(canvas.current, labels.current, { picked: (place) => onPick.current(place) });
+        open = open3D(canvas.current, labels.current, { picked: (place) => onPick.current?.(place) });
       } catch (error) {
         if (!(error instanceof NoWebGLError)) throw error;
         return setFailed(true);

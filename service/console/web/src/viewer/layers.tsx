@@ -11,9 +11,6 @@ const NAMES: [Layer, string][] = [
   ["room", "Table"],
 ];
 
-/** What is shown at first. */
-export const USUAL: ReadonlySet<Layer> = new Set<Layer>(["strings", "cloud", "crossings", "labels", "room"]);
-
 interface LayersProps {
   shown: ReadonlySet<Layer>;
   set: (shown: ReadonlySet<Layer>) => void;

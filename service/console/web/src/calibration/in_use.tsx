@@ -1,0 +1,61 @@
+import { Badge } from "../bar/status";
+import { calibration } from "../state/cell";
+import { room } from "../state/room";
+import { sentence } from "../ui/action";
+import { Hint } from "../ui/hint";
+import { VERDICTS, type Look } from "../words/states";
+import { mm, span } from "../words/units";
+import { Findings } from "./findings";
+
+const LOOKS: Record<keyof typeof VERDICTS, Look> = { accept: "good", warn: "warn", refuse: "bad" };
+
+/** The calibration in use: whether it is good, and how old. */
+export function InUse() {
+  const told = calibration.value;
+  if (told === null) return <p>Asking ...</p>;
+  const used = told.calibration;
+  if (used === null) {
+    return (
+      <section class="panel" aria-label="In use">
+        <h2>
+          <Badge look="bad">There is none that can be used</Badge>
+        </h2>
+        <p>{sentence(told.reason ?? "Calibrate first")}</p>
+      </section>
+    );
+  }
+  const most = room.value?.hand_eye_max_age_days;
+  return (
+    <section class="panel" aria-label="In use">
+      <h2>
+        In use:{" "}
+        <Badge look={used.verdict === null ? "none" : LOOKS[used.verdict]}>
+          {used.verdict === null ? "not judged" : VERDICTS[used.verdict]}
+        </Badge>
+      </h2>
+      <dl class="figures">
+        <dt>Age</dt>
+        <dd>
+          {used.age_s === null ? "not known" : span(used.age_s)}
+          {most !== undefined && `; older than ${most} days is refused`}
+        </dd>
+        <dt>
+          <Hint term="sigma">Camera's place, sure to</Hint>
+        </dt>
+        <dd>{used.sigma_m === null ? "not known" : `± ${mm(used.sigma_m, 2)}`}</dd>
+        <dt>Eight views agree within</dt>
+        <dd>{used.eight_views_m === null ? "not known" : mm(used.eight_views_m, 2)}</dd>
+        <dt>
+          <Hint term="drift">What recent scans tell</Hint>
+        </dt>
+        <dd class={used.drift.drifted ? "bad" : ""}>{sentence(used.drift.words)}</dd>
+      </dl>
+      {told.warnings.map((warning) => (
+        <p key={warning.code} class="note warn">
+          {sentence(warning.words)}
+        </p>
+      ))}
+      <Findings findings={used.findings} />
+    </section>
+  );
+}

@@ -1,0 +1,72 @@
+import { Badge } from "../bar/status";
+import { api, told, type Run } from "../net/api";
+import { askCalibration } from "../state/cell";
+import { maintains } from "../state/session";
+import { Act, Failed, sentence, useAction } from "../ui/action";
+import { Hint } from "../ui/hint";
+import { VERDICTS } from "../words/states";
+import { mm, when } from "../words/units";
+import { Findings } from "./findings";
+
+/** What came of a run: the verdict first, and whether it is to be used. */
+export function Outcome({ run, changed }: { run: Run; changed: (run: Run) => void }) {
+  const { result, verification } = run;
+  return (
+    <>
+      {result && (
+        <>
+          <p>
+            <Badge look={result.verdict === "accept" ? "good" : result.verdict === "warn" ? "warn" : "bad"}>
+              {VERDICTS[result.verdict]}
+            </Badge>
+          </p>
+          <Findings findings={result.findings} />
+          <dl class="figures">
+            <dt>
+              <Hint term="sigma">Camera's place, sure to</Hint>
+            </dt>
+            <dd>± {orUnknown(result.metrics.sigma_m)}</dd>
+            <dt>Eight views agree within</dt>
+            <dd>{orUnknown(result.metrics.eight_views_m)}</dd>
+            <dt>Pictures used</dt>
+            <dd>
+              {result.metrics.views_used} of {result.metrics.views_given}
+            </dd>
+          </dl>
+        </>
+      )}
+      {verification && (
+        <p class={`note ${verification.passed ? "good" : "bad"}`}>
+          {verification.passed ? "✓ It holds on views that it was not made from. " : "⬣ It does not hold. "}
+          {sentence(verification.words)}
+        </p>
+      )}
+      {run.activated_at !== null && <p class="note good">✓ In use since {when(run.activated_at)}.</p>}
+      {run.activated_at === null && <Activate run={run} changed={changed} />}
+    </>
+  );
+}
+
+function orUnknown(metres: number | null): string {
+  return metres === null ? "not known" : mm(metres, 2);
+}
+
+function Activate({ run, changed }: { run: Run; changed: (run: Run) => void }) {
+  const action = useAction();
+  if (run.links.activate === null || !maintains.value) return null;
+  return (
+    <>
+      <Act
+        action={action}
+        kind="main"
+        work={async () => {
+          changed(await told(api.POST("/api/calibration/runs/{id}/activate", { params: { path: { id: run.id } } })));
+          await askCalibration();
+        }}
+      >
+        Use this calibration from now on
+      </Act>
+      <Failed failure={action.failure} />
+    </>
+  );
+}

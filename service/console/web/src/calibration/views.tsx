@@ -1,0 +1,45 @@
+import type { Run } from "../net/api";
+import { sentence } from "../ui/action";
+import { Hint } from "../ui/hint";
+import { Picture } from "../ui/picture";
+
+type View = Run["progress"]["views"][number];
+
+/** The views of a run, with their pictures as they come in, and how well the board was found in each. */
+export function RunViews({ run }: { run: Run }) {
+  const { views } = run.progress;
+  if (views.length === 0) return null;
+  const left = new Map(run.result?.views.filter((view) => !view.used).map((view) => [view.name, view.reason]));
+  return (
+    <>
+      <p class="small">
+        <Hint term="residual">Residuals</Hint> are in pixels, each of its own view.
+      </p>
+      <ol class="views" aria-label="Views">
+        {views.map((view) => (
+          <li key={view.index} class={view.state === "recorded" && view.reason !== null ? "missing" : view.state}>
+            {view.picture === null ? (
+              <span class="picture">{view.state === "moving" ? "..." : "✗"}</span>
+            ) : (
+              <Picture src={view.picture} alt={`What the camera saw in view ${view.index + 1}`} />
+            )}
+            {view.index + 1}: {wordsOf(view)}
+          </li>
+        ))}
+      </ol>
+      {[...left].map(([name, reason]) => (
+        <p key={name} class="note warn">
+          {sentence(`${name} was left out: ${reason ?? "no reason is told"}`)}
+        </p>
+      ))}
+    </>
+  );
+}
+
+function wordsOf(view: View): string {
+  if (view.reason !== null) return view.reason;
+  if (view.state === "moving") return "on the way";
+  if (view.corners === null) return "looking for the board";
+  const residual = view.rms_px === null ? "" : `, ${view.rms_px.toFixed(2)} px`;
+  return `${view.corners} of ${view.possible ?? view.corners} corners${residual}`;
+}

@@ -1,0 +1,103 @@
+import { useState } from "preact/hooks";
+import { Badge } from "../bar/status";
+import { api, told, type Scan } from "../net/api";
+import { addressOf } from "../route";
+import { operates } from "../state/session";
+import { Act, Failed, sentence, useAction } from "../ui/action";
+import { Picture } from "../ui/picture";
+import { hasModel, SCAN } from "../words/states";
+import { counted, mm, when } from "../words/units";
+import { Again } from "./again";
+
+interface RowProps {
+  scan: Scan;
+  /** It was told anew. */
+  changed: (scan: Scan) => void;
+}
+
+/** A scan of the list; opened, all that can be done with it. */
+export function Row({ scan, changed }: RowProps) {
+  const [open, setOpen] = useState(false);
+  const { word, look } = SCAN[scan.state];
+  const name = `${scan.mode === "live" ? "Scan" : "Recording"} of ${when(scan.created_at)}`;
+  return (
+    <li>
+      <button type="button" class="headline" aria-expanded={open} onClick={() => setOpen(!open)}>
+        {hasModel(scan) ? (
+          <Picture src={scan.links.thumbnail ?? ""} alt="" class="thumbnail" />
+        ) : (
+          <span class="picture thumbnail">no result</span>
+        )}
+        <span class="what">
+          <strong>{name}</strong>
+          <span>
+            {scan.summary ? `${counted(scan.summary.chains, "string")}, ${counted(scan.summary.crossings, "crossing")}, ` : ""}
+            {scan.method}
+            {scan.asked_by === null ? "" : `, by ${scan.asked_by}`}
+            {scan.kept ? ", kept" : ""}
+          </span>
+        </span>
+        <Badge look={look}>{word}</Badge>
+      </button>
+      {open && <Details scan={scan} name={name} changed={changed} />}
+    </li>
+  );
+}
+
+function Details({ scan, name, changed }: RowProps & { name: string }) {
+  const keep = useAction();
+  const { links, problem, summary } = scan;
+  const files: [string, string | null, string][] = [
+    ["Model (JSON)", links.model, `${scan.id}.json`],
+    ["Grasps (JSON)", links.grasps, `${scan.id}-grasps.json`],
+    ["Points (PLY)", links.cloud, `${scan.id}.ply`],
+    ["Picture (PNG)", links.preview, `${scan.id}.png`],
+    ["Recording (MCAP)", links.recording, `${scan.id}.mcap`],
+  ];
+  return (
+    <div class="details" role="group" aria-label={name}>
+      {problem && (
+        <p class="note bad">
+          <strong>{problem.title}.</strong> {sentence(problem.detail)}
+        </p>
+      )}
+      {summary?.warnings.map((warning) => (
+        <p key={warning} class="note warn">
+          {sentence(warning)}
+        </p>
+      ))}
+      <p class="small">
+        {scan.string_radius_m === null ? "The radius was measured" : `Radius ${mm(scan.string_radius_m)}`}
+        {scan.source === null ? "" : `; works out again what scan ${scan.source} saw`}; {scan.id}
+      </p>
+      <div class="row">
+        {hasModel(scan) && (
+          <a class="button main" href={addressOf("result", scan.id)}>
+            Look at the result
+          </a>
+        )}
+        {files.map(
+          ([label, address, file]) =>
+            address !== null && (
+              <a key={label} class="button" href={address} download={file}>
+                {label}
+              </a>
+            ),
+        )}
+        {operates.value && (
+          <Act
+            action={keep}
+            work={async () => {
+              const asked = { params: { path: { id: scan.id } }, body: { kept: !scan.kept } };
+              changed(await told(api.PUT("/api/scans/{id}/keep", asked)));
+            }}
+          >
+            {scan.kept ? "Keep no longer" : "Keep for ever"}
+          </Act>
+        )}
+      </div>
+      <Failed failure={keep.failure} />
+      {operates.value && links.reprocess !== null && <Again scan={scan} />}
+    </div>
+  );
+}

@@ -1,0 +1,82 @@
+"""`make pictures`: the README's pictures of the console, by the simulated cell; and how soon and heavy the page is."""
+
+import statistics
+import sys
+import tempfile
+from pathlib import Path
+
+from playwright.sync_api import Browser, Page, expect, sync_playwright
+
+from service.routes.console import BUILT
+from tests.service.console.conftest import ARGUMENTS, chromium_path, drawn
+from tests.service.service_process import process
+
+FOLDER = BUILT.parent / "pictures"
+SCENE = "overhand-knot"
+VISITS = 5
+PATIENCE_MS = 120_000
+
+
+def take(page: Page, name: str) -> None:
+    """Saves what is in sight, small enough to be kept."""
+    FOLDER.mkdir(exist_ok=True)
+    page.screenshot(path=FOLDER / f"{name}.jpg", type="jpeg", quality=70)
+
+
+def scan(page: Page) -> None:
+    """A live scan from its beginning to its result."""
+    page.get_by_label("String radius, in mm", exact=True).fill("4.2")
+    page.get_by_role("button", name="Scan: the arm will move").click()
+    expect(page.get_by_text("Taking view 6 of 8")).to_be_visible()
+    page.wait_for_function("() => [...document.images].every((one) => one.complete)")
+    take(page, "scan")
+    page.get_by_role("link", name="Look at the result").click()
+    drawn(page)
+    page.wait_for_function("() => document.querySelector('.label3d.crossing')")
+    take(page, "result")
+
+
+def measure(browser: Browser, address: str) -> None:
+    """Prints when the page first shows anything, and what it has loaded by then and with a result."""
+    paints, weight = [], 0.0
+    for _ in range(VISITS):
+        page = browser.new_context(viewport={"width": 1280, "height": 800}).new_page()
+        page.goto(address)
+        expect(page.get_by_role("banner").get_by_role("status")).to_be_visible()
+        paints.append(page.evaluate("() => performance.getEntriesByName('first-contentful-paint')[0].startTime"))
+        weight = page.evaluate(
+            """() => performance.getEntriesByType("resource").filter((one) => one.name.includes("/console/"))
+                .reduce((sum, one) => sum + one.encodedBodySize, 0)"""
+        )
+        page.context.close()
+    print(
+        f"First paint: {statistics.median(paints):.0f} ms, median of {VISITS} first visits ({max(paints):.0f} at most)"
+    )
+    print(f"Loaded by then: {weight / 1000:.0f} kB")
+
+
+def main() -> int:
+    """Takes the pictures."""
+    path = chromium_path()
+    if path is None:
+        print("there is no Chromium: install it, or name it in POINTCHAIN_CHROMIUM", file=sys.stderr)
+        return 1
+    expect.set_options(timeout=PATIENCE_MS)
+    with tempfile.TemporaryDirectory() as folder, sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=path, args=list(ARGUMENTS))
+        data, log = Path(folder) / "data", Path(folder) / "log"
+        with process(data, log, POINTCHAIN_CAMERA__SCENE=SCENE) as (_, client):
+            address = str(client.base_url)
+            measure(browser, address)
+            page = browser.new_context(viewport={"width": 1280, "height": 800}, locale="en-GB").new_page()
+            page.set_default_timeout(PATIENCE_MS)
+            page.goto(address)
+            scan(page)
+        browser.close()
+    for picture in sorted(FOLDER.iterdir()):
+        print(f"{picture.name}: {picture.stat().st_size / 1000:.0f} kB")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

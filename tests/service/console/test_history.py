@@ -1,0 +1,85 @@
+"""Past scans."""
+
+import json
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from typing import Any
+
+import httpx
+import pytest
+from playwright.sync_api import expect
+
+from service.new_rows import NOBODY, new_scan
+from service.problems import problem_document
+from tests.service.conftest import Serve, ServedClient
+from tests.service.console.conftest import Open
+
+pytestmark = pytest.mark.xdist_group("console")
+
+Finished = Callable[[httpx.Client, str], dict[str, Any]]
+
+
+@pytest.fixture(scope="module")
+def past(
+    serve: Serve, recording_file: Any, finished: Finished, tmp_path_factory: pytest.TempPathFactory
+) -> Iterator[ServedClient]:
+    """A service with a scan that has a result, and one that has none."""
+    with serve(tmp_path_factory.mktemp("data")) as client:
+        recording = client.post("/api/recordings", content=recording_file.read_bytes()).json()["id"]
+        wanted = {"mode": "replay", "recording": recording}
+        done = client.post("/api/scans", json=wanted).headers["Location"]
+        assert finished(client, done)["state"] == "succeeded"
+        why = problem_document(409, "robot-lost", "the robot was lost on its way")
+        failed = replace(new_scan("live", "graph", None, NOBODY), state="failed", problem=why)
+        client.app.state.context.store.add_scan(failed)
+        yield client
+
+
+def test_scans_are_listed_filtered_opened_and_kept(open_console: Open, past: ServedClient) -> None:
+    page = open_console(past, "#/history").page
+    rows = page.get_by_role("list", name="Scans, the newest first").locator("> li")
+    expect(rows).to_have_count(2)
+    expect(rows.nth(0)).to_contain_text("Failed")
+    expect(rows.nth(1)).to_contain_text("1 string, 0 crossings")
+    expect(rows.nth(1).locator("img")).to_be_visible()
+
+    rows.nth(0).get_by_role("button").click()
+    expect(rows.nth(0)).to_contain_text("The robot was lost. The robot was lost on its way.")
+    page.get_by_label("Outcome").select_option(label="with a result")
+    expect(rows).to_have_count(1)
+    rows.get_by_role("button", expanded=False).click()
+
+    with page.expect_download() as download:
+        page.get_by_role("link", name="Model (JSON)").click()
+    (scan,) = past.get("/api/scans?state=succeeded").json()["scans"]
+    assert download.value.suggested_filename == f"{scan['id']}.json"
+    assert json.loads(download.value.path().read_bytes()) == past.get(scan["links"]["model"]).json()
+    with page.expect_download() as download:
+        page.get_by_role("link", name="Recording (MCAP)").click()
+    assert download.value.path().read_bytes() == past.get(scan["links"]["recording"]).content
+
+    page.get_by_role("button", name="Keep for ever").click()
+    expect(page.get_by_role("button", name="Keep no longer")).to_be_visible()
+    assert past.get(scan["links"]["self"]).json()["kept"]
+    page.get_by_label("only those kept").check()
+    expect(rows).to_have_count(1)
+    page.get_by_role("button", name="Keep no longer").click()
+    expect(page.get_by_role("button", name="Keep for ever")).to_be_visible()
+    page.get_by_label("To", exact=True).fill("2020-01-01")
+    expect(page.get_by_text("There is no such scan")).to_be_visible()
+
+
+def test_a_scan_is_worked_out_again_with_other_parameters(open_console: Open, past: ServedClient) -> None:
+    page = open_console(past, "#/history").page
+    page.get_by_label("Outcome").select_option(label="with a result")
+    page.get_by_role("list", name="Scans, the newest first").get_by_role("button").last.click()
+    again = page.get_by_role("group", name="Work it out again")
+    again.get_by_label("Method", exact=True).select_option("matching")
+    again.get_by_label("String radius, in mm", exact=True).fill("4")
+    again.get_by_role("button", name="Work it out again").click()
+    again.get_by_role("link", name="Look at what came of it").click()
+    expect(page.get_by_role("heading", name="1 string, 0 crossings")).to_be_visible()
+    made = past.get("/api/scans?limit=1").json()["scans"][0]
+    assert (made["method"], made["string_radius_m"], made["source"] is not None) == ("matching", 0.004, True)
+    expect(page.get_by_role("main")).to_contain_text("matching")
+    assert page.url.endswith(made["id"])

@@ -1,0 +1,80 @@
+"""From the first visit to a finished scan, by the cell and from a recording."""
+
+import re
+from pathlib import Path
+
+import pytest
+from playwright.sync_api import expect
+
+from tests.service.conftest import ServedClient
+from tests.service.console.conftest import Cell, Open, drawn
+
+pytestmark = pytest.mark.xdist_group("console")
+
+
+def test_first_visit_to_a_finished_scan(open_console: Open, cell: Cell) -> None:
+    page = open_console(cell.live.client, token=cell.tokens["operator"]).page
+    expect(page.get_by_text("Reachable: 8 of 8")).to_be_visible()  # before anything moves
+    page.get_by_role("button", name="What is: String radius").click()
+    expect(page.get_by_text("Half of the string's thickness")).to_be_visible()
+    page.get_by_label("String radius, in mm", exact=True).fill("4.2")
+    page.get_by_role("button", name="Scan: the arm will move").click()
+    under_way = page.get_by_role("region", name="Scan under way")
+    expect(under_way).to_contain_text(re.compile(r"Taking view \d of 8"))
+    expect(page.get_by_role("banner").get_by_role("status")).to_contain_text("Working")
+    expect(under_way.get_by_role("img").first).to_be_visible()  # while the arm moves on
+    last = page.get_by_role("region", name="The last scan")
+    expect(last).to_contain_text("Done")
+    expect(last).to_contain_text("1 string, 1 crossing")
+    taken = last.get_by_role("img")
+    expect(taken).to_have_count(8)
+    assert all(width > 100 for width in taken.evaluate_all("all => all.map((one) => one.naturalWidth)"))
+    last.get_by_role("link", name="Look at the result").click()
+    expect(page.get_by_role("heading", name="1 string, 1 crossing")).to_be_visible()
+    drawn(page)
+
+
+def test_what_cannot_be_is_told_in_words(open_console: Open, cell: Cell) -> None:
+    opened = open_console(cell.live.client, token=cell.tokens["operator"])
+    opened.expect("422")
+    page = opened.page
+    page.get_by_label("String radius, in mm", exact=True).fill("420")
+    page.get_by_role("button", name="Scan: the arm will move").click()
+    expect(page.get_by_role("alert").filter(has_text="parameters cannot be used")).to_contain_text("0.42")
+    page.get_by_label("String radius, in mm", exact=True).fill("4.2")
+    expect(page.get_by_role("button", name="Scan: the arm will move")).to_be_enabled()
+
+
+def test_a_scan_is_cancelled(open_console: Open, cell: Cell) -> None:
+    page = open_console(cell.live.client, token=cell.tokens["operator"]).page
+    page.get_by_role("button", name="Scan: the arm will move").click()
+    page.get_by_role("button", name="Cancel this scan").click()
+    expect(page.get_by_role("region", name="The last scan")).to_contain_text("Stopped")
+    assert not cell.live.moving()
+    cell.is_well()
+
+
+def test_a_recording_is_added_and_recognised(open_console: Open, client: ServedClient, recording_file: Path) -> None:
+    page = open_console(client).page
+    page.get_by_label("A recording of an earlier scan").check()
+    recognise = page.get_by_role("button", name="Recognise the recording")
+    expect(recognise).to_be_disabled()
+    page.get_by_label("Add a file").set_input_files(recording_file)
+    expect(recognise).to_be_enabled()
+    expect(page.get_by_label("Recording", exact=True).locator("option:checked")).to_contain_text("4 views")
+    recognise.click()
+    last = page.get_by_role("region", name="The last scan")
+    expect(last).to_contain_text("1 string, 0 crossings")
+    last.get_by_role("link", name="Look at the result").click()
+    drawn(page)
+
+
+def test_what_is_no_recording_is_told_in_words(open_console: Open, client: ServedClient, tmp_path: Path) -> None:
+    opened = open_console(client)
+    opened.expect("422")
+    page = opened.page
+    wrong = tmp_path / "wrong.mcap"
+    wrong.write_bytes(b"no recording at all")
+    page.get_by_label("A recording of an earlier scan").check()
+    page.get_by_label("Add a file").set_input_files(wrong)
+    expect(page.get_by_role("alert").filter(has_text="Not an MCAP file")).to_be_visible()
