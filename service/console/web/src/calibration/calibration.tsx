@@ -10,50 +10,57 @@ import { PastRuns } from "./past";
 import { RunPanel } from "./run";
 import { StartRun } from "./start";
 
-const AGAIN_MS = 1000;
+/** While a run is under way. */
+const SOON_MS = 1000;
+/** After an answer that did not come. */
+const LATER_MS = 5000;
 const SHOWN = 20;
 
 /** Where the camera sits on the arm: how sure that is, and measuring it anew. */
 export function CalibrationScreen() {
-  const [runs, setRuns] = useState<Run[] | null>(null);
+  const [runs, setRuns] = useState<readonly Run[] | null>(null);
   const [failure, setFailure] = useState<Failure | null>(null);
-
-  async function ask(): Promise<void> {
-    setRuns((await told(api.GET("/api/calibration/runs", { params: { query: { limit: SHOWN } } }))).runs);
-  }
-
   const [latest, ...earlier] = runs ?? [];
-  const active = latest !== undefined && underWay(latest.state);
-  // One that somebody else has begun makes the cell busy.
-  const state = cell.value?.state;
+  const active = latest !== undefined && underWay(latest.state) ? latest.id : null;
+  const state = cell.value?.state; // one that somebody else has begun makes the cell busy
+
   useEffect(() => {
     let open = true;
     let timer: ReturnType<typeof setTimeout> | undefined;
-    const again = async () => {
+    const ask = async () => {
+      let again_ms = active === null ? null : SOON_MS;
       try {
-        await ask();
-        setFailure(null);
+        if (active === null) {
+          const query = { limit: SHOWN };
+          const found = await told(api.GET("/api/calibration/runs", { params: { query } }));
+          if (open) setRuns(found.runs);
+          await askCalibration();
+        } else {
+          const run = await told(api.GET("/api/calibration/runs/{id}", { params: { path: { id: active } } }));
+          if (open) setRuns((before) => withRun(before, run));
+        }
+        if (open) setFailure(null);
       } catch (error) {
-        setFailure(failureOf(error));
+        again_ms = again_ms ?? LATER_MS;
+        if (open) setFailure(failureOf(error));
       }
-      if (open && active) timer = setTimeout(again, AGAIN_MS);
+      if (open && again_ms !== null) timer = setTimeout(ask, again_ms);
     };
-    void again();
-    if (!active) void askCalibration().catch(failureOf);
+    void ask();
     return () => {
       open = false;
       clearTimeout(timer);
     };
   }, [active, state]);
 
-  const changed = (run: Run) => setRuns([run, ...(runs ?? []).filter((one) => one.id !== run.id)]);
+  const changed = (run: Run) => setRuns((before) => withRun(before, run));
   return (
     <div class="calibration">
       <h1>Calibration</h1>
-      {active && latest !== undefined && <RunPanel run={latest} changed={changed} />}
+      {active !== null && latest !== undefined && <RunPanel run={latest} name="Under way" changed={changed} />}
       <InUse />
-      {!active && latest !== undefined && <RunPanel run={latest} changed={changed} />}
-      {!active && maintains.value && <StartRun started={changed} />}
+      {active === null && latest !== undefined && <RunPanel run={latest} name="The last run" changed={changed} />}
+      {active === null && maintains.value && <StartRun started={changed} />}
       {!maintains.value && (
         <p class="note">
           {caller.value?.name} is signed in as {caller.value?.role}: calibrating and verifying is a maintainer's.
@@ -63,4 +70,11 @@ export function CalibrationScreen() {
       <PastRuns runs={earlier} changed={changed} />
     </div>
   );
+}
+
+/** The runs with one of them as it is now; one that is new comes first. */
+function withRun(runs: readonly Run[] | null, run: Run): readonly Run[] {
+  const known = runs ?? [];
+  if (known.some((one) => one.id === run.id)) return known.map((one) => (one.id === run.id ? run : one));
+  return [run, ...known];
 }

@@ -3,11 +3,10 @@ import { calibration } from "../state/cell";
 import { room } from "../state/room";
 import { sentence } from "../ui/action";
 import { Hint } from "../ui/hint";
-import { VERDICTS, type Look } from "../words/states";
 import { mm, span } from "../words/units";
+import { boardWords } from "./board";
 import { Findings } from "./findings";
-
-const LOOKS: Record<keyof typeof VERDICTS, Look> = { accept: "good", warn: "warn", refuse: "bad" };
+import { Verdict } from "./verdict";
 
 /** The calibration in use: whether it is good, and how old. */
 export function InUse() {
@@ -28,10 +27,7 @@ export function InUse() {
   return (
     <section class="panel" aria-label="In use">
       <h2>
-        In use:{" "}
-        <Badge look={used.verdict === null ? "none" : LOOKS[used.verdict]}>
-          {used.verdict === null ? "not judged" : VERDICTS[used.verdict]}
-        </Badge>
+        In use: <Verdict verdict={used.verdict} />
       </h2>
       <dl class="figures">
         <dt>Age</dt>
@@ -49,10 +45,12 @@ export function InUse() {
           <Hint term="drift">What recent scans tell</Hint>
         </dt>
         <dd class={used.drift.drifted ? "bad" : ""}>{sentence(used.drift.words)}</dd>
+        <dt>Made with the board</dt>
+        <dd>{boardWords(used.board) ?? "not known"}</dd>
       </dl>
-      {told.warnings.map((warning) => (
-        <p key={warning.code} class="note warn">
-          {sentence(warning.words)}
+      {[...told.warnings.map((warning) => warning.words), ...used.warnings].map((words) => (
+        <p key={words} class="note warn">
+          ▲ {sentence(words)}
         </p>
       ))}
       <Findings findings={used.findings} />

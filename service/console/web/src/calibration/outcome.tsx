@@ -1,12 +1,12 @@
-import { Badge } from "../bar/status";
 import { api, told, type Run } from "../net/api";
 import { askCalibration } from "../state/cell";
 import { maintains } from "../state/session";
 import { Act, Failed, sentence, useAction } from "../ui/action";
 import { Hint } from "../ui/hint";
-import { VERDICTS } from "../words/states";
 import { mm, when } from "../words/units";
+import { scaleWords } from "./board";
 import { Findings } from "./findings";
+import { Verdict } from "./verdict";
 
 /** What came of a run: the verdict first, and whether it is to be used. */
 export function Outcome({ run, changed }: { run: Run; changed: (run: Run) => void }) {
@@ -16,9 +16,7 @@ export function Outcome({ run, changed }: { run: Run; changed: (run: Run) => voi
       {result && (
         <>
           <p>
-            <Badge look={result.verdict === "accept" ? "good" : result.verdict === "warn" ? "warn" : "bad"}>
-              {VERDICTS[result.verdict]}
-            </Badge>
+            The result: <Verdict verdict={result.verdict} />
           </p>
           <Findings findings={result.findings} />
           <dl class="figures">
@@ -32,6 +30,10 @@ export function Outcome({ run, changed }: { run: Run; changed: (run: Run) => voi
             <dd>
               {result.metrics.views_used} of {result.metrics.views_given}
             </dd>
+            <dt>
+              <Hint term="board scale">Size of the board, by the views</Hint>
+            </dt>
+            <dd>{scaleWords(result.board) ?? "not known"}</dd>
           </dl>
         </>
       )}

@@ -3,12 +3,15 @@ import { api, slowly, told, type Run } from "../net/api";
 import { Act, Failed, sentence, useAction } from "../ui/action";
 import { SCAN, underWay } from "../words/states";
 import { percent, when } from "../words/units";
+import { boardWords } from "./board";
 import { Coverage } from "./coverage";
 import { Outcome } from "./outcome";
 import { RunViews } from "./views";
 
 interface RunProps {
   run: Run;
+  /** Which of the runs this is. */
+  name: string;
   changed: (run: Run) => void;
 }
 
@@ -18,18 +21,22 @@ export function nameOf(run: Run): string {
 }
 
 /** A calibration or verification: how it goes, and what came of it. */
-export function RunPanel({ run, changed }: RunProps) {
+export function RunPanel({ run, name, changed }: RunProps) {
   const cancel = useAction();
   const { word, look } = SCAN[run.state];
   const active = underWay(run.state);
   const { progress, problem } = run;
+  const board = boardWords(run.board);
   return (
-    <section class="panel" aria-label={active ? "Under way" : "The last run"}>
+    <section class="panel" aria-label={name}>
       <h2>
         {nameOf(run)}{" "}
         <Badge look={look}>{run.state === "processing" ? "Working it out" : word}</Badge>
       </h2>
-      <p class="small">{when(run.created_at)}</p>
+      <p class="small">
+        {when(run.created_at)}
+        {board !== null && `; board: ${board}`}
+      </p>
       {active && (
         <>
           <div class="done">
@@ -57,7 +64,7 @@ export function RunPanel({ run, changed }: RunProps) {
       )}
       {run.warnings.map((warning) => (
         <p key={warning} class="note warn">
-          {sentence(warning)}
+          ▲ {sentence(warning)}
         </p>
       ))}
       <Outcome run={run} changed={changed} />

@@ -1,23 +1,15 @@
 import { useState } from "preact/hooks";
-import type { components } from "../../generated/api";
 import { api, slowly, told, type Run } from "../net/api";
 import { calibration, cell } from "../state/cell";
 import { askNow } from "../state/follow";
 import { Act, Failed, useAction } from "../ui/action";
 import { Field } from "../ui/field";
-
-type Kind = NonNullable<components["schemas"]["BoardRequest"]["kind"]>;
-
-const KINDS: Record<Kind, string> = {
-  charuco: "ChArUco: a chessboard with markers",
-  checkerboard: "chessboard",
-  circles: "dots",
-};
+import { boardWords, KINDS, USUAL, type Kind } from "./board";
 
 const NUMBERS = [
-  ["columns", "Columns", "as the usual board"],
-  ["rows", "Rows", "as the usual board"],
-  ["pitch_mm", "Side of a square, or dot to dot, in mm", "as the usual board"],
+  ["columns", "Columns", String(USUAL.columns)],
+  ["rows", "Rows", String(USUAL.rows)],
+  ["pitch_mm", "Side of a square, or dot to dot, in mm", String(USUAL.pitch_m * 1000)],
   ["poses", "Poses", "15"],
 ] as const;
 
@@ -49,8 +41,11 @@ export function StartRun({ started }: { started: (run: Run) => void }) {
     <section class="panel" aria-label="Measure">
       <h2>First</h2>
       <ol>
-        <li>Lay the board flat on the table, in the middle of the workspace, and see that it cannot slip.</li>
-        <li>Take everything else off the table. The light is as in a scan; nothing shines in the board.</li>
+        <li>
+          Lay the board flat on the table, in the middle of the workspace, and see that it cannot slip. The usual board is{" "}
+          {boardWords(USUAL)}.
+        </li>
+        <li>Take everything else off the table. The light is as in a scan, and no lamp is mirrored in the board.</li>
         <li>Nobody is within reach of the arm.</li>
       </ol>
       <div class="row">
@@ -65,12 +60,12 @@ export function StartRun({ started }: { started: (run: Run) => void }) {
         <span class="small">Two looks at the board that it was made with: does it still hold?</span>
       </div>
       <details>
-        <summary>Another board than the usual one</summary>
+        <summary>Another board than the usual one, or another number of poses</summary>
         <div class="row fields">
           <Field label="Kind of board">
             {(id) => (
               <select id={id} value={kind} onChange={(event) => setKind(event.currentTarget.value as Kind | "")}>
-                <option value="">as the usual board</option>
+                <option value="">as the usual one: {KINDS[USUAL.kind]}</option>
                 {Object.entries(KINDS).map(([value, words]) => (
                   <option key={value} value={value}>
                     {words}

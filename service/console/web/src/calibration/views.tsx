@@ -2,6 +2,7 @@ import type { Run } from "../net/api";
 import { sentence } from "../ui/action";
 import { Hint } from "../ui/hint";
 import { Picture } from "../ui/picture";
+import { counted } from "../words/units";
 
 type View = Run["progress"]["views"][number];
 
@@ -9,9 +10,14 @@ type View = Run["progress"]["views"][number];
 export function RunViews({ run }: { run: Run }) {
   const { views } = run.progress;
   if (views.length === 0) return null;
-  const left = new Map(run.result?.views.filter((view) => !view.used).map((view) => [view.name, view.reason]));
+  const left = run.result?.views.filter((view) => !view.used) ?? [];
+  const looked = views.filter((view) => view.state === "recorded" && (view.corners !== null || view.reason !== null));
+  const found = looked.filter((view) => view.corners !== null);
   return (
     <>
+      <p>
+        The board was found in {found.length} of {counted(looked.length, "view")}.
+      </p>
       <p class="small">
         <Hint term="residual">Residuals</Hint> are in pixels, each of its own view.
       </p>
@@ -27,13 +33,19 @@ export function RunViews({ run }: { run: Run }) {
           </li>
         ))}
       </ol>
-      {[...left].map(([name, reason]) => (
+      {left.map(({ name, reason }) => (
         <p key={name} class="note warn">
-          {sentence(`${name} was left out: ${reason ?? "no reason is told"}`)}
+          ▲ {sentence(`View ${numberOf(name)} was left out: ${reason ?? "no reason is told"}`)}
         </p>
       ))}
     </>
   );
+}
+
+/** The number shown of a view that solving calls `04_pose11`: the arm took the poses in another order. */
+function numberOf(name: string): string {
+  const [, index] = /_pose(\d+)$/.exec(name) ?? [];
+  return index === undefined ? name : String(Number(index) + 1);
 }
 
 function wordsOf(view: View): string {

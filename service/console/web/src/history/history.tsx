@@ -2,15 +2,24 @@ import "./history.css";
 import { useEffect, useState } from "preact/hooks";
 import { api, told, type Scan } from "../net/api";
 import { addressOf } from "../route";
-import { changes, latest } from "../state/scans";
+import { changes, latest, show } from "../state/scans";
 import { Act, Failed, failureOf, useAction, type Failure } from "../ui/action";
 import { ALL, Filters, queryOf, type Wanted } from "./filters";
 import { Row } from "./row";
 
 const AT_A_TIME = 20;
+/** The service lists no more at once. */
+const MOST = 500;
+/** After an answer that did not come. */
+const AGAIN_MS = 5000;
 
-async function scansOf(wanted: Wanted, before?: string): Promise<{ scans: Scan[]; more: boolean }> {
-  const query = { ...queryOf(wanted), limit: AT_A_TIME, ...(before === undefined ? {} : { before }) };
+interface Listed {
+  scans: readonly Scan[];
+  more: boolean;
+}
+
+async function scansOf(wanted: Wanted, limit: number, before?: string): Promise<Listed> {
+  const query = { ...queryOf(wanted), limit, ...(before === undefined ? {} : { before }) };
   const { scans, next } = await told(api.GET("/api/scans", { params: { query } }));
   return { scans, more: next !== null };
 }
@@ -18,29 +27,49 @@ async function scansOf(wanted: Wanted, before?: string): Promise<{ scans: Scan[]
 /** Past scans: to look at again, to work out again, to keep, to take away. */
 export function HistoryScreen() {
   const [wanted, want] = useState(ALL);
-  const [listed, setListed] = useState<{ scans: Scan[]; more: boolean } | null>(null);
+  const [listed, setListed] = useState<Listed | null>(null);
   const [failure, setFailure] = useState<Failure | null>(null);
+  const [tries, setTries] = useState(0);
   const older = useAction();
 
   useEffect(() => {
     let current = true;
-    scansOf(wanted).then(
+    let timer: ReturnType<typeof setTimeout> | undefined;
+    // As many as are shown already, so that older ones stay.
+    const limit = Math.min(Math.max(listed?.scans.length ?? 0, AT_A_TIME), MOST);
+    scansOf(wanted, limit).then(
       (found) => {
         if (!current) return;
         setListed(found);
         setFailure(null);
       },
-      (error: unknown) => current && setFailure(failureOf(error)),
+      (error: unknown) => {
+        if (!current) return;
+        timer = setTimeout(() => setTries((before) => before + 1), AGAIN_MS);
+        setFailure(failureOf(error));
+      },
     );
     return () => {
       current = false;
+      clearTimeout(timer);
     };
-  }, [wanted, changes.value]);
+  }, [wanted, changes.value, tries]);
+
+  function choose(other: Wanted): void {
+    setListed(null); // what is shown is never of another choice
+    want(other);
+  }
 
   async function showOlder(): Promise<void> {
-    const scans = listed?.scans ?? [];
-    const found = await scansOf(wanted, scans.at(-1)?.id);
-    setListed({ scans: [...scans, ...found.scans], more: found.more });
+    if (listed === null) return;
+    const found = await scansOf(wanted, AT_A_TIME, listed.scans.at(-1)?.id);
+    // Not behind a list that has come in meanwhile.
+    setListed((now) => (now === listed ? { scans: [...listed.scans, ...found.scans], more: found.more } : now));
+  }
+
+  function changed(one: Scan): void {
+    setListed((now) => now && { ...now, scans: now.scans.map((two) => (two.id === one.id ? one : two)) });
+    if (latest.value?.id === one.id) show(one);
   }
 
   // The one under way is told more of, and sooner.
@@ -48,22 +77,16 @@ export function HistoryScreen() {
   return (
     <div class="history">
       <h1>History</h1>
-      <Filters wanted={wanted} want={want} />
+      <Filters wanted={wanted} want={choose} />
       <Failed failure={failure} />
       {shown?.length === 0 && (
         <p>
-          {wanted === ALL ? "There is no scan yet" : "There is no such scan"}. <a href={addressOf("scan")}>Scan</a>
+          {Object.keys(queryOf(wanted)).length === 0 ? "There is no scan yet" : "There is no such scan: choose less above"}. <a href={addressOf("scan")}>Scan</a>
         </p>
       )}
       <ul class="scans" aria-label="Scans, the newest first">
         {shown?.map((scan) => (
-          <Row
-            key={scan.id}
-            scan={scan}
-            changed={(one) =>
-              setListed((before) => before && { ...before, scans: before.scans.map((two) => (two.id === one.id ? one : two)) })
-            }
-          />
+          <Row key={scan.id} scan={scan} changed={changed} />
         ))}
       </ul>
       {listed?.more && (
