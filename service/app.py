@@ -111,6 +111,8 @@ def _open(config: ServiceConfig, metrics: ScanMetrics, audit: AuditLog) -> Conte
         own = Cell(config.cell)
         if_it_fails.callback(own.close)
         publish_changes(own, store.events.hub)
+        # Before anything starts a process: while OpenCV is loaded, its own folder is where a child would look first.
+        pictures = Pictures()
         fault = FaultMemory(store.database, own, lambda slug: audit.note(SERVICE, "fault", result=slug))
         if_it_fails.callback(fault.close)
         jobs = Jobs(store, own, config.limits.recognition_s, config.gripper.value, metrics)
@@ -126,7 +128,7 @@ def _open(config: ServiceConfig, metrics: ScanMetrics, audit: AuditLog) -> Conte
         uploads=CapacityLimiter(recordings.UPLOADS),
         planning=CapacityLimiter(1),
         stopping=CapacityLimiter(STOPS),
-        pictures=Pictures(),
+        pictures=pictures,
         keys=IdempotencyKeys(store),
         retention=retention,
         streams=StreamSlots(config.limits.event_streams, config.limits.event_streams_each),

@@ -1,48 +1,111 @@
 """Calibrating by the page: watched, judged, taken into use, verified."""
 
-from pathlib import Path
+from collections.abc import Iterator
+from dataclasses import replace
 
 import pytest
 from playwright.sync_api import expect
 
-from tests.service.conftest import Serve
+from calibration.board import Board, usual_board
+from service.new_rows import new_calibration
+from tests.service.calibrations.test_api import REFUSED
+from tests.service.conftest import Serve, ServedClient
 from tests.service.console.conftest import Open
-from tests.service.live_cell import live_cell
+from tests.service.live_cell import LiveCell, live_cell
 
 pytestmark = pytest.mark.xdist_group("console")
 
+LEFT_OUT = {
+    **dict.fromkeys(("rms_px", "robot_error_m", "robot_error_rad", "left_out_m", "distance_m")),
+    "name": "04_pose11",
+    "used": False,
+    "reason": "it contradicts the others",
+    "corners": 48,
+}
+"""A view that a solver did not take."""
 
-def test_a_calibration_is_made_taken_into_use_and_verified(open_console: Open, serve: Serve, tmp_path: Path) -> None:
-    with live_cell(serve, tmp_path, time_factor=20.0) as live:
-        page = open_console(live.client, "#/calibration").page
-        in_use = page.get_by_role("region", name="In use")
-        expect(in_use).to_contain_text("not judged")
-        page.get_by_text("Another board than the usual one").click()
-        page.get_by_label("Poses").fill("12")
-        page.get_by_role("button", name="Calibrate: the arm moves").click()
 
-        run = page.get_by_role("region", name="Under way")
-        expect(run.get_by_role("img", name="What the camera saw in view").first).to_be_visible()
-        expect(run.get_by_role("img", name="The board was seen in")).to_be_visible()
-        assert live.client.get("/api/calibration").json()["under_way"] is not None
-        expect(run.get_by_role("list", name="Views")).to_contain_text(" px")
+@pytest.fixture(scope="module")
+def live(serve: Serve, tmp_path_factory: pytest.TempPathFactory) -> Iterator[LiveCell]:
+    """A simulated cell that is quick, with a calibration that nobody has judged."""
+    with live_cell(serve, tmp_path_factory.mktemp("data"), time_factor=20.0) as cell:
+        yield cell
 
-        last = page.get_by_role("region", name="The last run")
-        expect(last).to_contain_text("It holds on views that it was not made from")
-        (told,) = live.client.get("/api/calibration/runs").json()["runs"]
-        seen = {cell for view in told["progress"]["views"] for cell in view["cells"]}
-        expect(last.get_by_role("img", name=f"The board was seen in {len(seen)} of 40 parts")).to_be_visible()
-        expect(last).to_contain_text(f"± {told['result']['metrics']['sigma_m'] * 1000:.2f} mm")
-        assert live.client.get("/api/calibration").json()["calibration"]["verdict"] is None  # nothing is in use unasked
 
-        last.get_by_role("button", name="Use this calibration").click()
-        expect(last).to_contain_text("In use since")
-        words = {"accept": "good", "warn": "usable, with warnings"}[told["result"]["verdict"]]
-        expect(in_use).to_contain_text(words)
-        expect(page.get_by_role("banner")).to_contain_text(words)
+@pytest.fixture(scope="module")
+def refused(serve: Serve, tmp_path_factory: pytest.TempPathFactory) -> Iterator[ServedClient]:
+    """A service of which the only calibration so far must not be used."""
+    result = REFUSED | {"views": [LEFT_OUT]}
+    run = replace(new_calibration("calibration", Board(), 12), state="succeeded", result=result)
+    with serve(tmp_path_factory.mktemp("data")) as client:
+        store = client.app.state.context.store.calibrations
+        store.add(run)
+        store.set_view(run.id, 11, "recorded")
+        yield client
 
-        page.get_by_role("button", name="Verify what is in use").click()
-        expect(last.get_by_role("heading", name="Verification")).to_be_visible()
-        expect(last).to_contain_text("It holds on views")
-        page.get_by_role("region", name="Earlier").get_by_role("button").click()
-        expect(page.get_by_role("region", name="Earlier")).to_contain_text("In use since")
+
+def test_a_calibration_is_made_taken_into_use_and_verified(open_console: Open, live: LiveCell) -> None:
+    page = open_console(live.client, "#/calibration").page
+    in_use = page.get_by_role("region", name="In use")
+    expect(in_use).to_contain_text("not judged")
+    usual = usual_board({})
+    page.get_by_text("Another board than the usual one").click()
+    pitch = f"{usual.pitch_m * 1000:g}"
+    for label, number in (("Columns", str(usual.columns)), ("Rows", str(usual.rows)), ("Side of a square", pitch)):
+        expect(page.get_by_label(label)).to_have_attribute("placeholder", number)
+    assert usual.kind == "charuco"
+    expect(page.get_by_role("main")).to_contain_text(f"ChArUco, {usual.columns} x {usual.rows} of {pitch} mm")
+    page.get_by_label("Poses").fill("12")
+    page.get_by_role("button", name="Calibrate: the arm moves").click()
+
+    run = page.get_by_role("region", name="Under way")
+    expect(run.get_by_role("img", name="What the camera saw in view").first).to_be_visible()
+    expect(run.get_by_role("img", name="The board was seen in")).to_be_visible()
+    assert live.client.get("/api/calibration").json()["under_way"] is not None
+    expect(run.get_by_role("list", name="Views")).to_contain_text(" px")
+
+    last = page.get_by_role("region", name="The last run")
+    expect(last).to_contain_text("It holds on views that it was not made from")
+    (told,) = live.client.get("/api/calibration/runs").json()["runs"]
+    seen = {cell for view in told["progress"]["views"] for cell in view["cells"]}
+    expect(last.get_by_role("img", name=f"The board was seen in {len(seen)} of 40 parts")).to_be_visible()
+    expect(last).to_contain_text(f"± {told['result']['metrics']['sigma_m'] * 1000:.2f} mm")
+    expect(last).to_contain_text(f"{told['result']['board']['scale'] * 100:.2f} %")
+    found = [view for view in told["progress"]["views"] if view["corners"] is not None]
+    expect(last).to_contain_text(f"The board was found in {len(found)} of 14 views")
+    assert live.client.get("/api/calibration").json()["calibration"]["verdict"] is None  # nothing is in use unasked
+
+    last.get_by_role("button", name="Use this calibration").click()
+    expect(last).to_contain_text("In use since")
+    words = {"accept": "good", "warn": "usable, with warnings"}[told["result"]["verdict"]]
+    expect(in_use).to_contain_text(words)
+    expect(page.get_by_role("banner")).to_contain_text(words)
+
+    page.get_by_role("button", name="Verify what is in use").click()
+    expect(last.get_by_role("heading", name="Verification")).to_be_visible()
+    expect(last).to_contain_text("It holds on views")
+    page.get_by_role("region", name="Earlier").get_by_role("button").click()
+    expect(page.get_by_role("region", name="Earlier")).to_contain_text("In use since")
+
+
+def test_a_refused_run_is_told_as_refused_wherever_it_is_shown(open_console: Open, refused: ServedClient) -> None:
+    opened = open_console(refused, "#/calibration")
+    opened.expect("404.*views/11.png")  # nobody took it
+    page = opened.page
+    last = page.get_by_role("region", name="The last run")
+    expect(last).to_contain_text("must not be used")
+    expect(last).to_contain_text("All turns are about one axis: tilt it too.")
+    expect(last).to_contain_text("View 11 was left out: it contradicts the others.")  # as its picture is numbered
+    expect(last.get_by_role("list", name="Views")).to_contain_text("11: looking for the board")
+    expect(last.get_by_role("button", name="Use this calibration")).to_have_count(0)
+
+    store = refused.app.state.context.store.calibrations
+    store.add(replace(new_calibration("verification", None, 2), state="aborted"))
+    page.reload()
+    expect(last.get_by_role("heading", name="Verification")).to_contain_text("Stopped")
+    earlier = page.get_by_role("region", name="Earlier").get_by_role("button")
+    expect(earlier).to_contain_text("must not be used")
+    expect(earlier.locator(".badge.bad")).to_be_visible()
+    earlier.click()
+    expect(page.get_by_role("region", name="Calibration, ")).to_contain_text("must not be used")
+    expect(page.get_by_role("region", name="The last run")).to_have_count(1)

@@ -67,6 +67,19 @@ def test_scans_are_listed_filtered_opened_and_kept(open_console: Open, past: Ser
     expect(page.get_by_role("button", name="Keep for ever")).to_be_visible()
     page.get_by_label("To", exact=True).fill("2020-01-01")
     expect(page.get_by_text("There is no such scan")).to_be_visible()
+    expect(rows).to_have_count(0)
+
+
+def test_a_list_that_did_not_come_is_asked_for_again(open_console: Open, past: ServedClient) -> None:
+    opened = open_console(past, "#/calibration")
+    opened.expect("503")
+    page = opened.page
+    refusal = problem_document(503, "busy", "another program holds the database; try again")
+    page.route("**/api/scans?limit=20", lambda route: route.fulfill(status=503, json=refusal), times=1)
+    page.keyboard.press("3")
+    expect(page.get_by_role("main")).to_contain_text("Another program holds the database; try again.")
+    expect(page.get_by_role("list", name="Scans, the newest first").locator("> li").first).to_be_visible()
+    expect(page.get_by_text("Another program holds the database; try again.")).to_have_count(0)
 
 
 def test_a_scan_is_worked_out_again_with_other_parameters(open_console: Open, past: ServedClient) -> None:
@@ -83,3 +96,21 @@ def test_a_scan_is_worked_out_again_with_other_parameters(open_console: Open, pa
     assert (made["method"], made["string_radius_m"], made["source"] is not None) == ("matching", 0.004, True)
     expect(page.get_by_role("main")).to_contain_text("matching")
     assert page.url.endswith(made["id"])
+
+
+def test_older_scans_are_shown_when_asked_for_and_stay_when_one_is_new(
+    open_console: Open, past: ServedClient, finished: Finished
+) -> None:
+    store = past.app.state.context.store
+    for _ in range(25):
+        store.add_scan(replace(new_scan("live", "graph", None, NOBODY), state="aborted"))
+    before = len(past.get("/api/scans").json()["scans"])
+    page = open_console(past, "#/history").page
+    rows = page.get_by_role("list", name="Scans, the newest first").locator("> li")
+    expect(rows).to_have_count(20)
+    page.get_by_role("button", name="Show older ones").click()
+    expect(rows).to_have_count(min(before, 40))
+    recording = past.get("/api/recordings").json()["recordings"][0]["id"]
+    finished(past, past.post("/api/scans", json={"mode": "replay", "recording": recording}).headers["Location"])
+    expect(rows.first).to_contain_text("Done")
+    expect(rows).to_have_count(min(before, 40))  # as many as before, of which the oldest gave way

@@ -35,7 +35,7 @@ export function App() {
 function CurrentScreen() {
   const { screen, id } = route.value;
   if (screen === "result") return <ResultScreen key={id} id={id} />;
-  if (screen === "history") return <HistoryScreen />;
+  if (screen === "history") return <HistoryScreen key={id} id={id} />;
   if (screen === "calibration") return <CalibrationScreen />;
   return <ScanScreen />;
 }

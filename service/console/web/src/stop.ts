@@ -21,6 +21,11 @@ function say(kind: "sent" | "good" | "bad", words: string): void {
   told.textContent = words;
 }
 
+/** What was said of the last stop is over: the arm is at work again. */
+export function forgetStop(): void {
+  say("sent", "");
+}
+
 /** Sends a stop; a second try is harmless. */
 async function stop(): Promise<void> {
   const press = ++presses;

@@ -27,9 +27,9 @@ export function RunViews({ run }: { run: Run }) {
             {view.picture === null ? (
               <span class="picture">{view.state === "moving" ? "..." : "✗"}</span>
             ) : (
-              <Picture src={view.picture} alt={`What the camera saw in view ${view.index + 1}`} />
+              <Picture src={view.picture} alt={`What the camera saw in view ${view.index}`} />
             )}
-            {view.index + 1}: {wordsOf(view)}
+            {view.index}: {wordsOf(view)}
           </li>
         ))}
       </ol>
@@ -45,13 +45,13 @@ export function RunViews({ run }: { run: Run }) {
 /** The number shown of a view that solving calls `04_pose11`: the arm took the poses in another order. */
 function numberOf(name: string): string {
   const [, index] = /_pose(\d+)$/.exec(name) ?? [];
-  return index === undefined ? name : String(Number(index) + 1);
+  return index === undefined ? name : String(Number(index));
 }
 
 function wordsOf(view: View): string {
   if (view.reason !== null) return view.reason;
   if (view.state === "moving") return "on the way";
   if (view.corners === null) return "looking for the board";
-  const residual = view.rms_px === null ? "" : `, ${view.rms_px.toFixed(2)} px`;
+  const residual = view.rms_px === null ? "" : `, ${view.rms_px.toFixed(2)}\u00a0px`;
   return `${view.corners} of ${view.possible ?? view.corners} corners${residual}`;
 }

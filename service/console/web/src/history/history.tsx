@@ -14,6 +14,7 @@ const MOST = 500;
 const AGAIN_MS = 5000;
 
 interface Listed {
+  of: Wanted;
   scans: readonly Scan[];
   more: boolean;
 }
@@ -21,11 +22,11 @@ interface Listed {
 async function scansOf(wanted: Wanted, limit: number, before?: string): Promise<Listed> {
   const query = { ...queryOf(wanted), limit, ...(before === undefined ? {} : { before }) };
   const { scans, next } = await told(api.GET("/api/scans", { params: { query } }));
-  return { scans, more: next !== null };
+  return { of: wanted, scans, more: next !== null };
 }
 
 /** Past scans: to look at again, to work out again, to keep, to take away. */
-export function HistoryScreen() {
+export function HistoryScreen({ id }: { id: string | null }) {
   const [wanted, want] = useState(ALL);
   const [listed, setListed] = useState<Listed | null>(null);
   const [failure, setFailure] = useState<Failure | null>(null);
@@ -55,16 +56,11 @@ export function HistoryScreen() {
     };
   }, [wanted, changes.value, tries]);
 
-  function choose(other: Wanted): void {
-    setListed(null); // what is shown is never of another choice
-    want(other);
-  }
-
   async function showOlder(): Promise<void> {
     if (listed === null) return;
     const found = await scansOf(wanted, AT_A_TIME, listed.scans.at(-1)?.id);
     // Not behind a list that has come in meanwhile.
-    setListed((now) => (now === listed ? { scans: [...listed.scans, ...found.scans], more: found.more } : now));
+    setListed((now) => (now === listed ? { ...found, scans: [...listed.scans, ...found.scans] } : now));
   }
 
   function changed(one: Scan): void {
@@ -72,24 +68,28 @@ export function HistoryScreen() {
     if (latest.value?.id === one.id) show(one);
   }
 
+  // What was chosen before is shown until the answer comes, but not when there is none.
+  const current = failure === null || listed?.of === wanted ? listed : null;
   // The one under way is told more of, and sooner.
-  const shown = listed?.scans.map((scan) => (scan.id === latest.value?.id ? latest.value : scan));
+  const shown = current?.scans.map((scan) => (scan.id === latest.value?.id ? latest.value : scan));
+  const filtered = Object.keys(queryOf(wanted)).length > 0;
   return (
     <div class="history">
       <h1>History</h1>
-      <Filters wanted={wanted} want={choose} />
+      <Filters wanted={wanted} want={want} />
       <Failed failure={failure} />
       {shown?.length === 0 && (
         <p>
-          {Object.keys(queryOf(wanted)).length === 0 ? "There is no scan yet" : "There is no such scan: choose less above"}. <a href={addressOf("scan")}>Scan</a>
+          {filtered ? "There is no such scan: choose less above" : "There is no scan yet"}.{" "}
+          <a href={addressOf("scan")}>Scan</a>
         </p>
       )}
       <ul class="scans" aria-label="Scans, the newest first">
         {shown?.map((scan) => (
-          <Row key={scan.id} scan={scan} changed={changed} />
+          <Row key={scan.id} scan={scan} opened={scan.id === id} changed={changed} />
         ))}
       </ul>
-      {listed?.more && (
+      {current?.more && (
         <Act action={older} work={showOlder} doing="Asking ...">
           Show older ones
         </Act>

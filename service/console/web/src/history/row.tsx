@@ -1,4 +1,4 @@
-import { useState } from "preact/hooks";
+import { useEffect, useRef, useState } from "preact/hooks";
 import { Badge } from "../bar/status";
 import { api, told, type Scan } from "../net/api";
 import { addressOf } from "../route";
@@ -16,12 +16,17 @@ interface RowProps {
 }
 
 /** A scan of the list; opened, all that can be done with it. */
-export function Row({ scan, changed }: RowProps) {
-  const [open, setOpen] = useState(false);
+export function Row({ scan, opened, changed }: RowProps & { opened: boolean }) {
+  const [open, setOpen] = useState(opened);
+  const row = useRef<HTMLLIElement>(null);
+  useEffect(() => {
+    if (opened) row.current?.scrollIntoView({ block: "center" });
+  }, []);
   const { word, look } = SCAN[scan.state];
-  const name = `${scan.mode === "live" ? "Scan" : "Recording"} of ${when(scan.created_at)}`;
+  const kind = scan.source !== null ? "Worked out again" : scan.mode === "live" ? "By the cell" : "From a recording";
+  const name = `${kind}, ${when(scan.created_at)}`;
   return (
-    <li>
+    <li ref={row}>
       <button type="button" class="headline" aria-expanded={open} onClick={() => setOpen(!open)}>
         {hasModel(scan) ? (
           <Picture src={scan.links.thumbnail ?? ""} alt="" class="thumbnail" />
@@ -67,7 +72,7 @@ function Details({ scan, name, changed }: RowProps & { name: string }) {
         </p>
       ))}
       <p class="small">
-        {scan.string_radius_m === null ? "The radius was measured" : `Radius ${mm(scan.string_radius_m)}`}
+        {radiusWords(scan)}
         {scan.source === null ? "" : `; works out again what scan ${scan.source} saw`}; {scan.id}
       </p>
       <div class="row">
@@ -100,4 +105,9 @@ function Details({ scan, name, changed }: RowProps & { name: string }) {
       {operates.value && links.reprocess !== null && <Again scan={scan} />}
     </div>
   );
+}
+
+function radiusWords(scan: Scan): string {
+  if (scan.string_radius_m !== null) return `Radius ${mm(scan.string_radius_m)}`;
+  return hasModel(scan) ? "The radius was measured" : "The radius was to be measured";
 }

@@ -9,22 +9,32 @@ export function Findings({ model, show }: { model: Model; show: (place: Place) =
   const { ambiguities, warnings, views } = model.quality;
   const found = [...ambiguities, ...warnings];
   const unused = views.filter((view) => !view.used);
-  if (found.length + unused.length === 0) {
+  const unseen = model.chains.filter((chain) => chain.ends.includes("unseen"));
+  const count = found.length + unused.length + unseen.length;
+  if (count === 0) {
     return <p class="note good">✓ Nothing was found that speaks against this result.</p>;
   }
   return (
     <section aria-label="Findings">
-      <h2 class="warn">▲ {counted(found.length + unused.length, "thing")} to know before you grasp</h2>
+      <h2 class="warn">▲ {counted(count, "thing")} to know before you grasp</h2>
       <ul class="places">
         {found.map((words) => (
           <li key={words}>
             <Finding words={words} show={show} />
           </li>
         ))}
+        {unseen.map((chain) => (
+          <li key={`string ${chain.id}`}>
+            <button type="button" onClick={() => show({ kind: "chain", id: chain.id })}>
+              String {chain.id} was not seen to end at {chain.ends[0] === chain.ends[1] ? "either end" : "one end"}: it may go on
+              there, or belong to another string.
+            </button>
+          </li>
+        ))}
         {unused.map((view) => (
           <li key={view.index}>
             <button type="button" onClick={() => show({ kind: "view", index: view.index })}>
-              View {view.index + 1} was not used: {sentence(view.reason ?? "no reason is told")}
+              View {view.index} was not used: {sentence(view.reason ?? "no reason is told")}
             </button>
           </li>
         ))}

@@ -17,7 +17,7 @@ export function Grasps({ model, show }: { model: Model; show: (place: Place) => 
         {model.grasps.slice(0, MOST).map((grasp, index) => (
           <li key={index}>
             <button type="button" onClick={() => show({ kind: "grasp", index })}>
-              String {grasp.chain} at {mm(grasp.s_m, 0)}: fingers {mm(grasp.opening_m, 0)} apart, free by{" "}
+              {index}: string {grasp.chain} at {mm(grasp.s_m, 0)}: fingers {mm(grasp.opening_m, 0)} apart, free by{" "}
               {mm(grasp.clearance_m, 0)}
             </button>
           </li>

@@ -8,7 +8,7 @@ import type { Chosen } from "../viewer/viewer";
 interface PointProps {
   model: Model;
   place: Place | null;
-  choose: (chosen: Chosen) => void;
+  choose: (chosen: Chosen | null) => void;
 }
 
 /** The point of a string that was picked, and the way along it. */
@@ -48,6 +48,9 @@ export function Point({ model, place, choose }: PointProps) {
         </button>
         <button type="button" onClick={() => step(1)} aria-label="Next point">
           ▶
+        </button>
+        <button type="button" onClick={() => choose(null)}>
+          Forget
         </button>
       </div>
     </section>

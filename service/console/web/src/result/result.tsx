@@ -2,8 +2,11 @@ import "./result.css";
 import { useEffect, useMemo, useState } from "preact/hooks";
 import { Badge } from "../bar/status";
 import { addressOf } from "../route";
+import type { Model } from "../net/api";
 import { latest } from "../state/scans";
 import { Failed, sentence } from "../ui/action";
+import { pointAt } from "../view3d/along";
+import { orderGradient } from "../view3d/order";
 import type { Other, Place } from "../view3d/scene";
 import { hasModel, SCAN } from "../words/states";
 import { counted, when } from "../words/units";
@@ -46,13 +49,19 @@ export function ResultScreen({ id }: { id: string | null }) {
   }
   return (
     <div class="result">
-      <Viewer
-        content={content}
-        layers={LAYERS}
-        chosen={chosen}
-        picked={(place) => setChosen({ place, turn: false })}
-        instead={scan?.links.preview}
-      />
+      <div class="drawn">
+        <Viewer
+          content={content}
+          layers={LAYERS}
+          chosen={chosen}
+          picked={(place) => setChosen({ place: model === null ? place : onPoint(model, place), turn: false })}
+          instead={scan?.links.preview}
+        />
+        <p class="small legend">
+          First end <span style={{ background: orderGradient() }} /> last end. The dark rings point towards the last end; where
+          a strand is under another, it is left out.
+        </p>
+      </div>
       <div class="beside">
         <h1>
           {model === null ? "Result" : counted(model.chains.length, "string")}
@@ -80,4 +89,11 @@ export function ResultScreen({ id }: { id: string | null }) {
       </div>
     </div>
   );
+}
+
+/** A place on a string as the model's point that is nearest: of that, all is known. */
+function onPoint(model: Model, place: Place): Place {
+  const chain = place.kind === "point" ? model.chains.find((one) => one.id === place.chain) : undefined;
+  if (place.kind !== "point" || chain === undefined) return place;
+  return { ...place, s_m: chain.arc_length_m[pointAt(chain, place.s_m).index] ?? place.s_m };
 }

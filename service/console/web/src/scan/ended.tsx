@@ -21,7 +21,7 @@ export function Ended({ scan }: { scan: Scan }) {
         )}
       </h2>
       <p class="small">
-        {scan.mode === "live" ? "Scan" : "Recording"} of {when(scan.created_at)}
+        {scan.mode === "live" ? "By the cell" : "From a recording"}, {when(scan.created_at)}, {scan.method}
       </p>
       {problem && (
         <p class="note bad">
@@ -40,7 +40,7 @@ export function Ended({ scan }: { scan: Scan }) {
           </a>
         )}
         {!hasModel(scan) && scan.links.reprocess !== null && (
-          <a class="button" href={addressOf("history")}>
+          <a class="button" href={addressOf("history", scan.id)}>
             Work with what was recorded
           </a>
         )}

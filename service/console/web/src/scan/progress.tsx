@@ -11,7 +11,6 @@ import { Views } from "./views";
 export function Progress({ scan }: { scan: Scan }) {
   const action = useAction();
   const { look } = SCAN[scan.state];
-  const coming = Math.max(0, (cell.value?.viewpoints?.reachable ?? 0) - scan.progress.views.length);
   return (
     <section class="panel" aria-label="Scan under way">
       <h2>
@@ -31,9 +30,17 @@ export function Progress({ scan }: { scan: Scan }) {
         {scan.mode === "live" ? "Cancel this scan: the arm stops" : "Cancel"}
       </Act>
       <Failed failure={action.failure} />
-      {scan.mode === "live" && <Views scan={scan} coming={coming} />}
+      {scan.mode === "live" && <Views scan={scan} coming={comingOf(scan)} />}
     </section>
   );
+}
+
+/** The viewpoints that the arm has not come to yet, by the cell's plan. */
+function comingOf(scan: Scan): number[] {
+  const plan = cell.value?.viewpoints;
+  if (!plan || !["preflight", "scanning"].includes(scan.state)) return [];
+  const met = new Set([...scan.progress.views, ...plan.missing].map((view) => view.index));
+  return Array.from({ length: plan.planned }, (_, index) => index).filter((index) => !met.has(index));
 }
 
 /** What is being done, in words; a screen reader tells it when it changes, as it is part of the bar too. */
@@ -44,5 +51,7 @@ function doing(scan: Scan): string {
   const at = views.filter((view) => view.state !== "missing").length;
   const most = cell.value?.viewpoints?.reachable;
   const of = most === undefined ? "" : ` of ${most}`;
-  return `Taking view ${Math.max(at, 1)}${of}${missing > 0 ? `, ${missing} missing` : ""}`;
+  const now = views.find((view) => view.state === "moving");
+  const where = now === undefined ? "" : `, from viewpoint ${now.index}`;
+  return `Taking view ${Math.max(at, 1)}${of}${where}${missing > 0 ? `; ${missing} missing` : ""}`;
 }

@@ -62,7 +62,7 @@ function Reached({ plan }: { plan: Plan }) {
       <ol aria-label="Viewpoints">
         {plan.viewpoints.map((one) => (
           <li key={one.index} class={one.reason === null ? "good" : "warn"}>
-            {one.index + 1} {one.reason === null ? "✓ yes" : "▲ no"}
+            {one.index} {one.reason === null ? "✓ yes" : "▲ no"}
           </li>
         ))}
       </ol>
@@ -70,7 +70,7 @@ function Reached({ plan }: { plan: Plan }) {
         (one) =>
           one.reason !== null && (
             <p key={one.index} class="note warn">
-              Viewpoint {one.index + 1}: {sentence(one.reason)}
+              Viewpoint {one.index}: {sentence(one.reason)}
             </p>
           ),
       )}

@@ -1,6 +1,6 @@
 import "./scan.css";
 import { useEffect } from "preact/hooks";
-import { latest, running } from "../state/scans";
+import { first, running } from "../state/scans";
 import { caller, operates } from "../state/session";
 import { Ended } from "./ended";
 import { Progress } from "./progress";
@@ -8,7 +8,7 @@ import { Start } from "./start";
 
 /** Starts a scan, and shows how it goes. */
 export function ScanScreen() {
-  const scan = latest.value;
+  const scan = first.value;
   const under = running.value?.id;
   useEffect(() => scrollTo(0, 0), [under]); // what has begun or ended is at the top
   return (

@@ -91,7 +91,6 @@ export function Start() {
         )}
       </div>
       <p class="small">{METHODS[method].hint}</p>
-      {mode === "live" && <Reach views={views === "" ? null : Number(views)} />}
       <Act
         action={action}
         kind="main"
@@ -102,9 +101,10 @@ export function Start() {
       >
         {mode === "live" ? "Scan: the arm will move" : "Recognise the recording: nothing moves"}
       </Act>
-      {mode === "live" && <Hold />}
       {mode === "live" && fault && <p class="note bad">The fault above comes first.</p>}
       <Failed failure={action.failure} />
+      {mode === "live" && <Reach views={views === "" ? null : Number(views)} />}
+      {mode === "live" && <Hold />}
     </section>
   );
 }

@@ -2,18 +2,24 @@ import { computed, signal } from "@preact/signals";
 import { api, told, type Scan } from "../net/api";
 import { underWay } from "../words/states";
 
+/** So many are asked for: behind one scan there may be some that work it out again. */
+const SOME = 10;
+
 /** The scan that is shown under way, or was last; null: there is none. */
 export const latest = signal<Scan | null>(null);
+/** The newest that does not work out an earlier one again; null: there is none. */
+export const first = signal<Scan | null>(null);
 /** Goes up whenever a scan has begun or ended, so that lists ask anew. */
 export const changes = signal(0);
 
 /** The scan under way, whoever has started it. */
 export const running = computed(() => (latest.value !== null && underWay(latest.value.state) ? latest.value : null));
 
-/** Asks which scan is the newest, and for the one that is shown. */
+/** Asks which scan is the newest, and which has looked at the table or at a recording itself. */
 export async function askScans(): Promise<void> {
-  const { scans } = await told(api.GET("/api/scans", { params: { query: { limit: 1 } } }));
+  const { scans } = await told(api.GET("/api/scans", { params: { query: { limit: SOME } } }));
   const [newest] = scans;
+  first.value = scans.find((scan) => scan.source === null) ?? first.value;
   if (newest !== undefined) show(newest);
 }
 
@@ -21,6 +27,7 @@ export async function askScans(): Promise<void> {
 export function show(scan: Scan): void {
   const before = latest.value;
   latest.value = scan;
+  if (scan.source === null) first.value = scan;
   if (before?.id !== scan.id || underWay(before.state) !== underWay(scan.state)) changes.value++;
 }
 

@@ -23,6 +23,8 @@ interface ViewerProps {
   instead?: string | null;
 }
 
+/** What is not where the strings are: when it is shown, the view goes back until all is in it. */
+const FAR: readonly Layer[] = ["cameras", "arm"];
 const TURN = Math.PI / 18;
 
 /** The 3D view. Its code is fetched only now, behind all that must be seen at once; nothing in it can move the robot. */
@@ -32,6 +34,7 @@ export function Viewer({ content, layers, chosen = null, picked, instead = null 
   const [view, setView] = useState<View3D | null>(null);
   const [failed, setFailed] = useState(false);
   const [shown, setShown] = useState<ReadonlySet<Layer>>(new Set(layers));
+  const [fit, setFit] = useState(0);
   const onPick = useRef(picked);
   onPick.current = picked;
   const q_rad = lost.value ? null : (cell.value?.robot.q_rad ?? null);
@@ -65,6 +68,9 @@ export function Viewer({ content, layers, chosen = null, picked, instead = null 
 
   useEffect(() => view?.show({ ...content, room: room.value, q_rad }), [view, content, room.value]);
   useEffect(() => view?.layers(shown), [view, shown]);
+  useEffect(() => {
+    if (fit > 0) view?.look("fit");
+  }, [view, fit]);
   useEffect(() => view?.arm(q_rad), [view, q_rad]);
   useEffect(() => {
     if (chosen === null) view?.mark(null);
@@ -122,7 +128,13 @@ export function Viewer({ content, layers, chosen = null, picked, instead = null 
         />
         <div ref={labels} class="labels3d" aria-hidden="true" />
       </div>
-      <Layers shown={shown} set={setShown} />
+      <Layers
+        shown={shown}
+        set={(wanted) => {
+          setShown(wanted);
+          if (FAR.some((layer) => wanted.has(layer) && !shown.has(layer))) setFit((before) => before + 1);
+        }}
+      />
     </div>
   );
 }
