@@ -71,8 +71,6 @@ def collect(
     """
     contents = Contents()
     for item in read_contents(path, limits):
-        if enough(contents):
-            break
         match item:
             case TopicMessage(topic=topic) if topic in SCHEMAS:
                 if not wanted(item):
@@ -92,6 +90,8 @@ def collect(
                 contents.hand_eye = item.data
             case Ending():
                 contents.cut = item.cut
+        if enough(contents):
+            break
     return contents
 
 

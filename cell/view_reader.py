@@ -40,7 +40,9 @@ def read_view(path: Path, index: int, limits: Limits = DEFAULT_LIMITS) -> tuple[
 
     def is_whole(contents: Contents) -> bool:
         parts = contents.views.get(index)
-        return parts is not None and all(part is not None for part in (parts.pose, parts.calibration, parts.depth))
+        if parts is None or contents.metadata is None or contents.hand_eye is None:  # others may write them last
+            return False
+        return all(part is not None for part in (parts.pose, parts.calibration, parts.depth))
 
     contents = collect(path, limits, of_view, is_whole)
     parts = contents.views.get(index)

@@ -5,12 +5,21 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from mcap.writer import MCAP0_MAGIC
 
 from calibration.transforms import from_rotation_vector
 from cell.devices import View
-from cell.recording import RecordingCorruptError, RecordingHeader, RecordingWriter, read_recording
+from cell.recording import (
+    RecordingCorruptError,
+    RecordingError,
+    RecordingHeader,
+    RecordingHeaderError,
+    RecordingWriter,
+    read_recording,
+)
 from cell.recording_limits import DEFAULT_LIMITS
 from cell.view_reader import read_poses, read_view
+from tests.cell.test_foreign_recording import Foreign, depth_of
 
 T_FLANGE_CAMERA = from_rotation_vector((0.03, -0.06, 0.05), (0.05, 0.02, -1.55))
 HEADER = RecordingHeader(1e-4, 0.0042, T_FLANGE_CAMERA, table_z_m=-0.01)
@@ -78,6 +87,55 @@ def test_of_one_that_is_being_written_there_is_what_is_whole(tmp_path: Path) -> 
         assert [pose.index for pose in read_poses(path)] == [1, 4]
         assert read_view(path, 1) is not None
         assert read_view(path, 2) is None
+
+
+def test_of_one_cut_anywhere_there_are_the_views_before(written: Path) -> None:
+    content = written.read_bytes()
+    places = np.random.default_rng(1).integers(0, len(content), 40).tolist()
+    counts = set()
+    for cut in [*places, len(content) - 1]:
+        if cut < len(MCAP0_MAGIC):  # not even what tells that it is a recording
+            continue
+        written.write_bytes(content[:cut])
+        try:
+            whole = [view.index for view in read_recording(written).views]
+        except RecordingError:  # not one whole view
+            whole = []
+        counts.add(len(whole))
+        assert [pose.index for pose in read_poses(written)] == sorted(whole)
+        assert [index for index in range(3) if read_view(written, index) is not None] == sorted(whole)
+    assert counts == {0, 1, 2, 3}
+
+
+@pytest.mark.parametrize("index", [0, 1, 2])
+def test_another_writer_may_put_first_what_we_put_last(tmp_path: Path, index: int) -> None:
+    """What is read of a recording as a whole is read of its views, too."""
+    path = tmp_path / "f.mcap"
+    foreign = Foreign(header_last=True, writer={"chunk_size": 1})  # else all of it fits into one chunk, at the end
+    foreign.messages.reverse()
+    path.write_bytes(foreign.bytes())
+    found = read_view(path, index)
+    assert found is not None
+    np.testing.assert_array_equal(found[0].depth, depth_of(index))
+    np.testing.assert_array_equal(read_poses(path)[index].T_base_camera, found[0].T_base_camera)
+
+
+@pytest.mark.parametrize("topic", ["/tf", "/camera/calibration", "/camera/depth"])
+def test_a_view_that_lacks_a_part_is_not_there(tmp_path: Path, topic: str) -> None:
+    path, foreign = tmp_path / "f.mcap", Foreign()
+    foreign.messages = [message for message in foreign.messages if message[:2] != (1, topic)]
+    path.write_bytes(foreign.bytes())
+    assert [pose.index for pose in read_poses(path)] == [0, 2]
+    assert [read_view(path, index) is not None for index in range(3)] == [True, False, True]
+
+
+@pytest.mark.parametrize("lacking", ["metadata_records", "attachments"])
+def test_without_a_header_nothing_is_told(tmp_path: Path, lacking: str) -> None:
+    path = tmp_path / "f.mcap"
+    path.write_bytes(replace(Foreign(), **{lacking: 0}).bytes())
+    for read in (read_poses, lambda path: read_view(path, 0)):
+        with pytest.raises(RecordingHeaderError):
+            read(path)
 
 
 def test_what_comes_behind_a_view_is_not_read(written: Path) -> None:

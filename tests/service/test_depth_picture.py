@@ -45,18 +45,36 @@ def test_low_is_blue_high_is_yellow_and_what_was_not_measured_is_black() -> None
     assert blue.sum() > 0
 
 
+def heights_of(picture: NDArray[np.uint8]) -> NDArray[np.float64]:
+    """Metres above the table, by the colours alone."""
+    scale = cv2.applyColorMap(np.arange(256, dtype=np.uint8), cv2.COLORMAP_CIVIDIS).reshape(256, 3).astype(int)
+    steps = np.abs(picture[..., None, :].astype(int) - scale).sum(axis=-1).argmin(axis=-1)
+    return LOW_M + steps / 255 * (HIGH_M - LOW_M)
+
+
+def test_a_string_is_as_high_as_its_colour_says() -> None:
+    radius_m, pixel_m = 0.0042, 0.0005
+    across_m = np.arange(-30, 30) * pixel_m
+    profile = np.where(np.abs(across_m) < radius_m, radius_m + np.sqrt((radius_m**2 - across_m**2).clip(0)), 0.0)
+    picture = drawn(view_of(np.tile(profile[:, None], (1, 80))))
+    # A colour is a step of 0.12 mm, of which a few look the same; a count of depth is 0.1 mm.
+    np.testing.assert_allclose(heights_of(picture), np.tile(profile[:, None], (1, 80)), rtol=0, atol=4e-4)
+
+
 def test_a_slanted_look_is_coloured_by_height_and_not_by_distance() -> None:
-    """A flat table has one colour, however far each of its points is."""
+    """A flat table has one colour, its own, however far each of its points is."""
     width, height = 80, 60
-    T = from_rotation_vector((0.0, -0.4, TABLE_Z_M + ABOVE_M), (-np.pi + 0.6, 0.0, 0.0))
+    T = from_rotation_vector((0.0, -0.4, TABLE_Z_M + ABOVE_M), (-np.pi + 0.6, 0.3, 0.1))
     v, u = np.mgrid[:height, :width]
-    rays = np.stack([(u - 40) / 80, (v - 30) / 80, np.ones_like(u)], axis=-1) @ T[:3, :3].T
+    rays = np.stack([(u - 40) / 80, (v - 28) / 90, np.ones_like(u)], axis=-1) @ T[:3, :3].T
     depth = np.rint(-ABOVE_M / rays[..., 2] / 1e-4).astype(np.uint16)
-    K = np.array([[80.0, 0, 40], [0, 80, 30], [0, 0, 1]])
-    picture = drawn(View(0, depth, 1e-4, K, T, np.eye(4), 1.79e9)).astype(int)
+    K = np.array([[80.0, 0, 40], [0, 90, 28], [0, 0, 1]])
+    T_flange_camera = from_rotation_vector((0.03, -0.06, 0.05), (0.05, 0.02, -1.55))
+    picture = drawn(View(0, depth, 1e-4, K, T @ np.linalg.inv(T_flange_camera), T_flange_camera, 1.79e9))
     assert np.ptp(depth) * 1e-4 > 0.2
     # A count of depth is 0.1 mm, of 30 mm that the colours have 256 steps for.
-    assert np.ptp(picture.reshape(-1, 3), axis=0).max() <= 4
+    assert np.ptp(picture.reshape(-1, 3).astype(int), axis=0).max() <= 4
+    np.testing.assert_allclose(heights_of(picture), 0.0, rtol=0, atol=4e-4)
 
 
 def test_it_is_cut_to_the_workspace_that_is_in_sight() -> None:

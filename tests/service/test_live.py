@@ -97,6 +97,24 @@ def test_while_one_scan_runs_a_second_is_told_which(
     assert finished(cell.client, location)["state"] == "succeeded"
 
 
+def test_what_the_camera_saw_can_be_looked_at_while_the_arm_moves_on(cell: LiveCell) -> None:
+    location = cell.start()
+    cell.wait_for_motion(location)
+    first = cell.client.get(f"{location}/views").json()["views"][0]
+    picture = cell.client.get(first["picture"])
+    scan = cell.client.get(location).json()
+    assert (scan["state"], scan["recording"]) == ("scanning", None)
+    assert picture.content.startswith(b"\x89PNG")
+    assert first["width"] == 640
+    assert cell.client.post(f"{location}/cancel").status_code == 200
+    wait_until(lambda: cell.client.get(location).json()["state"] == "aborted")
+    # Its recording is ended now, and the view is what it was.
+    assert cell.client.get(f"{location}/views").json()["views"][0] == first
+    again = cell.client.get(first["picture"], headers={"If-None-Match": picture.headers["ETag"]})
+    assert again.status_code == 304
+    cell.is_well()
+
+
 def test_a_released_arm_is_free_for_other_programs_until_the_next_scan(cell: LiveCell, finished: Finished) -> None:
     location = cell.start()
     assert finished(cell.client, location)["state"] == "succeeded"

@@ -5,10 +5,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cell.arm_settings import SimulatedArm
+from cell.collision import PARTS, collision_model
 from cell.kinematics import ARMS, link_frames
 from cell.settings import CellSettings, MountingSettings
 from service.config import ServiceConfig
 from service.room import ArmShape, RoomResource, room_resource
+from tests.service.conftest import ServedClient
 
 Q_RAD = np.array([0.3, -1.2, 1.3, -1.4, -1.5, 0.6])
 
@@ -46,6 +48,21 @@ def test_the_arm_can_be_drawn_by_it() -> None:
         for part in arm.parts:
             assert all(0 <= frame <= 6 for frame in part.frames)
             assert 0.01 < part.radius_m < 0.2
+
+
+def test_its_capsules_are_where_collisions_are_looked_for(client: ServedClient) -> None:
+    """By the document alone, as a browser has it."""
+    room = RoomResource.model_validate_json(client.get("/api/cell/room").content)
+    frames = drawn_frames(room.arm, Q_RAD)
+    calibration = client.app.state.context.cell.hand_eye()
+    model = collision_model(client.app.state.context.config.cell, calibration.T_flange_camera)
+    expected = link_frames(model.model, Q_RAD[None])[0][model.part_frames]
+    ends = np.einsum("peij,pej->pei", expected[..., :3, :3], model.part_ends) + expected[..., :3, 3]
+    assert [part.part for part in room.arm.parts] == list(PARTS)
+    for part, of_part, radius_m in zip(room.arm.parts, ends, model.part_radii, strict=True):
+        drawn = [frames[frame] @ np.array([*end, 1.0]) for frame, end in zip(part.frames, part.ends_m, strict=True)]
+        np.testing.assert_allclose(np.array(drawn)[:, :3], of_part, rtol=0, atol=1e-12)
+        assert part.radius_m == radius_m
 
 
 def test_without_a_calibration_nobody_knows_where_the_camera_is() -> None:

@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -11,11 +12,18 @@ import numpy as np
 import pytest
 
 from service.data_folder import PREVIEW
+from service.database import new_id
+from service.new_rows import NOBODY, new_scan
 from service.reading import FRESH_S
+from service.schemas import ScanState
+from service.store import Store
 from tests.service.conftest import ServedClient
 
 AssertProblem = Callable[[httpx.Response, int, str], str]
 Finished = Callable[[httpx.Client, str], dict[str, Any]]
+
+
+PROBLEM: dict[str, Any] = {"type": "urn:pointchain:internal", "title": "", "status": 500, "detail": ""}
 
 
 @pytest.fixture(scope="module")
@@ -64,5 +72,22 @@ def test_what_is_no_picture_is_not_shown(
     assert client.get(scan["links"]["thumbnail"]).status_code == 200
 
 
-def test_a_scan_without_a_result_has_none(client: ServedClient, assert_problem: AssertProblem) -> None:
-    assert_problem(client.get("/api/scans/none/thumbnail.png"), 404, "scan-not-found")
+@pytest.mark.parametrize(
+    ("state", "status", "slug"),
+    [("scanning", 409, "result-not-ready"), ("failed", 404, "no-result"), (None, 404, "scan-not-found")],
+)
+def test_without_a_picture_it_says_what_the_preview_says(
+    client: ServedClient, assert_problem: AssertProblem, state: ScanState | None, status: int, slug: str
+) -> None:
+    store: Store = client.app.state.context.store
+    row = replace(new_scan("live", "graph", None, NOBODY), id=new_id(), state="scanning")
+    if state is not None:
+        store.add_scan(row)
+    if state == "failed":
+        store.end_scan(row.id, state, PROBLEM)
+    words = [
+        assert_problem(client.get(f"/api/scans/{row.id}/{name}.png"), status, slug) for name in ("thumbnail", "preview")
+    ]
+    assert words[0] == words[1]
+    if state == "scanning":
+        store.end_scan(row.id, "failed", PROBLEM)

@@ -88,6 +88,18 @@ def test_there_is_no_other_view(client: ServedClient, scan: dict[str, Any], asse
         assert_problem(client.get(f"/api/scans/none/{path}"), 404, "scan-not-found")
 
 
+def test_of_a_scan_that_has_lost_its_recording_nothing_is_shown(
+    client: ServedClient, assert_problem: AssertProblem
+) -> None:
+    store: Store = client.app.state.context.store
+    row = replace(new_scan("replay", "graph", None, NOBODY), id=new_id(), state="scanning")
+    store.add_scan(row)
+    store.end_scan(row.id, "failed", {"type": "urn:pointchain:internal", "title": "", "status": 500, "detail": ""})
+    for path in ("views", "views/0.png"):
+        detail = assert_problem(client.get(f"/api/scans/{row.id}/{path}"), 404, "no-result")
+        assert detail == f"scan {row.id} has no recording"
+
+
 def test_a_live_scan_shows_its_views_as_they_come(
     client: ServedClient, live: tuple[str, Path], recording_file: Path, assert_problem: AssertProblem
 ) -> None:

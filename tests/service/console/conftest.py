@@ -36,7 +36,8 @@ def chromium_path() -> str | None:
     return os.environ.get("POINTCHAIN_CHROMIUM") or shutil.which("chromium") or shutil.which("google-chrome")
 
 
-@pytest.fixture(scope="session")
+# Not for longer than a module's tests: as long as it is open, nothing else in this thread can run an event loop.
+@pytest.fixture(scope="module")
 def chromium() -> Iterator[Browser]:
     """The browser. Where there is none, its tests are skipped; not so in continuous integration."""
     path = chromium_path()
