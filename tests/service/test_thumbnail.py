@@ -28,10 +28,12 @@ PROBLEM: dict[str, Any] = {"type": "urn:pointchain:internal", "title": "", "stat
 
 @pytest.fixture(scope="module")
 def scan(client: ServedClient, recording_file: Path, finished: Finished) -> dict[str, Any]:
-    """A scan that has succeeded."""
+    """A scan that has succeeded, and whose picture is drawn."""
     recording = client.post("/api/recordings", content=recording_file.read_bytes()).json()["id"]
     answer = client.post("/api/scans", json={"mode": "replay", "recording": recording})
-    return finished(client, answer.headers["Location"])
+    ended = finished(client, answer.headers["Location"])
+    assert client.get(ended["links"]["preview"]).status_code == 200  # answers when it is drawn
+    return ended
 
 
 def test_it_is_the_preview_in_small(client: ServedClient, scan: dict[str, Any]) -> None:
