@@ -28,6 +28,7 @@ from cell.arm_settings import ArmSettings
 from cell.child import Child, ChildBusyError, ChildLostError, NotCalledError
 from cell.devices import ArmState
 from cell.errors import (
+    STOPPED,
     CellError,
     ProtectiveStopError,
     RobotLostError,
@@ -55,7 +56,6 @@ BEAT_S = 1.0
 """How often the child is told that this process lives."""
 
 NOT_CONNECTED = "the robot is not connected: connect first"
-STOPPED = "the arm was stopped by request: connect again before the next move"
 
 
 class ArmLink:

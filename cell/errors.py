@@ -47,6 +47,9 @@ class MotionError(CellError):
     slug = "motion-failed"
 
 
+STOPPED = "the arm was stopped by request: connect, or start a live scan"
+
+
 class StoppedError(CellError):
     """Somebody asked for a stop."""
 

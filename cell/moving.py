@@ -7,12 +7,12 @@ from typing import Literal
 
 from cell.cell_status import FAULTS, KeptStatus
 from cell.equipment import Equipment
-from cell.errors import StoppedError
+from cell.errors import STOPPED, StoppedError
 from cell.planning import Basis
 from cell.preparing import Preparing
 from cell.scan import BackgroundScan, ScanListener, ScanMeans, ViewWriter, attended
 from cell.settings import CellSettings
-from cell.stops import STOPPED, Stops
+from cell.stops import Stops
 from cell.viewpoints import ViewpointPlan
 
 

@@ -58,10 +58,12 @@ class Preparing:
         status, begun_s = self._status.now, time.monotonic()
         if status.state == "fault":
             raise AcknowledgeRequiredError(status.reason)
+        if status.state != "ready":
+            self._status.change(reason="arm and camera are being connected: nothing moves")
         try:
             hand_eye = None if calibration is None else calibration()
             seen = connect_equipment(self._equipment, hand_eye, status.arm if status.state == "ready" else None)
-        except CellError as error:
+        except Exception as error:
             self._status.after(error)
             raise
         known = hand_eye or status.hand_eye

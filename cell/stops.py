@@ -5,9 +5,8 @@ import threading
 import time
 
 from cell.cell_status import KeptStatus
-from cell.errors import StoppedError
+from cell.errors import STOPPED, StoppedError
 
-STOPPED = "stopped by request: connect, or start a live scan"
 TOO_LATE = "the arm was stopped after this was asked for, so it has not moved: ask again if it is still wanted"
 
 

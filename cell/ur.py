@@ -21,7 +21,7 @@ import time
 from collections.abc import Callable
 from typing import Concatenate, ParamSpec, TypeVar
 
-from cell.errors import CellError, RobotLostError, RobotNotReadyError, RobotUnreachableError, StoppedError
+from cell.errors import STOPPED, CellError, RobotLostError, RobotNotReadyError, RobotUnreachableError, StoppedError
 from cell.ur_reading import PROGRAMS, ROBOT_MODES, Reading, safety
 
 CONNECT_S = 6.0
@@ -118,7 +118,7 @@ class UrDriver:
         Raises StoppedError, RobotNotReadyError.
         """
         if self._stopped:
-            raise StoppedError("stopped by request: connect again")
+            raise StoppedError(STOPPED)
         self._operation_before = self._control.getAsyncOperationProgressEx().operationId()
         self._moving = True
         if not self._control.moveJ(list(q_rad), speed_rad_s, acceleration_rad_s2, True):

@@ -45,7 +45,7 @@ def make_chains(
             )
     kept.sort(key=lambda strand: -arc_length(strand.points)[-1])
     if not kept:
-        warnings.append("no string found: nothing above the table is long and thin")
+        warnings.insert(0, "no string found: nothing above the table is long and thin")
     chains = []
     for number, strand in enumerate(kept):
         sigma_m, views = evidence(strand, clouds, parameters)

@@ -31,9 +31,10 @@ def fitted_chains(
     """
     strands, warnings = select_strings(refinement, registration.points, parameters, scene.table_z_m)
     if not strands:
-        warnings.append(
+        warnings.insert(
+            0,
             f"no string of radius {parameters.r * 1000:.1f} mm found: nothing above the table is long, round and about "
-            "as thick; check the radius"
+            "as thick; check the radius",
         )
     chains, doubts = [], []
     for number, strand in enumerate(strands):

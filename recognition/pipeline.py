@@ -166,7 +166,8 @@ def recognise(
     clock.begin(None)
 
     views_told = tuple(sorted(registration.views + arrivals.left_out, key=lambda view: view.index))
-    warnings = (*registration.warnings, *unseen, *found.warnings, *unexplained(rest), *ungraspable)
+    # What is wrong with the strings themselves comes before what was in the way of seeing them.
+    warnings = (*found.warnings, *registration.warnings, *unseen, *unexplained(rest), *ungraspable)
     quality = Quality(views_told, tuple(found.ambiguities), warnings)
     model = PointChainModel(method, parameters, chains, tuple(found.crossings), quality, clock.timing_s, grasps=grasps)
     return Recognition(model, arrivals.targets, arrivals.clouds, registration, centre_line, **found.stages)

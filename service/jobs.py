@@ -209,7 +209,7 @@ class Jobs:
     def using_arm(self) -> str | None:
         """The live scan or calibration that is accepted and has not ended, if any, in words."""
         running = self._place.running
-        return None if running is None or running.plan is None else running.words
+        return None if running is None or running.plan is None else f"a {kind(running.row)}"
 
     @property
     def calibration(self) -> str | None:

@@ -21,7 +21,7 @@ from service.storage_errors import is_full, is_held
 
 MEDIA_TYPE = "application/problem+json"
 
-KEPT = "what was recorded, if anything was, is kept: a scan that has a recording can be reprocessed"
+KEPT = "what was recorded, if anything was, is kept: a scan that has a recording can be worked out again (reprocess)"
 """Of a scan that came to no end of its own."""
 
 TITLES = {

@@ -9,6 +9,7 @@ from cell.arm_settings import ArmModelName
 from cell.collision import PARTS, collision_model
 from cell.kinematics import ALPHA_RAD, ARMS
 from cell.optics import camera_optics
+from recognition.parameters import R_MAX, R_MIN
 from service.config import ServiceConfig
 from service.config_sections import GripperConfig
 
@@ -54,6 +55,8 @@ class ScanUsual(BaseModel):
     """With fewer, a scan fails."""
     string_radius_m: float | None
     """Null: it is measured."""
+    string_radius_range_m: tuple[float, float]
+    """Only these are taken."""
 
 
 class RoomResource(BaseModel):
@@ -85,7 +88,7 @@ def room_resource(config: ServiceConfig, hand_eye: HandEye | None) -> RoomResour
             "workspace_m": settings.workspace_m,
             "table_z_m": settings.mounting.table_z_m,
             "obstacles_m": model.boxes[:-1].tolist(),  # the last is the workspace
-            "scan": settings.scan.model_dump(),
+            "scan": settings.scan.model_dump() | {"string_radius_range_m": (R_MIN, R_MAX)},
             "hand_eye_max_age_days": settings.hand_eye.max_age_days,
             "gripper": config.gripper,
             "arm": {

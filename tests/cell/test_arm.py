@@ -227,7 +227,7 @@ def test_stops_at_random_moments(controller: RunningController, arm: UrArm, coun
 def test_stopping_an_arm_at_rest_keeps_it_there_until_it_is_connected_again(controller: RunningController, arm: UrArm):
     arm.stop()
     arm.stop()
-    with pytest.raises(StoppedError, match="connect again"):
+    with pytest.raises(StoppedError, match="connect, or start"):
         arm.move(far())
     assert not arm.state().moving
     arm.connect()

@@ -360,8 +360,12 @@ def test_without_robot_or_camera_the_errors_name_them(tmp_path: Path) -> None:
     settings = CellSettings(
         arm=URArm(kind="ur", host="127.255.255.1"), camera=OakCamera(kind="oak"), hand_eye=HandEyeSettings(file=file)
     )
-    with opened(settings) as cell, pytest.raises(RobotUnreachableError, match=r"127\.255\.255\.1.*arm\.host"):
-        cell.connect()
+    with opened(settings) as cell:
+        told: list[str | None] = []
+        cell.on_status(lambda status: told.append(status.reason))
+        with pytest.raises(RobotUnreachableError, match=r"127\.255\.255\.1.*arm\.host") as refused:
+            cell.connect()
+        assert told == ["arm and camera are being connected: nothing moves", str(refused.value)]
     with (
         opened(settings.model_copy(update={"arm": SimulatedArm()})) as cell,
         pytest.raises(CameraUnreachableError, match="cable"),

@@ -62,6 +62,10 @@ def test_a_calibration_is_made_taken_into_use_and_verified(open_console: Open, l
     expect(run.get_by_role("img", name="What the camera saw in view").first).to_be_visible()
     expect(run.get_by_role("img", name="The board was seen in")).to_be_visible()
     assert live.client.get("/api/calibration").json()["under_way"] is not None
+    page.keyboard.press("1")
+    expect(page.get_by_text("A calibration or verification is under way")).to_be_visible()
+    expect(page.get_by_role("button", name="Scan: the arm will move")).to_be_disabled()
+    page.keyboard.press("4")
     expect(run.get_by_role("list", name="Views")).to_contain_text(" px")
 
     last = page.get_by_role("region", name="The last run")

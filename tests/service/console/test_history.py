@@ -66,7 +66,7 @@ def test_scans_are_listed_filtered_opened_and_kept(open_console: Open, past: Ser
     page.get_by_role("button", name="Keep no longer").click()
     expect(page.get_by_role("button", name="Keep for ever")).to_be_visible()
     page.get_by_label("To", exact=True).fill("2020-01-01")
-    expect(page.get_by_text("There is no such scan")).to_be_visible()
+    expect(page.get_by_text("No scan is like that")).to_be_visible()
     expect(rows).to_have_count(0)
 
 

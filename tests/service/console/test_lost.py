@@ -31,8 +31,10 @@ def test_what_is_shown_is_told_to_be_old_until_the_service_is_back(open_console:
         stop = page.get_by_role("button", name="STOP the arm")
         expect(stop).to_be_enabled()
         stop.click()
-        expect(page.locator("#stop-told")).to_contain_text("STOP DID NOT GET THROUGH")
+        expect(page.locator("#stop-told")).to_contain_text("STOP HAS NOT GOT THROUGH YET")
         os.kill(running.pid, signal.SIGCONT)
+        # The same press: it is sent until it gets through.
+        expect(page.locator("#stop-told")).to_contain_text("No arm is connected")
         expect(bar).to_contain_text("Not connected yet")
         expect(bar.get_by_text("Live", exact=True)).to_be_visible()
         expect(scan).to_be_enabled()

@@ -1,7 +1,9 @@
 """A result in 3D and in words."""
 
 import json
+import re
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +15,8 @@ from playwright.sync_api import Page, Route, expect
 from cell.simulation.camera import camera_model
 from cell.simulation.scenes import make_scene
 from cell.simulation.simulate import simulate, write_simulation
+from service.new_rows import NOBODY, new_scan
+from service.problems import problem_document
 from tests.service.conftest import Serve, ServedClient, wait_until
 from tests.service.console.conftest import Open, drawn, frames
 from tests.service.security.conftest import without_recognition
@@ -153,4 +157,47 @@ def test_findings_turn_the_view_to_their_place(open_console: Open, crossed: Serv
 def test_where_nothing_was_scanned_it_says_so(open_console: Open, serve: Serve, tmp_path: Path) -> None:
     with without_recognition(serve, tmp_path) as client:
         page = open_console(client, "#/result").page
-        expect(page.get_by_text("The last scan has no result")).to_be_visible()
+        expect(page.get_by_text("No scan has a result yet")).to_be_visible()
+
+
+def test_where_no_string_was_found_it_says_why_and_offers_nothing(open_console: Open, crossed: ServedClient) -> None:
+    opened = open_console(crossed)
+    page = opened.page
+    why = "no string of radius 15.0 mm found: nothing above the table is long, round and about as thick"
+
+    def without_strings(route: Route) -> None:
+        told = json.loads(route.fetch().body())
+        if "chains" in told:
+            told |= {"chains": [], "crossings": [], "grasps": []}
+            told["quality"] |= {"warnings": [why], "ambiguities": []}
+        else:
+            told |= {"string_radius_m": 0.015, "summary": told["summary"] | {"chains": 0, "crossings": 0}}
+        route.fulfill(json=told)
+
+    page.route(re.compile(r"/api/scans/[^/?]+(/model)?$"), without_strings)
+    page.keyboard.press("2")
+    expect(page.locator(".badge.warn", has_text="No string found")).to_be_visible()
+    expect(page.get_by_role("heading", name="Why there is no string")).to_be_visible()
+    expect(page.get_by_text("No string of radius 15.0 mm found")).to_be_visible()
+    expect(page.get_by_text("A string of 15.0 mm in radius was looked for")).to_be_visible()
+    expect(page.get_by_label("Grasps", exact=True)).to_have_count(0)
+    expect(page.get_by_label("Strings", exact=True)).to_have_count(0)
+
+
+def test_the_newest_result_is_shown_though_later_scans_have_none(
+    open_console: Open, serve: Serve, crossed: ServedClient, finished: Finished, tmp_path: Path
+) -> None:
+    recording = crossed.get(crossed.get("/api/recordings").json()["recordings"][0]["links"]["file"]).content
+    with serve(tmp_path) as client:
+        sent = client.post("/api/recordings", content=recording).json()["id"]
+        asked = {"mode": "replay", "recording": sent}
+        done = finished(client, client.post("/api/scans", json=asked).headers["Location"])
+        store = client.app.state.context.store
+        later = replace(new_scan("live", "graph", None, NOBODY), state="scanning")
+        store.add_scan(later)
+        store.end_scan(later.id, "failed", problem_document(503, "robot-lost", "the robot was lost"))
+        page = open_console(client, "#/result").page
+        drawn(page)
+        assert page.url.endswith(done["id"])
+        page.keyboard.press("1")
+        expect(page.get_by_role("region", name="The last scan")).to_contain_text("0 views had been taken")

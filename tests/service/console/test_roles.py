@@ -30,6 +30,7 @@ def test_a_token_is_given_once_and_kept_from_scripts(open_console: Open, cell: C
     page.get_by_label("Token").fill(add_token(cell.data, "anna", "operator"))
     page.keyboard.press("Enter")
     expect(page.get_by_text("anna, operator: scans")).to_be_visible()
+    expect(page.locator("#stop-told")).to_be_empty()  # somebody is, now
     assert page.evaluate("() => document.cookie") == ""
     page.reload()
     expect(page.get_by_text("anna, operator: scans")).to_be_visible()
@@ -38,7 +39,9 @@ def test_a_token_is_given_once_and_kept_from_scripts(open_console: Open, cell: C
 
 
 def test_signing_out_ends_it(open_console: Open, cell: Cell) -> None:
-    page = open_console(cell.live.client, token=cell.tokens["viewer"]).page
+    opened = open_console(cell.live.client, token=cell.tokens["viewer"])
+    opened.expect("401")  # what the page was asking for just then
+    page = opened.page
     page.get_by_role("button", name="Sign out").click()
     expect(page.get_by_role("heading", name="Sign in")).to_be_visible()
     page.reload()

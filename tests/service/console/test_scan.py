@@ -34,15 +34,42 @@ def test_first_visit_to_a_finished_scan(open_console: Open, cell: Cell) -> None:
     drawn(page)
 
 
-def test_what_cannot_be_is_told_in_words(open_console: Open, cell: Cell) -> None:
-    opened = open_console(cell.live.client, token=cell.tokens["operator"])
-    opened.expect("422")
-    page = opened.page
-    page.get_by_label("String radius, in mm", exact=True).fill("420")
-    page.get_by_role("button", name="Scan: the arm will move").click()
-    expect(page.get_by_role("alert").filter(has_text="parameters cannot be used")).to_contain_text("0.42")
-    page.get_by_label("String radius, in mm", exact=True).fill("4.2")
-    expect(page.get_by_role("button", name="Scan: the arm will move")).to_be_enabled()
+def test_a_number_that_cannot_be_is_told_where_it_is_written(open_console: Open, client: ServedClient) -> None:
+    page = open_console(client).page
+    scan = page.get_by_role("button", name="Scan: the arm will move")
+    radius = page.get_by_label("String radius, in mm", exact=True)
+    low_m, high_m = client.get("/api/cell/room").json()["scan"]["string_radius_range_m"]
+    refused = page.get_by_text(f"A number from {low_m * 1000:g} to {high_m * 1000:g} mm is needed")
+    expect(scan).to_be_enabled()
+    for written in ("420", "1,2,3", "0", "four", "-4"):
+        radius.fill(written)
+        expect(refused).to_be_visible()
+        expect(scan).to_be_disabled()
+    radius.fill("")
+    expect(refused).to_have_count(0)
+    expect(scan).to_be_enabled()
+    page.get_by_label("Viewpoints", exact=True).fill("2.5")
+    expect(page.get_by_text("A whole number from 2 to 32 is needed")).to_be_visible()
+    expect(scan).to_be_disabled()
+
+
+def test_a_radius_is_written_with_a_comma_or_a_point(
+    open_console: Open, client: ServedClient, recording_file: Path
+) -> None:
+    client.post("/api/recordings", content=recording_file.read_bytes())
+    page = open_console(client).page
+    page.get_by_label("A recording of an earlier scan").check()
+    page.get_by_label("Recording", exact=True).select_option(index=1)
+    page.get_by_label("String radius, in mm", exact=True).fill("4,2")
+    page.keyboard.press("Tab")
+    page.keyboard.press("2")  # what was filled in is kept
+    page.keyboard.press("1")
+    expect(page.get_by_label("String radius, in mm", exact=True)).to_have_value("4,2")
+    with page.expect_request("**/api/scans") as asked:
+        page.get_by_role("button", name="Recognise the recording").click()
+    sent = asked.value.post_data_json or {}
+    assert sent["string_radius_m"] == pytest.approx(0.0042)
+    expect(page.get_by_role("region", name="The last scan")).to_contain_text("1 string, 0 crossings")
 
 
 def test_a_scan_is_cancelled(open_console: Open, cell: Cell) -> None:

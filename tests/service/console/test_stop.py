@@ -67,8 +67,8 @@ def test_a_stop_that_does_not_get_through_says_so(open_console: Open, cell: Cell
 
     page.route("**/api/cell/stop", refuse)
     page.get_by_role("button", name="STOP the arm").click()
-    expect(page.locator("#stop-told")).to_contain_text("STOP DID NOT GET THROUGH")
-    assert len(tries) == 2  # a stop may be sent twice
+    expect(page.locator("#stop-told")).to_contain_text("STOP HAS NOT GOT THROUGH YET")
+    while len(tries) < 3:
+        page.wait_for_timeout(100)
     page.unroute_all()
-    page.get_by_role("button", name="STOP the arm").click()
-    expect(page.locator("#stop-told")).to_contain_text("The arm was stopped")
+    expect(page.locator("#stop-told")).to_contain_text("The arm was stopped")  # of the same press

@@ -1,4 +1,4 @@
-import { effect } from "@preact/signals";
+import { computed, effect } from "@preact/signals";
 import { render } from "preact";
 import "./console.css";
 import "./view3d/view3d.css";
@@ -6,6 +6,7 @@ import { App, screenKeys } from "./app";
 import { Status } from "./bar/status";
 import { atWork } from "./state/cell";
 import { follow } from "./state/follow";
+import { caller } from "./state/session";
 import { forgetStop } from "./stop";
 
 function show(part: preact.ComponentChild, id: string): void {
@@ -18,10 +19,12 @@ function show(part: preact.ComponentChild, id: string): void {
 show(<Status />, "status");
 show(<App />, "app");
 addEventListener("keydown", screenKeys);
-// What the last stop did is no news any more once the arm is at work again.
-let before = false;
+// What the last stop did is no news any more once the arm is at work again, or somebody else has signed in.
 effect(() => {
-  if (atWork.value && !before) forgetStop();
-  before = atWork.value;
+  if (atWork.value) forgetStop();
+});
+const who = computed(() => caller.value?.name);
+effect(() => {
+  if (who.value !== undefined) forgetStop();
 });
 follow();

@@ -4,8 +4,9 @@ import { cell, why } from "../state/cell";
 import { askNow } from "../state/follow";
 import { lost } from "../state/freshness";
 import { maintains } from "../state/session";
-import { Failed, sentence, useAction } from "../ui/action";
+import { Failed, useAction } from "../ui/action";
 import checkFirst from "../words/check_first.json";
+import { sentence } from "../words/sentence";
 
 /** What to check before a fault is acknowledged. */
 function checks(slug: string | null): readonly string[] {

@@ -4,9 +4,10 @@ import { calibration, cell } from "../state/cell";
 import { lastHeard, lost, silent_s } from "../state/freshness";
 import { live } from "../state/follow";
 import { running } from "../state/scans";
-import { caller } from "../state/session";
+import { caller, operates } from "../state/session";
+import type { Cell } from "../net/api";
 import { addressOf } from "../route";
-import { sentence } from "../ui/action";
+import { sentence } from "../words/sentence";
 import { CELL, SCAN, SHAPES, VERDICTS, words, type Look } from "../words/states";
 import { clock, span } from "../words/units";
 
@@ -52,9 +53,15 @@ function State() {
   return (
     <div class="state" role="status">
       <Badge look={look}>{now.state === "busy" ? doing : word}</Badge>
-      <p>{now.reason === null ? "Press Scan when the table is as it should be." : sentence(now.reason)}</p>
+      <p>{reasonWords(now)}</p>
     </div>
   );
+}
+
+/** Why the cell is as it is; what to do about it is told to those who may do it. */
+function reasonWords({ reason }: Cell): string {
+  if (reason === null) return operates.value ? "Press Scan when the table is as it should be." : "It waits for a scan.";
+  return sentence(operates.value ? reason : reason.replace(/: connect, or start a live scan$/, ""));
 }
 
 function LostState() {
@@ -64,7 +71,8 @@ function LostState() {
       <Badge look="none">Not known: no connection</Badge>
       <p>
         {heard === null ? "The service has not answered yet." : `Last heard at ${clock(heard)}. All below is as it was then.`}{" "}
-        Stop goes on to try; if in doubt, use the emergency stop.
+        Stop is sent again and again once it is pressed, but nobody knows whether it gets through: if in doubt, use the
+        emergency stop.
       </p>
     </div>
   );

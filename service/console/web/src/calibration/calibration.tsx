@@ -21,6 +21,7 @@ export function CalibrationScreen() {
   const [runs, setRuns] = useState<readonly Run[] | null>(null);
   const [failure, setFailure] = useState<Failure | null>(null);
   const [latest, ...earlier] = runs ?? [];
+  const [watched, watch] = useState<string | null>(null);
   const active = latest !== undefined && underWay(latest.state) ? latest.id : null;
   const state = cell.value?.state; // one that somebody else has begun makes the cell busy
 
@@ -53,13 +54,20 @@ export function CalibrationScreen() {
     };
   }, [active, state]);
 
+  // What has begun or ended is at the top, and in sight.
+  useEffect(() => {
+    if (active !== null) watch(active);
+    scrollTo(0, 0);
+  }, [active]);
+
   const changed = (run: Run) => setRuns((before) => withRun(before, run));
+  const top = latest !== undefined && latest.id === watched ? latest : null;
   return (
     <div class="calibration">
       <h1>Calibration</h1>
-      {active !== null && latest !== undefined && <RunPanel run={latest} name="Under way" changed={changed} />}
+      {top !== null && <RunPanel run={top} name={active === null ? "The last run" : "Under way"} changed={changed} />}
       <InUse />
-      {active === null && latest !== undefined && <RunPanel run={latest} name="The last run" changed={changed} />}
+      {top === null && latest !== undefined && <RunPanel run={latest} name="The last run" changed={changed} />}
       {active === null && maintains.value && <StartRun started={changed} />}
       {!maintains.value && (
         <p class="note">

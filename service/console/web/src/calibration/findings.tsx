@@ -1,5 +1,5 @@
 import type { components } from "../../generated/api";
-import { sentence } from "../ui/action";
+import { sentence } from "../words/sentence";
 
 /** What speaks against a calibration. */
 export function Findings({ findings }: { findings: readonly components["schemas"]["FindingResource"][] }) {

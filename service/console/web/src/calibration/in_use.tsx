@@ -1,8 +1,8 @@
 import { Badge } from "../bar/status";
 import { calibration } from "../state/cell";
 import { room } from "../state/room";
-import { sentence } from "../ui/action";
 import { Hint } from "../ui/hint";
+import { sentence } from "../words/sentence";
 import { mm, span } from "../words/units";
 import { boardWords } from "./board";
 import { Findings } from "./findings";

@@ -1,8 +1,9 @@
 import { api, told, type Run } from "../net/api";
 import { askCalibration } from "../state/cell";
 import { maintains } from "../state/session";
-import { Act, Failed, sentence, useAction } from "../ui/action";
+import { Act, Failed, useAction } from "../ui/action";
 import { Hint } from "../ui/hint";
+import { sentence } from "../words/sentence";
 import { mm, when } from "../words/units";
 import { scaleWords } from "./board";
 import { Findings } from "./findings";
@@ -29,6 +30,7 @@ export function Outcome({ run, changed }: { run: Run; changed: (run: Run) => voi
             <dt>Pictures used</dt>
             <dd>
               {result.metrics.views_used} of {result.metrics.views_given}
+              {verification && "; the others were kept to judge it by"}
             </dd>
             <dt>
               <Hint term="board scale">Size of the board, by the views</Hint>

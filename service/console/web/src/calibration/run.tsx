@@ -1,6 +1,7 @@
 import { Badge } from "../bar/status";
 import { api, slowly, told, type Run } from "../net/api";
-import { Act, Failed, sentence, useAction } from "../ui/action";
+import { Act, Failed, useAction } from "../ui/action";
+import { sentence } from "../words/sentence";
 import { SCAN, underWay } from "../words/states";
 import { percent, when } from "../words/units";
 import { boardWords } from "./board";

@@ -1,7 +1,7 @@
 import type { Run } from "../net/api";
-import { sentence } from "../ui/action";
 import { Hint } from "../ui/hint";
 import { Picture } from "../ui/picture";
+import { sentence } from "../words/sentence";
 import { counted } from "../words/units";
 
 type View = Run["progress"]["views"][number];

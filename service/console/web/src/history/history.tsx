@@ -1,7 +1,6 @@
 import "./history.css";
 import { useEffect, useState } from "preact/hooks";
 import { api, told, type Scan } from "../net/api";
-import { addressOf } from "../route";
 import { changes, latest, show } from "../state/scans";
 import { Act, Failed, failureOf, useAction, type Failure } from "../ui/action";
 import { ALL, Filters, queryOf, type Wanted } from "./filters";
@@ -80,8 +79,7 @@ export function HistoryScreen({ id }: { id: string | null }) {
       <Failed failure={failure} />
       {shown?.length === 0 && (
         <p>
-          {filtered ? "There is no such scan: choose less above" : "There is no scan yet"}.{" "}
-          <a href={addressOf("scan")}>Scan</a>
+          {filtered ? "No scan is like that: change what is chosen above." : "There is no scan yet."}
         </p>
       )}
       <ul class="scans" aria-label="Scans, the newest first">

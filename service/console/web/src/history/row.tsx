@@ -3,9 +3,11 @@ import { Badge } from "../bar/status";
 import { api, told, type Scan } from "../net/api";
 import { addressOf } from "../route";
 import { operates } from "../state/session";
-import { Act, Failed, sentence, useAction } from "../ui/action";
+import { Act, Failed, useAction } from "../ui/action";
 import { Picture } from "../ui/picture";
-import { hasModel, SCAN } from "../words/states";
+import { Warnings } from "../ui/warnings";
+import { sentence } from "../words/sentence";
+import { hasModel, outcome } from "../words/states";
 import { counted, mm, when } from "../words/units";
 import { Again } from "./again";
 
@@ -22,7 +24,7 @@ export function Row({ scan, opened, changed }: RowProps & { opened: boolean }) {
   useEffect(() => {
     if (opened) row.current?.scrollIntoView({ block: "center" });
   }, []);
-  const { word, look } = SCAN[scan.state];
+  const { word, look } = outcome(scan);
   const kind = scan.source !== null ? "Worked out again" : scan.mode === "live" ? "By the cell" : "From a recording";
   const name = `${kind}, ${when(scan.created_at)}`;
   return (
@@ -36,7 +38,7 @@ export function Row({ scan, opened, changed }: RowProps & { opened: boolean }) {
         <span class="what">
           <strong>{name}</strong>
           <span>
-            {scan.summary ? `${counted(scan.summary.chains, "string")}, ${counted(scan.summary.crossings, "crossing")}, ` : ""}
+            {scan.summary?.chains ? `${counted(scan.summary.chains, "string")}, ${counted(scan.summary.crossings, "crossing")}, ` : ""}
             {scan.method}
             {scan.asked_by === null ? "" : `, by ${scan.asked_by}`}
             {scan.kept ? ", kept" : ""}
@@ -66,11 +68,7 @@ function Details({ scan, name, changed }: RowProps & { name: string }) {
           <strong>{problem.title}.</strong> {sentence(problem.detail)}
         </p>
       )}
-      {summary?.warnings.map((warning) => (
-        <p key={warning} class="note warn">
-          {sentence(warning)}
-        </p>
-      ))}
+      <Warnings warnings={summary?.warnings ?? []} />
       <p class="small">
         {radiusWords(scan)}
         {scan.source === null ? "" : `; works out again what scan ${scan.source} saw`}; {scan.id}

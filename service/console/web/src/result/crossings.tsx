@@ -23,11 +23,17 @@ export function Crossings({ model, show }: ListProps) {
             <button type="button" class={confidence < SURE ? "unsure" : ""} onClick={() => show({ kind: "crossing", id })}>
               {id}: string {over.chain} at {mm(over.s_m, 0)} lies <strong>over</strong> string {under.chain} at{" "}
               {mm(under.s_m, 0)}. Heights differ by {mm(gap_m)}, angle {degrees(angle_rad)},{" "}
-              {confidence < SURE ? `not certain: ${percent(confidence)} sure` : `${percent(confidence)} sure`}
+              {sureness(confidence)}
             </button>
           </li>
         ))}
       </ul>
     </section>
   );
+}
+
+/** Nothing measured is wholly sure. */
+function sureness(confidence: number): string {
+  if (confidence < SURE) return `not certain: ${percent(confidence)} sure`;
+  return confidence > 0.99 ? "more than 99 % sure" : `${percent(confidence)} sure`;
 }

@@ -1,6 +1,6 @@
 import type { Model } from "../net/api";
-import { sentence } from "../ui/action";
 import type { Place } from "../view3d/scene";
+import { sentence } from "../words/sentence";
 import { counted } from "../words/units";
 import { placeIn } from "./places";
 
@@ -16,7 +16,9 @@ export function Findings({ model, show }: { model: Model; show: (place: Place) =
   }
   return (
     <section aria-label="Findings">
-      <h2 class="warn">▲ {counted(count, "thing")} to know before you grasp</h2>
+      <h2 class="warn">
+        ▲ {model.chains.length === 0 ? "Why there is no string" : `${counted(count, "thing")} to know before you grasp`}
+      </h2>
       <ul class="places">
         {found.map((words) => (
           <li key={words}>

@@ -1,20 +1,18 @@
 import type { Model } from "../net/api";
 import { Hint } from "../ui/hint";
-import type { Place } from "../view3d/scene";
+import { BEST_GRASPS, type Place } from "../view3d/scene";
 import { mm } from "../words/units";
-
-const MOST = 5;
 
 /** The best places to take a string. */
 export function Grasps({ model, show }: { model: Model; show: (place: Place) => void }) {
   return (
     <section>
       <h2>
-        <Hint term="grasp">{model.grasps.length > MOST ? `The best ${MOST} of ${model.grasps.length} grasps` : "Grasps"}</Hint>
+        <Hint term="grasp">{model.grasps.length > BEST_GRASPS ? `The best ${BEST_GRASPS} of ${model.grasps.length} grasps` : "Grasps"}</Hint>
       </h2>
       {model.grasps.length === 0 && <p>There is no place where the gripper could take a string freely.</p>}
       <ul class="places">
-        {model.grasps.slice(0, MOST).map((grasp, index) => (
+        {model.grasps.slice(0, BEST_GRASPS).map((grasp, index) => (
           <li key={index}>
             <button type="button" onClick={() => show({ kind: "grasp", index })}>
               {index}: string {grasp.chain} at {mm(grasp.s_m, 0)}: fingers {mm(grasp.opening_m, 0)} apart, free by{" "}

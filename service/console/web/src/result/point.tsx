@@ -15,7 +15,7 @@ interface PointProps {
 export function Point({ model, place, choose }: PointProps) {
   const chain = place?.kind === "point" ? model.chains.find((one) => one.id === place.chain) : undefined;
   if (place?.kind !== "point" || chain === undefined) {
-    return <p class="small">Point at a string in the picture to read where it is.</p>;
+    return <p class="small">Press a string in the picture to read where it is, how far along, and how sure that is.</p>;
   }
   const { index } = pointAt(chain, place.s_m);
   const s_m = chain.arc_length_m[index] ?? 0;

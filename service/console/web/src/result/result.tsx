@@ -1,20 +1,20 @@
 import "./result.css";
-import { useEffect, useMemo, useState } from "preact/hooks";
+import { useMemo, useState } from "preact/hooks";
 import { Badge } from "../bar/status";
-import { addressOf } from "../route";
 import type { Model } from "../net/api";
-import { latest } from "../state/scans";
-import { Failed, sentence } from "../ui/action";
+import { Failed } from "../ui/action";
 import { pointAt } from "../view3d/along";
 import { orderGradient } from "../view3d/order";
 import type { Other, Place } from "../view3d/scene";
-import { hasModel, SCAN } from "../words/states";
-import { counted, when } from "../words/units";
+import { sentence } from "../words/sentence";
+import { outcome } from "../words/states";
+import { counted, mm, when } from "../words/units";
 import { Compare } from "./compare";
 import { Crossings } from "./crossings";
 import { Findings } from "./findings";
 import { Grasps } from "./grasps";
 import { useResult } from "./load";
+import { NewestResult } from "./newest";
 import { Point } from "./point";
 import { Strings } from "./strings";
 import { Viewer, type Chosen } from "../viewer/viewer";
@@ -23,7 +23,10 @@ const LAYERS = ["strings", "cloud", "crossings", "labels", "room"] as const;
 
 /** A scan's result: in 3D, and in words beside it. */
 export function ResultScreen({ id }: { id: string | null }) {
-  const newest = latest.value !== null && hasModel(latest.value) ? latest.value.id : null;
+  return id === null ? <NewestResult /> : <Result id={id} />;
+}
+
+function Result({ id }: { id: string }) {
   const loaded = useResult(id);
   const [chosen, setChosen] = useState<Chosen | null>(null);
   const [others, setOthers] = useState<readonly Other[]>([]);
@@ -31,22 +34,6 @@ export function ResultScreen({ id }: { id: string | null }) {
   const content = useMemo(() => ({ model, cloud, views, others }), [model, cloud, views, others]);
   const show = (place: Place) => setChosen({ place, turn: true });
 
-  // From now on it is this one, also when another scan ends.
-  useEffect(() => {
-    if (id === null && newest !== null) location.replace(addressOf("result", newest));
-  }, [id, newest]);
-
-  if (id === null) {
-    return (
-      <>
-        <h1>Result</h1>
-        <p>
-          The last scan has no result. <a href={addressOf("scan")}>Scan</a>, or choose an earlier one in the{" "}
-          <a href={addressOf("history")}>history</a>.
-        </p>
-      </>
-    );
-  }
   return (
     <div class="result">
       <div class="drawn">
@@ -69,7 +56,7 @@ export function ResultScreen({ id }: { id: string | null }) {
         </h1>
         {scan !== null && (
           <p>
-            <Badge look={SCAN[scan.state].look}>{SCAN[scan.state].word}</Badge> {when(scan.created_at)}
+            <Badge look={outcome(scan).look}>{outcome(scan).word}</Badge> {when(scan.created_at)}
             {model !== null && `, ${model.method}`}
           </p>
         )}
@@ -77,7 +64,12 @@ export function ResultScreen({ id }: { id: string | null }) {
         <Failed failure={loaded.failure} />
         {model !== null && scan !== null && (
           <>
-            {model.chains.length === 0 && <p class="note warn">There is no string in view. The reasons are below.</p>}
+            {model.chains.length === 0 && scan.string_radius_m !== null && (
+              <p class="note warn">
+                A string of {mm(scan.string_radius_m)} in radius was looked for. If the string may be another, scan again and
+                leave the radius to be measured.
+              </p>
+            )}
             <Findings model={model} show={show} />
             <Point model={model} place={chosen?.place ?? null} choose={setChosen} />
             <Strings model={model} show={show} />

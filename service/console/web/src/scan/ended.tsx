@@ -1,20 +1,22 @@
 import type { Scan } from "../net/api";
 import { Badge } from "../bar/status";
 import { addressOf } from "../route";
-import { sentence } from "../ui/action";
-import { hasModel, SCAN } from "../words/states";
+import { operates } from "../state/session";
+import { Warnings } from "../ui/warnings";
+import { sentence } from "../words/sentence";
+import { hasModel, outcome } from "../words/states";
 import { counted, when } from "../words/units";
 import { Views } from "./views";
 
 /** The last scan: what came of it. */
 export function Ended({ scan }: { scan: Scan }) {
-  const { word, look } = SCAN[scan.state];
+  const { word, look } = outcome(scan);
   const { summary, problem } = scan;
   return (
     <section class="panel" aria-label="The last scan">
       <h2>
         <Badge look={look}>{word}</Badge>{" "}
-        {summary && (
+        {summary !== null && summary.chains > 0 && (
           <span>
             {counted(summary.chains, "string")}, {counted(summary.crossings, "crossing")}
           </span>
@@ -28,11 +30,7 @@ export function Ended({ scan }: { scan: Scan }) {
           <strong>{problem.title}.</strong> {sentence(problem.detail)}
         </p>
       )}
-      {summary?.warnings.map((warning) => (
-        <p key={warning} class="note warn">
-          {sentence(warning)}
-        </p>
-      ))}
+      <Warnings warnings={summary?.warnings ?? []} />
       <p class="row">
         {hasModel(scan) && (
           <a class="button main" href={addressOf("result", scan.id)}>
@@ -41,10 +39,13 @@ export function Ended({ scan }: { scan: Scan }) {
         )}
         {!hasModel(scan) && scan.links.reprocess !== null && (
           <a class="button" href={addressOf("history", scan.id)}>
-            Work with what was recorded
+            {operates.value ? "Work with what was recorded" : "See what was recorded"}
           </a>
         )}
       </p>
+      {scan.mode === "live" && !hasModel(scan) && (
+        <p>{counted(scan.progress.views.filter((view) => view.state === "recorded").length, "view")} had been taken.</p>
+      )}
       {scan.mode === "live" && <Views scan={scan} />}
     </section>
   );

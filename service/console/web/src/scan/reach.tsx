@@ -2,10 +2,11 @@ import { useEffect, useMemo, useState } from "preact/hooks";
 import { api, slowly, told, type Plan } from "../net/api";
 import { atWork, cell } from "../state/cell";
 import { room } from "../state/room";
-import { Act, Failed, sentence, useAction } from "../ui/action";
+import { Act, Failed, useAction } from "../ui/action";
 import { Hint } from "../ui/hint";
 import { Viewer } from "../viewer/viewer";
 import type { ViewPose } from "../view3d/scene";
+import { sentence } from "../words/sentence";
 
 /** Which viewpoints the arm reaches, and why not the others: before anything moves. */
 export function Reach({ views }: { views: number | null }) {

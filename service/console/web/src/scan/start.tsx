@@ -1,36 +1,34 @@
-import { useState } from "preact/hooks";
-import { api, slowly, told, type Method, type Scan } from "../net/api";
-import { cell } from "../state/cell";
+import { api, slowly, told } from "../net/api";
+import { calibrates, cell } from "../state/cell";
 import { askNow } from "../state/follow";
 import { room } from "../state/room";
 import { show } from "../state/scans";
 import { Act, Failed, useAction } from "../ui/action";
-import { Field } from "../ui/field";
-import { METHODS } from "../words/states";
+import { MethodField } from "../ui/method_field";
+import { NumberField } from "../ui/number_field";
+import { readNumber } from "../words/number";
+import { CALIBRATES, METHODS } from "../words/states";
 import { mm } from "../words/units";
 import { Hold } from "./hold";
+import { radiusOf, RadiusField, readRadius } from "./radius";
 import { Reach } from "./reach";
 import { Recordings } from "./recordings";
-
-type Mode = Scan["mode"];
+import { wanted, type Mode } from "./wanted";
 
 /** What a scan is started with, and the button that does. */
 export function Start() {
-  const [mode, setMode] = useState<Mode>("live");
-  const [recording, setRecording] = useState<string | null>(null);
-  const [radius_mm, setRadius] = useState("");
-  const [method, setMethod] = useState<Method>("graph");
-  const [views, setViews] = useState("");
   const action = useAction();
-  const fault = cell.value?.state === "fault";
+  const mode = wanted.mode.value;
+  const recording = wanted.recording.value;
+  const method = wanted.method.value;
+  const radius = readRadius(wanted.radius.value);
+  const views = readNumber(wanted.views.value, { min: 2, max: 32, whole: true });
+  const obstacle = inTheWay(mode, recording);
+  const faulty = radius.fault !== null || (mode === "live" && views.fault !== null);
 
   async function start(): Promise<void> {
-    const string_radius_m = radius_mm === "" ? null : Number(radius_mm) / 1000;
-    const wanted = { string_radius_m, method };
-    const body =
-      mode === "live"
-        ? { ...wanted, mode, views: views === "" ? null : Number(views) }
-        : { ...wanted, mode, recording: recording ?? "" };
+    const both = { string_radius_m: radiusOf(radius), method };
+    const body = mode === "live" ? { ...both, mode, views: views.value } : { ...both, mode, recording: recording ?? "" };
     show(await told(api.POST("/api/scans", { body, ...slowly })));
     askNow();
   }
@@ -39,55 +37,21 @@ export function Start() {
     <section class="panel start" aria-label="Start a scan">
       <fieldset>
         <legend>What to look at</legend>
-        <Choice mode="live" chosen={mode} choose={setMode}>
-          The table, by the arm and its camera
-        </Choice>
-        <Choice mode="replay" chosen={mode} choose={setMode}>
-          A recording of an earlier scan; nothing moves
-        </Choice>
+        <Choice mode="live">The table, by the arm and its camera</Choice>
+        <Choice mode="replay">A recording of an earlier scan; nothing moves</Choice>
       </fieldset>
-      {mode === "replay" && <Recordings chosen={recording} choose={setRecording} />}
+      {mode === "replay" && <Recordings chosen={recording} choose={(id) => (wanted.recording.value = id)} />}
       <div class="row wide">
-        <Field label="String radius, in mm" hint="string radius">
-          {(id) => (
-            <input
-              id={id}
-              type="number"
-              inputMode="decimal"
-              step="any"
-              min="0"
-              value={radius_mm}
-              placeholder={emptyRadius(mode)}
-              onInput={(event) => setRadius(event.currentTarget.value)}
-            />
-          )}
-        </Field>
-        <Field label="Method" hint="method">
-          {(id) => (
-            <select id={id} value={method} onChange={(event) => setMethod(event.currentTarget.value as Method)}>
-              {Object.entries(METHODS).map(([value, { name }]) => (
-                <option key={value} value={value}>
-                  {name}
-                </option>
-              ))}
-            </select>
-          )}
-        </Field>
+        <RadiusField reading={radius} write={(text) => (wanted.radius.value = text)} empty={emptyRadius(mode)} />
+        <MethodField method={method} choose={(chosen) => (wanted.method.value = chosen)} />
         {mode === "live" && (
-          <Field label="Viewpoints" hint="viewpoint">
-            {(id) => (
-              <input
-                id={id}
-                type="number"
-                inputMode="numeric"
-                min="2"
-                max="32"
-                value={views}
-                placeholder={room.value ? `${room.value.scan.views}, as set` : "as set"}
-                onInput={(event) => setViews(event.currentTarget.value)}
-              />
-            )}
-          </Field>
+          <NumberField
+            label="Viewpoints"
+            hint="viewpoint"
+            reading={views}
+            write={(text) => (wanted.views.value = text)}
+            empty={room.value ? `${room.value.scan.views}, as set` : "as set"}
+          />
         )}
       </div>
       <p class="small">{METHODS[method].hint}</p>
@@ -97,16 +61,23 @@ export function Start() {
         big
         work={start}
         doing={mode === "live" ? "Preparing arm and camera ..." : "Beginning ..."}
-        disabled={mode === "live" ? fault : recording === null}
+        disabled={faulty || obstacle !== null}
       >
         {mode === "live" ? "Scan: the arm will move" : "Recognise the recording: nothing moves"}
       </Act>
-      {mode === "live" && fault && <p class="note bad">The fault above comes first.</p>}
+      {!action.busy && obstacle !== null && <p class="note warn">{obstacle}</p>}
       <Failed failure={action.failure} />
-      {mode === "live" && <Reach views={views === "" ? null : Number(views)} />}
+      {mode === "live" && views.fault === null && <Reach views={views.value} />}
       {mode === "live" && <Hold />}
     </section>
   );
+}
+
+/** Why no scan can be begun now, in words; null: one can. */
+function inTheWay(mode: Mode, recording: string | null): string | null {
+  if (mode === "replay" && recording === null) return "Choose a recording first.";
+  if (mode === "live" && cell.value?.state === "fault") return "The fault above comes first.";
+  return calibrates.value ? CALIBRATES : null;
 }
 
 function emptyRadius(mode: Mode): string {
@@ -115,17 +86,10 @@ function emptyRadius(mode: Mode): string {
   return set ? `${mm(set)}, as set` : "measure it";
 }
 
-interface ChoiceProps {
-  mode: Mode;
-  chosen: Mode;
-  choose: (mode: Mode) => void;
-  children: string;
-}
-
-function Choice({ mode, chosen, choose, children }: ChoiceProps) {
+function Choice({ mode, children }: { mode: Mode; children: string }) {
   return (
     <label class="tick">
-      <input type="radio" name="mode" checked={mode === chosen} onChange={() => choose(mode)} />
+      <input type="radio" name="mode" checked={mode === wanted.mode.value} onChange={() => (wanted.mode.value = mode)} />
       {children}
     </label>
   );

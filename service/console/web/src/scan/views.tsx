@@ -1,6 +1,6 @@
 import type { Scan } from "../net/api";
 import { Picture } from "../ui/picture";
-import { sentence } from "../ui/action";
+import { sentence } from "../words/sentence";
 
 const WORDS = { moving: "on the way", recorded: "taken", missing: "missing" } as const;
 

@@ -12,11 +12,15 @@ export const why = computed(() => (cell.value?.problem ? slugOf(cell.value.probl
 /** The arm moves, or may begin to at any moment. */
 export const atWork = computed(() => cell.value?.state === "busy" || cell.value?.robot.moving === true);
 
+/** A calibration or verification is under way: no scan can be begun. */
+export const calibrates = computed(() => Boolean(calibration.value?.under_way));
+
 /** Asks for the cell. */
 export async function askCell(): Promise<void> {
   const before = cell.value?.calibration?.sha256;
   cell.value = await told(api.GET("/api/cell"));
-  if (calibration.value === null || cell.value.calibration?.sha256 !== before) await askCalibration();
+  const other = cell.value.calibration?.sha256 !== before;
+  if (calibration.value === null || other || calibrates.value || cell.value.state === "busy") await askCalibration();
 }
 
 /** Asks for the calibration in use: its age, its verdict, what recent scans tell of it. */

@@ -22,9 +22,12 @@ const seen = signal(!document.hidden);
 const wanted = computed(() => Boolean(caller.value) && seen.value);
 
 let hurry: (() => void) | null = null;
+/** What is being asked for just now may be answered as it was before: it is asked for once more. */
+let due = false;
 
 /** Asks for everything now, not only when its time has come. */
 export function askNow(): void {
+  due = true;
   hurry?.();
 }
 
@@ -43,6 +46,7 @@ export function follow(): void {
 async function askAgainAndAgain(): Promise<never> {
   let slowAt = performance.now();
   for (;;) {
+    due = false;
     await quietly(async () => {
       if (!caller.value) return askSession();
       await askCell();
@@ -54,7 +58,7 @@ async function askAgainAndAgain(): Promise<never> {
         await askSession();
       }
     });
-    await rest(atWork.value || running.value !== null ? BUSY_MS : IDLE_MS);
+    if (!due) await rest(atWork.value || running.value !== null ? BUSY_MS : IDLE_MS);
   }
 }
 
@@ -103,8 +107,10 @@ async function listenAgainAndAgain(): Promise<never> {
 }
 
 async function hear(event: string, data: string): Promise<void> {
-  if (event === "cell") cellEvent(JSON.parse(data));
-  else if (event === "resync") await askScans();
+  if (event === "cell") {
+    cellEvent(JSON.parse(data));
+    askNow(); // for what the event does not tell
+  } else if (event === "resync") await askScans();
   else await scanEvent(JSON.parse(data) as ScanNews);
 }
 

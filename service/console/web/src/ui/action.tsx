@@ -3,6 +3,7 @@ import { useState } from "preact/hooks";
 import { RefusedError } from "../net/api";
 import { GivenUpError, LostError } from "../net/request";
 import { lost } from "../state/freshness";
+import { sentence } from "../words/sentence";
 
 /** Why something came to nothing, for people. */
 export interface Failure {
@@ -94,10 +95,4 @@ export function Failed({ failure }: { failure: Failure | null }) {
       )}
     </div>
   );
-}
-
-/** The service's words as a sentence. */
-export function sentence(words: string): string {
-  const begun = words.charAt(0).toUpperCase() + words.slice(1);
-  return /[.!?]$/.test(begun) ? begun : `${begun}.`;
 }

@@ -3,26 +3,20 @@ import { mm, percent } from "../words/units";
 import { label } from "./labels";
 import type { Palette } from "./palette";
 import { matrixOf } from "./pose";
-import type { Grasp, Model, Room } from "./scene";
+import { BEST_GRASPS, type Grasp, type Model, type Room } from "./scene";
 
 type Bars = InstancedMesh<BoxGeometry, MeshLambertMaterial>;
-/** Drawn fingers are slimmer than real ones, so that many can be told apart. */
+/** Drawn fingers are slimmer than real ones, so that those side by side can be told apart. */
 const [THICK_M, WIDE_M, LONG_M] = [0.0007, 0.0018, 0.014];
-/** So many of the best have a label. */
-const LABELLED = 5;
-
-/** The grasps: two fingers beside the string and the bar that joins them. */
+/** The best grasps: two fingers beside the string and the bar that joins them. */
 export function drawGrasps(model: Model | null, palette: Palette): Group {
   const group = new Group();
-  const grasps = model?.grasps ?? [];
+  const grasps = model?.grasps.slice(0, BEST_GRASPS) ?? []; // the best come first
   if (grasps.length === 0) return group;
   group.add(bars(grasps, palette.grasp, { thick: THICK_M, wide: WIDE_M, long: LONG_M }));
-  const best = grasps.map((_, index) => index).sort((a, b) => (grasps[b]?.score ?? 0) - (grasps[a]?.score ?? 0));
-  best.slice(0, LABELLED).forEach((index, rank) => {
-    const grasp = grasps[index];
-    if (!grasp) return;
+  grasps.forEach((grasp, index) => {
     const place = { kind: "grasp", index } as const;
-    group.add(label({ brief: `grasp ${index}`, kind: "grasp", place, rank: 10 + rank }, handleOf(grasp)));
+    group.add(label({ brief: `grasp ${index}`, kind: "grasp", place, rank: 10 + index }, handleOf(grasp)));
   });
   return group;
 }

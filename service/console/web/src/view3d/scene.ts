@@ -61,6 +61,9 @@ export function lineStyle(method: string): LineStyle {
 /** Crossings below this are called not certain. */
 export const SURE = 0.9;
 
+/** So many grasps, the best, are listed and drawn: all of them would hide the strings. */
+export const BEST_GRASPS = 5;
+
 /** Whether a crossing is to be looked at by a person. */
 export function isUnsure(crossing: Crossing): boolean {
   return crossing.confidence < SURE;

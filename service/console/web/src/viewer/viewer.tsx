@@ -129,6 +129,7 @@ export function Viewer({ content, layers, chosen = null, picked, instead = null 
         <div ref={labels} class="labels3d" aria-hidden="true" />
       </div>
       <Layers
+        there={layersOf(content)}
         shown={shown}
         set={(wanted) => {
           setShown(wanted);
@@ -137,4 +138,17 @@ export function Viewer({ content, layers, chosen = null, picked, instead = null 
       />
     </div>
   );
+}
+
+/** The layers that there is something of. */
+function layersOf({ model, cloud, views }: ViewerProps["content"]): ReadonlySet<Layer> {
+  const there: Layer[] = ["labels"];
+  if (model !== null && model.chains.length > 0) there.push("strings");
+  if (model !== null && model.crossings.length > 0) there.push("crossings");
+  if (model !== null && model.grasps.length > 0) there.push("grasps");
+  if (cloud !== null) there.push("cloud");
+  if (views.length > 0) there.push("cameras");
+  if (room.value !== null) there.push("room");
+  if (cell.value?.robot.q_rad) there.push("arm");
+  return new Set(there);
 }

@@ -25,6 +25,11 @@ export const SCAN: Record<ScanState, { word: string; look: Look }> = {
   interrupted: { word: "The service was restarted", look: "warn" },
 };
 
+/** What came of a scan; one that found no string went well, but there is nothing to grasp. */
+export function outcome(scan: Scan): { word: string; look: Look } {
+  return scan.summary?.chains === 0 ? { word: "No string found", look: "warn" } : SCAN[scan.state];
+}
+
 /** Whether it goes on. */
 export function underWay(state: ScanState): boolean {
   return ["queued", "preflight", "scanning", "processing", "stopping"].includes(state);
@@ -45,6 +50,9 @@ export const METHODS: Record<Scan["method"], { name: string; hint: string }> = {
   enhanced: { name: "enhanced", hint: "The paper's better method: also joins what is hidden under a crossing." },
   matching: { name: "matching", hint: "The paper's plain method: joins neighbouring points." },
 };
+
+/** Why no scan can be begun. */
+export const CALIBRATES = "A calibration or verification is under way: wait for its end, or cancel it there.";
 
 /** What is thought of a calibration. */
 export const VERDICTS = { accept: "good", warn: "usable, with warnings", refuse: "must not be used" } as const;

@@ -1,0 +1,44 @@
+import { useEffect, useState } from "preact/hooks";
+import { api, told } from "../net/api";
+import { addressOf } from "../route";
+import { changes } from "../state/scans";
+import { Failed, failureOf, type Failure } from "../ui/action";
+
+/** So many of the newest results are asked for: some of them may only work out an earlier scan again. */
+const SOME = 20;
+
+/** Goes to the newest result, as soon as there is one; from then on it is that one, also when another scan ends. */
+export function NewestResult() {
+  const [none, setNone] = useState(false);
+  const [failure, setFailure] = useState<Failure | null>(null);
+
+  useEffect(() => {
+    let wanted = true;
+    void told(api.GET("/api/scans", { params: { query: { state: ["succeeded", "partial"], limit: SOME } } })).then(
+      ({ scans }) => {
+        const newest = scans.find((scan) => scan.source === null) ?? scans[0];
+        if (!wanted) return;
+        if (newest !== undefined) location.replace(addressOf("result", newest.id));
+        setNone(newest === undefined);
+      },
+      (error: unknown) => wanted && setFailure(failureOf(error)),
+    );
+    return () => {
+      wanted = false;
+    };
+  }, [changes.value]);
+
+  return (
+    <>
+      <h1>Result</h1>
+      {none ? (
+        <p>
+          No scan has a result yet. <a href={addressOf("scan")}>Scan</a> first.
+        </p>
+      ) : (
+        failure === null && <p>Asking for the newest result ...</p>
+      )}
+      <Failed failure={failure} />
+    </>
+  );
+}
