@@ -11,7 +11,8 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from service import wall_clock
-from service.tables import MIGRATIONS, VERSION, stored
+from service.migrations import MIGRATIONS, VERSION
+from service.tables import stored
 
 T = TypeVar("T")
 

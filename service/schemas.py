@@ -109,8 +109,10 @@ class RecordingResource(BaseModel):
     """A stored recording: what its header says and what is in it."""
 
     id: Id
+    name: str | None
+    """What it was called by who sent it; null: it was not told, or a live scan made it."""
     created_at: str
-    """When it was uploaded, RFC 3339."""
+    """When it was uploaded, or the live scan that made it was asked for, RFC 3339."""
     size_bytes: int
     sha256: str
     views: int

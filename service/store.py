@@ -59,10 +59,12 @@ class Store:
             raise
 
     def add_scan_recording(self, row: RecordingRow) -> None:
-        """Writes the row of the recording that a live scan made in place; both have the same id."""
+        """Writes the row of the recording that a live scan made in place; both have the same id and time."""
         with self.database.transaction() as db:
             insert(db, "recordings", row)
             db.execute("UPDATE scans SET recording = ? WHERE id = ?", (row.id, row.id))
+            created_at = "(SELECT created_at FROM scans WHERE scans.id = recordings.id)"
+            db.execute(f"UPDATE recordings SET created_at = {created_at} WHERE id = ?", (row.id,))
 
     def recording(self, recording_id: str) -> RecordingRow | None:
         """The recording, or None when there is none of this id."""

@@ -1,4 +1,4 @@
-"""The database's tables, and their rows as values."""
+"""The rows of the database's tables as values."""
 
 import json
 import sqlite3
@@ -7,94 +7,6 @@ from typing import Any, Literal
 
 from recognition.model import Method
 from service.schemas import ScanState, ViewState
-
-MIGRATIONS = (
-    """
-CREATE TABLE recordings (
-    id TEXT PRIMARY KEY, created_at TEXT NOT NULL, size_bytes BIGINT NOT NULL, sha256 TEXT NOT NULL,
-    views INTEGER NOT NULL, missing TEXT NOT NULL, string_radius_m DOUBLE PRECISION,
-    table_z_m DOUBLE PRECISION NOT NULL, provenance TEXT NOT NULL
-);
-CREATE TABLE scans (
-    id TEXT PRIMARY KEY, mode TEXT NOT NULL, recording TEXT REFERENCES recordings (id), method TEXT NOT NULL,
-    string_radius_m DOUBLE PRECISION, state TEXT NOT NULL, stage TEXT, fraction DOUBLE PRECISION NOT NULL,
-    created_at TEXT NOT NULL, started_at TEXT, ended_at TEXT, summary TEXT, problem TEXT
-);
-""",
-    """
-CREATE TABLE views (
-    scan TEXT NOT NULL REFERENCES scans (id), view INTEGER NOT NULL, state TEXT NOT NULL, reason TEXT,
-    changed_at TEXT NOT NULL, PRIMARY KEY (scan, view)
-);
-""",
-    """
-CREATE TABLE calibrations (
-    id TEXT PRIMARY KEY, kind TEXT NOT NULL, board TEXT, poses INTEGER NOT NULL, warnings TEXT NOT NULL,
-    calibration_sha256 TEXT, state TEXT NOT NULL, stage TEXT,
-    fraction DOUBLE PRECISION NOT NULL, coverage DOUBLE PRECISION NOT NULL,
-    created_at TEXT NOT NULL, started_at TEXT, ended_at TEXT, activated_at TEXT, result TEXT, verification TEXT,
-    problem TEXT
-);
-CREATE TABLE calibration_views (
-    calibration TEXT NOT NULL REFERENCES calibrations (id), view INTEGER NOT NULL, state TEXT NOT NULL, reason TEXT,
-    corners INTEGER, possible INTEGER, changed_at TEXT NOT NULL, PRIMARY KEY (calibration, view)
-);
-CREATE TABLE scan_errors (
-    scan TEXT PRIMARY KEY REFERENCES scans (id), calibration_sha256 TEXT NOT NULL, likeliest TEXT NOT NULL,
-    information TEXT NOT NULL, vector TEXT NOT NULL
-);
-CREATE INDEX scan_errors_of ON scan_errors (calibration_sha256, scan);
-""",
-    """
-ALTER TABLE scans ADD COLUMN source TEXT;
-ALTER TABLE scans ADD COLUMN asked_by TEXT;
-ALTER TABLE scans ADD COLUMN kept INTEGER NOT NULL DEFAULT 0;
-ALTER TABLE scans ADD COLUMN calibration_sha256 TEXT;
-ALTER TABLE scans ADD COLUMN inputs TEXT;
-ALTER TABLE scans ADD COLUMN files TEXT;
-ALTER TABLE views ADD COLUMN offset_bytes BIGINT;
-ALTER TABLE views ADD COLUMN size_bytes BIGINT;
-ALTER TABLE views ADD COLUMN sha256 TEXT;
-CREATE INDEX scans_of ON scans (recording);
-CREATE INDEX scans_again ON scans (source);
-CREATE INDEX scans_in ON scans (state, id);
-CREATE TABLE idempotency_keys (
-    caller TEXT NOT NULL, idempotency_key TEXT NOT NULL, body_sha256 TEXT NOT NULL,
-    scan TEXT NOT NULL REFERENCES scans (id), created_at TEXT NOT NULL, PRIMARY KEY (caller, idempotency_key)
-);
-CREATE INDEX idempotency_keys_of ON idempotency_keys (scan);
-CREATE TABLE events (
-    id INTEGER PRIMARY KEY AUTOINCREMENT, scan TEXT NOT NULL REFERENCES scans (id), at TEXT NOT NULL,
-    kind TEXT NOT NULL, data TEXT NOT NULL
-);
-CREATE INDEX events_of ON events (scan, id);
-CREATE TABLE cell_fault (id INTEGER PRIMARY KEY CHECK (id = 1), slug TEXT NOT NULL, reason TEXT NOT NULL,
-    at TEXT NOT NULL
-);
-CREATE TABLE audit (
-    id INTEGER PRIMARY KEY AUTOINCREMENT, at TEXT NOT NULL, who TEXT NOT NULL, role TEXT NOT NULL, what TEXT NOT NULL,
-    scan TEXT, cell TEXT NOT NULL, status INTEGER NOT NULL, result TEXT
-);
-CREATE TRIGGER audit_is_not_changed BEFORE UPDATE ON audit
-    BEGIN SELECT RAISE(ABORT, 'the audit log is only ever added to'); END;
-CREATE TRIGGER audit_is_not_deleted BEFORE DELETE ON audit
-    BEGIN SELECT RAISE(ABORT, 'the audit log is only ever added to'); END;
-CREATE TABLE lasting_errors (
-    scan TEXT PRIMARY KEY, calibration_sha256 TEXT NOT NULL, likeliest TEXT NOT NULL, information TEXT NOT NULL,
-    vector TEXT NOT NULL
-);
-INSERT INTO lasting_errors SELECT * FROM scan_errors;
-DROP TABLE scan_errors;
-ALTER TABLE lasting_errors RENAME TO scan_errors;
-CREATE INDEX scan_errors_of ON scan_errors (calibration_sha256, scan);
-""",
-    """
-ALTER TABLE calibration_views ADD COLUMN rms_px DOUBLE PRECISION;
-ALTER TABLE calibration_views ADD COLUMN cells TEXT;
-""",
-)
-"""What makes the tables, and what later versions added: the database's user_version tells how many of these it has."""
-VERSION = len(MIGRATIONS)
 
 
 @dataclass(frozen=True)
@@ -110,6 +22,8 @@ class RecordingRow:
     string_radius_m: float | None
     table_z_m: float
     provenance: dict[str, str]
+    name: str | None = None
+    """What it was called by who sent it."""
 
 
 @dataclass(frozen=True)

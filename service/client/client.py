@@ -10,6 +10,7 @@ Nothing here asks a second time for a motion: where an answer is lost, `Unanswer
 whether the scan was begun.
 """
 
+import os
 import time
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
@@ -175,10 +176,11 @@ class Client:
         return model_from_json(self._get(scan.links.model).json())
 
     def upload(self, recording: Path) -> RecordingResource:
-        """Gives the service a recording. Raises ProblemError, UnreachableError, OSError."""
+        """Gives the service a recording, with the file's name. Raises ProblemError, UnreachableError, OSError."""
+        name = os.fsencode(recording.name).decode(errors="replace")  # a file's name need not be a text
         with recording.open("rb") as file:
             try:
-                answer = self._http.post("/api/recordings", content=file)
+                answer = self._http.post("/api/recordings", params={"name": name}, content=file)
             except httpx.TransportError as error:
                 raise UnreachableError(f"{self._http.base_url} did not take the recording: {error}") from error
         return RecordingResource.model_validate(require_success(answer).json())

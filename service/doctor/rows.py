@@ -17,8 +17,9 @@ from service.doctor.readable import (
     readable_scan,
     readable_view,
 )
+from service.migrations import VERSION
 from service.storage_errors import is_held
-from service.tables import VERSION, CalibrationRow, RecordingRow, ScanRow, ViewRow
+from service.tables import CalibrationRow, RecordingRow, ScanRow, ViewRow
 
 TABLES = (
     "recordings", "scans", "views", "calibrations", "calibration_views", "scan_errors", "idempotency_keys", "events",

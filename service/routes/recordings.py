@@ -4,14 +4,16 @@ import hashlib
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
-from pathlib import Path
-from typing import Any
+from dataclasses import replace
+from pathlib import Path, PurePosixPath
+from typing import Annotated, Any
 
 from anyio import WouldBlock, to_thread
-from fastapi import APIRouter, Request, Response
+from fastapi import APIRouter, Query, Request, Response
 from fastapi.responses import FileResponse
 from starlette.requests import ClientDisconnect
 
+from cell.recording_errors import RecordingError
 from service.context import Before, Context, Limit, Recording, Service
 from service.database import new_id
 from service.description import links
@@ -29,6 +31,8 @@ UPLOADS = 4
 LOOK_BYTES = 1 << 20
 """Whenever so much more of one has come, it is looked whether there is space for more."""
 
+Name = Annotated[str | None, Query(max_length=255, description="What the file is called where it comes from")]
+
 router = APIRouter(prefix=RECORDINGS, tags=["recordings"])
 
 BINARY = {"schema": {"type": "string", "format": "binary"}}
@@ -39,10 +43,12 @@ KEPT = problem_responses(413, 422, 503, 507) | {201: {"links": FOLLOWING["links"
 
 
 @router.post("", status_code=201, responses=KEPT, openapi_extra={"requestBody": BODY})
-async def upload_recording(request: Request, response: Response, service: Service) -> RecordingResource:
+async def upload_recording(
+    request: Request, response: Response, service: Service, name: Name = None
+) -> RecordingResource:
     """Takes a recording (the MCAP file as the body) and keeps it if it can be used."""
     with _one_of_few(service):
-        row = await _take(request, service)
+        row = await _take(request, service, _file_name(name))
     response.headers["Location"] = f"{RECORDINGS}/{row.id}"
     return recording_resource(row)
 
@@ -103,9 +109,14 @@ def _one_of_few(service: Context) -> Iterator[None]:
         service.uploads.release()
 
 
-async def _take(request: Request, service: Context) -> RecordingRow:
+def _file_name(told: str | None) -> str | None:
+    """The name without folders and without what cannot be printed: it is only ever shown."""
+    last = PurePosixPath((told or "").replace("\\", "/")).name
+    return "".join(sign for sign in last if sign.isprintable()) or None
+
+
+async def _take(request: Request, service: Context, name: str | None) -> RecordingRow:
     recording_id = new_id()
-    # RecordingErrors name the file, so it gets a name that tells the sender something.
     path = service.store.folder.incoming(f"upload-{recording_id}.mcap")
     declared = request.headers.get("content-length", "")
     length = int(declared) if declared.isdecimal() else 0
@@ -115,7 +126,11 @@ async def _take(request: Request, service: Context) -> RecordingRow:
     try:
         sha256 = await _receive(request, path, service)
         row = await to_thread.run_sync(describe_foreign_recording, recording_id, path, sha256, limiter=service.parsing)
+        row = replace(row, name=name)
         await to_thread.run_sync(service.store.add_recording, row, path)
+    except RecordingError as error:
+        # It tells the file's name here, which the sender does not know.
+        raise type(error)(str(error).replace(path.name, name or "the recording")) from error
     finally:
         await to_thread.run_sync(lambda: path.unlink(missing_ok=True))
     return row

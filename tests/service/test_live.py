@@ -46,6 +46,7 @@ def test_a_live_scan_gives_the_true_model_and_replays_to_the_same(
 
     recording = cell.client.get(f"/api/recordings/{scan['recording']}").json()
     assert recording["views"] == 8
+    assert recording["created_at"] == scan["created_at"]  # so that people can tell which scan it is of
     assert recording["missing"] == []
     assert scan["calibration_sha256"] == recording["provenance"]["calibration_sha256"] is not None
     content = cell.client.get(scan["links"]["recording"]).content

@@ -36,6 +36,32 @@ def test_an_uploaded_recording_comes_back_as_it_was(client: httpx.Client, record
     assert client.get("/api/recordings").json()["recordings"][0] == found
 
 
+@pytest.mark.parametrize(
+    ("told", "kept"),
+    [
+        ("knot.mcap", "knot.mcap"),
+        ("C:\\cell 2\\Seil % \u00e4.mcap", "Seil % \u00e4.mcap"),
+        ("../../etc/passwd", "passwd"),
+        ("a\r\nSet-Cookie: b\x00.mcap", "aSet-Cookie: b.mcap"),
+        ("/", None),
+        ("", None),
+    ],
+)
+def test_a_name_is_kept_to_be_shown(client: httpx.Client, recording_file: Path, told: str, kept: str | None) -> None:
+    answer = client.post("/api/recordings", params={"name": told}, content=recording_file.read_bytes())
+    assert (answer.status_code, answer.json()["name"]) == (201, kept)
+    assert client.get(answer.headers["location"]).json()["name"] == kept
+
+
+def test_a_refusal_names_the_file_as_its_sender_does(client: httpx.Client, assert_problem: AssertProblem) -> None:
+    def refused(**params: str) -> str:
+        return assert_problem(client.post("/api/recordings", params=params, content=b"no"), 422, "not-mcap")
+
+    assert refused(name="my {0} %s.mcap").startswith("my {0} %s.mcap is not an MCAP file")
+    assert refused().startswith("the recording is not an MCAP file")
+    assert_problem(client.post("/api/recordings", params={"name": "x" * 256}, content=b"no"), 422, "invalid-request")
+
+
 def test_a_download_is_whole_whatever_range_is_asked_for(client: httpx.Client, recording: str) -> None:
     address = f"/api/recordings/{recording}/file"
     whole = client.get(address).content

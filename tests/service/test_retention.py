@@ -16,12 +16,13 @@ from calibration.disk import write_synced
 from service.config_sections import RetentionConfig
 from service.data_folder import DataFolder
 from service.idempotency import Key
+from service.migrations import MIGRATIONS
 from service.new_rows import Asked, new_scan
 from service.removal import Old, remove
 from service.retention import sweep
 from service.schemas import ScanState
 from service.store import Store
-from service.tables import MIGRATIONS, RecordingRow, ScanErrorRow
+from service.tables import RecordingRow, ScanErrorRow
 from service.wall_clock import stamp
 from tests.service.conftest import Serve, wait_until
 

@@ -89,6 +89,7 @@ def test_a_recording_is_added_and_recognised(open_console: Open, client: ServedC
     page.get_by_label("Add a file").set_input_files(recording_file)
     expect(recognise).to_be_enabled()
     expect(page.get_by_label("Recording", exact=True).locator("option:checked")).to_contain_text("4 views")
+    expect(page.get_by_label("Recording", exact=True).locator("option:checked")).to_contain_text(recording_file.name)
     recognise.click()
     last = page.get_by_role("region", name="The last scan")
     expect(last).to_contain_text("1 string, 0 crossings")
@@ -104,4 +105,4 @@ def test_what_is_no_recording_is_told_in_words(open_console: Open, client: Serve
     wrong.write_bytes(b"no recording at all")
     page.get_by_label("A recording of an earlier scan").check()
     page.get_by_label("Add a file").set_input_files(wrong)
-    expect(page.get_by_role("alert").filter(has_text="Not an MCAP file")).to_be_visible()
+    expect(page.get_by_role("alert").filter(has_text="Not an MCAP file")).to_contain_text("Wrong.mcap")

@@ -14,9 +14,9 @@ from service.data_folder import DataFolder
 from service.database import Database
 from service.doctor.repair import repair
 from service.doctor.rows import TABLES
+from service.migrations import MIGRATIONS, VERSION
 from service.new_rows import NOBODY, new_calibration, new_scan
 from service.store import Store
-from service.tables import MIGRATIONS, VERSION
 from tests.service.stored_data import LIVE, REPLAY, UPLOAD, Data
 
 

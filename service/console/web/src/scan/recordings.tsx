@@ -30,6 +30,7 @@ export function Recordings({ chosen, choose }: RecordingsProps) {
   async function send(file: File): Promise<void> {
     const added = await told(
       api.POST("/api/recordings", {
+        params: { query: { name: file.name } },
         // The description has a body of bytes as a text.
         body: file as unknown as string,
         bodySerializer: (body: unknown) => body as BodyInit,
@@ -74,7 +75,7 @@ export function Recordings({ chosen, choose }: RecordingsProps) {
   );
 }
 
-function nameOf(recording: Recording): string {
-  const size = `${(recording.size_bytes / 1e6).toFixed(1)} MB`;
-  return `${when(recording.created_at)}, ${counted(recording.views, "view")}, ${size}, ${recording.id.slice(-8)}`;
+function nameOf({ name, created_at, views, size_bytes }: Recording): string {
+  const about = `${when(created_at)}, ${counted(views, "view")}, ${(size_bytes / 1e6).toFixed(1)} MB`;
+  return name === null ? about : `${name}, ${about}`;
 }
