@@ -158,6 +158,7 @@ def test_where_nothing_was_scanned_it_says_so(open_console: Open, serve: Serve, 
     with without_recognition(serve, tmp_path) as client:
         page = open_console(client, "#/result").page
         expect(page.get_by_text("No scan has a result yet")).to_be_visible()
+        page.close()  # before its service goes
 
 
 def test_where_no_string_was_found_it_says_why_and_offers_nothing(open_console: Open, crossed: ServedClient) -> None:
@@ -201,3 +202,4 @@ def test_the_newest_result_is_shown_though_later_scans_have_none(
         assert page.url.endswith(done["id"])
         page.keyboard.press("1")
         expect(page.get_by_role("region", name="The last scan")).to_contain_text("0 views had been taken")
+        page.close()  # before its service goes

@@ -1,16 +1,15 @@
 import "./history.css";
-import { useEffect, useState } from "preact/hooks";
+import { useState } from "preact/hooks";
 import { api, told, type Scan } from "../net/api";
 import { changes, latest, show } from "../state/scans";
-import { Act, Failed, failureOf, useAction, type Failure } from "../ui/action";
+import { Act, Failed, useAction } from "../ui/action";
+import { useAsked } from "../ui/asked";
 import { ALL, Filters, queryOf, type Wanted } from "./filters";
 import { Row } from "./row";
 
 const AT_A_TIME = 20;
 /** The service lists no more at once. */
 const MOST = 500;
-/** After an answer that did not come. */
-const AGAIN_MS = 5000;
 
 interface Listed {
   of: Wanted;
@@ -28,32 +27,14 @@ async function scansOf(wanted: Wanted, limit: number, before?: string): Promise<
 export function HistoryScreen({ id }: { id: string | null }) {
   const [wanted, want] = useState(ALL);
   const [listed, setListed] = useState<Listed | null>(null);
-  const [failure, setFailure] = useState<Failure | null>(null);
-  const [tries, setTries] = useState(0);
   const older = useAction();
 
-  useEffect(() => {
-    let current = true;
-    let timer: ReturnType<typeof setTimeout> | undefined;
+  const failure = useAsked(
     // As many as are shown already, so that older ones stay.
-    const limit = Math.min(Math.max(listed?.scans.length ?? 0, AT_A_TIME), MOST);
-    scansOf(wanted, limit).then(
-      (found) => {
-        if (!current) return;
-        setListed(found);
-        setFailure(null);
-      },
-      (error: unknown) => {
-        if (!current) return;
-        timer = setTimeout(() => setTries((before) => before + 1), AGAIN_MS);
-        setFailure(failureOf(error));
-      },
-    );
-    return () => {
-      current = false;
-      clearTimeout(timer);
-    };
-  }, [wanted, changes.value, tries]);
+    () => scansOf(wanted, Math.min(Math.max(listed?.scans.length ?? 0, AT_A_TIME), MOST)),
+    setListed,
+    [wanted, changes.value],
+  );
 
   async function showOlder(): Promise<void> {
     if (listed === null) return;

@@ -3,7 +3,8 @@ import { api, slowly, told, type Method, type Model, type Scan } from "../net/ap
 import { askNow } from "../state/follow";
 import { changes, running, show } from "../state/scans";
 import { operates } from "../state/session";
-import { Act, Failed, failureOf, useAction, type Failure } from "../ui/action";
+import { Act, Failed, useAction } from "../ui/action";
+import { useAsked } from "../ui/asked";
 import { Hint } from "../ui/hint";
 import { lineStyle, type Other } from "../view3d/scene";
 import { hasModel, METHODS } from "../words/states";
@@ -20,18 +21,11 @@ interface CompareProps {
 /** What the other methods make of the same views, in numbers and as lines in the picture. */
 export function Compare({ scan, model, others, setOthers }: CompareProps) {
   const [known, setKnown] = useState<readonly Scan[]>([]);
-  const [failure, setFailure] = useState<Failure | null>(null);
-  const { recording } = scan;
-
-  useEffect(() => {
-    if (recording === null) return;
-    void told(api.GET("/api/scans", { params: { query: { recording } } })).then(
-      ({ scans }) => setKnown(scans.filter(hasModel)),
-      (error: unknown) => setFailure(failureOf(error)),
-    );
-  }, [recording, changes.value]);
-
-  if (recording === null) return null;
+  const failure = useAsked(
+    () => told(api.GET("/api/scans", { params: { query: { recording: scan.recording ?? undefined } } })),
+    ({ scans }) => setKnown(scans.filter(hasModel)),
+    [changes.value],
+  );
   const methods = (Object.keys(METHODS) as Method[]).filter((method) => method !== scan.method);
   return (
     <section class="compare">

@@ -1,8 +1,9 @@
-import { useEffect, useState } from "preact/hooks";
+import { useState } from "preact/hooks";
 import { api, told } from "../net/api";
 import { addressOf } from "../route";
 import { changes } from "../state/scans";
-import { Failed, failureOf, type Failure } from "../ui/action";
+import { Failed } from "../ui/action";
+import { useAsked } from "../ui/asked";
 
 /** So many of the newest results are asked for: some of them may only work out an earlier scan again. */
 const SOME = 20;
@@ -10,23 +11,15 @@ const SOME = 20;
 /** Goes to the newest result, as soon as there is one; from then on it is that one, also when another scan ends. */
 export function NewestResult() {
   const [none, setNone] = useState(false);
-  const [failure, setFailure] = useState<Failure | null>(null);
-
-  useEffect(() => {
-    let wanted = true;
-    void told(api.GET("/api/scans", { params: { query: { state: ["succeeded", "partial"], limit: SOME } } })).then(
-      ({ scans }) => {
-        const newest = scans.find((scan) => scan.source === null) ?? scans[0];
-        if (!wanted) return;
-        if (newest !== undefined) location.replace(addressOf("result", newest.id));
-        setNone(newest === undefined);
-      },
-      (error: unknown) => wanted && setFailure(failureOf(error)),
-    );
-    return () => {
-      wanted = false;
-    };
-  }, [changes.value]);
+  const failure = useAsked(
+    () => told(api.GET("/api/scans", { params: { query: { state: ["succeeded", "partial"], limit: SOME } } })),
+    ({ scans }) => {
+      const newest = scans.find((scan) => scan.source === null) ?? scans[0];
+      if (newest !== undefined) location.replace(addressOf("result", newest.id));
+      setNone(newest === undefined);
+    },
+    [changes.value],
+  );
 
   return (
     <>

@@ -75,7 +75,7 @@ function Result({ id }: { id: string }) {
             <Strings model={model} show={show} />
             <Crossings model={model} show={show} />
             <Grasps model={model} show={show} />
-            <Compare scan={scan} model={model} others={others} setOthers={setOthers} />
+            {scan.recording !== null && <Compare scan={scan} model={model} others={others} setOthers={setOthers} />}
           </>
         )}
       </div>

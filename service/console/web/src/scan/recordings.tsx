@@ -1,8 +1,9 @@
-import { useEffect, useState } from "preact/hooks";
+import { useState } from "preact/hooks";
 import { api, told, type Recording } from "../net/api";
 import { request } from "../net/request";
 import { changes } from "../state/scans";
-import { Failed, failureOf, useAction, type Failure } from "../ui/action";
+import { Failed, useAction } from "../ui/action";
+import { useAsked } from "../ui/asked";
 import { Field } from "../ui/field";
 import { counted, when } from "../words/units";
 
@@ -17,15 +18,13 @@ interface RecordingsProps {
 /** The recordings that the service has, to choose one, and the way for more to come in. */
 export function Recordings({ chosen, choose }: RecordingsProps) {
   const [known, setKnown] = useState<Recording[] | null>(null);
-  const [failure, setFailure] = useState<Failure | null>(null);
   const upload = useAction();
 
-  useEffect(() => {
-    void told(api.GET("/api/recordings", { params: { query: { limit: SHOWN } } })).then(
-      ({ recordings }) => setKnown(recordings),
-      (error: unknown) => setFailure(failureOf(error)),
-    );
-  }, [changes.value]);
+  const failure = useAsked(
+    () => told(api.GET("/api/recordings", { params: { query: { limit: SHOWN } } })),
+    ({ recordings }) => setKnown(recordings),
+    [changes.value],
+  );
 
   async function send(file: File): Promise<void> {
     const added = await told(

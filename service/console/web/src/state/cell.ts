@@ -17,8 +17,10 @@ export const calibrates = computed(() => Boolean(calibration.value?.under_way));
 
 /** Asks for the cell. */
 export async function askCell(): Promise<void> {
-  const before = cell.value?.calibration?.sha256;
-  cell.value = await told(api.GET("/api/cell"));
+  const [heard, before] = [events, cell.value?.calibration?.sha256];
+  const asked = await told(api.GET("/api/cell"));
+  if (events !== heard) return; // it may be older than what was heard meanwhile, and is asked for again at once
+  cell.value = asked;
   const other = cell.value.calibration?.sha256 !== before;
   if (calibration.value === null || other || calibrates.value || cell.value.state === "busy") await askCalibration();
 }
@@ -28,7 +30,10 @@ export async function askCalibration(): Promise<void> {
   calibration.value = await told(api.GET("/api/calibration"));
 }
 
+let events = 0;
+
 /** Takes over what an event tells of the cell, ahead of the next answer. */
 export function cellEvent(news: Pick<Cell, "state" | "problem" | "reason">): void {
+  events++;
   if (cell.value !== null) cell.value = { ...cell.value, ...news };
 }

@@ -15,9 +15,14 @@ export const changes = signal(0);
 /** The scan under way, whoever has started it. */
 export const running = computed(() => (latest.value !== null && underWay(latest.value.state) ? latest.value : null));
 
+/** Goes up with all that is shown: an answer to what was asked before may be older than that. */
+let version = 0;
+
 /** Asks which scan is the newest, and which has looked at the table or at a recording itself. */
 export async function askScans(): Promise<void> {
+  const before = version;
   const { scans } = await told(api.GET("/api/scans", { params: { query: { limit: SOME } } }));
+  if (version !== before) return; // it is asked for again soon
   const [newest] = scans;
   first.value = scans.find((scan) => scan.source === null) ?? first.value;
   if (newest !== undefined) show(newest);
@@ -26,6 +31,9 @@ export async function askScans(): Promise<void> {
 /** Shows a scan, as it was told. */
 export function show(scan: Scan): void {
   const before = latest.value;
+  // What has ended goes on no more: that is an event of before, sent again.
+  if (before?.id === scan.id && underWay(scan.state) && !underWay(before.state)) return;
+  version++;
   latest.value = scan;
   if (scan.source === null) first.value = scan;
   if (before?.id !== scan.id || underWay(before.state) !== underWay(scan.state)) changes.value++;
@@ -62,6 +70,7 @@ export async function scanEvent(news: ScanNews): Promise<void> {
 
 /** Asks for one scan, and shows it. */
 export async function askScan(id: string): Promise<void> {
+  const before = version;
   const asked = await told(api.GET("/api/scans/{id}", { params: { path: { id } } }));
-  if (latest.value === null || latest.value.id === id) show(asked);
+  if (version === before) show(asked);
 }
