@@ -61,7 +61,7 @@ def receive(views: Iterable[DepthView], parameters: ChainParameters, scene: Scen
         clouds.append(cloud)
     seen, left_out, empty_because = usable_views(targets)
     if empty_because is not None:
-        of_radius = f"({parameters.z_t * 1000:.1f} mm for a string of radius {parameters.r * 1000:.1f} mm)"
+        of_radius = f"({parameters.z_t * 1000:.1f} mm for a radius of {parameters.r * 1000:.1f} mm)"
         return Arrivals(targets, (), (), left_out, f"{empty_because} {of_radius}")
     if len(clouds) < max(MIN_VIEWS, len(crowded)):
         raise next(iter(crowded.values()))

@@ -60,7 +60,7 @@ def usable_views(
             f"only view {seen[0].view} sees anything above the table, the other {len(targets) - 1} do not: "
             "the views do not agree, so no model is made"
         )
-    return [], left_out, "no string in view: no view has points in the workspace higher above the table than z_t"
+    return [], left_out, "no string of this radius in view: nothing in the workspace is as high above the table as z_t"
 
 
 def unusable(target: TargetCloud) -> str | None:
@@ -72,7 +72,7 @@ def unusable(target: TargetCloud) -> str | None:
     if _broken(target):
         return "every pixel has the same depth, and not the table's: not a picture of anything"
     if len(target.points) < MIN_POINTS:
-        return f"only {len(target.points)} points are higher above the table than the threshold z_t"
+        return f"only {len(target.points)} points are so high above the table as to be of a string (z_t)"
     return None
 
 

@@ -257,7 +257,7 @@ def test_no_string_is_a_valid_empty_model(
     assert (empty["chains"], empty["crossings"], empty["grasps"]) == ([], [], [])
     assert empty["topology"] == {"gauss_code": [], "p_data": {"elements": [], "matrix": []}}
     warning, unseen = empty["quality"]["warnings"]
-    assert warning.startswith("no string in view")
+    assert warning.startswith("no string of this radius in view")
     assert "is in fewer than 2 pictures" in unseen, "three views do not show the whole workspace"
     assert [view["used"] for view in empty["quality"]["views"]] == [False, False, False]
     assert told == ["preprocess"]

@@ -25,7 +25,7 @@ def test_views_that_see_a_string_are_used() -> None:
         (target(1, points=0, in_workspace=0, measured=0), "no pixel has a depth"),
         (target(1, constant=True), "every pixel has the same depth"),
         (target(1, points=0, in_workspace=MIN_POINTS - 1), "nothing measured in the workspace"),
-        (target(1, points=MIN_POINTS - 1), "only 49 points are higher above the table than the threshold z_t"),
+        (target(1, points=MIN_POINTS - 1), "only 49 points are so high above the table as to be of a string (z_t)"),
     ],
     ids=["no depth", "constant", "outside", "too few"],
 )
@@ -44,14 +44,14 @@ def test_a_table_without_a_string_is_a_valid_answer() -> None:
     assert seen == []
     assert [quality.index for quality in left_out] == [0, 1]
     assert empty_because is not None
-    assert empty_because.startswith("no string in view")
+    assert empty_because.startswith("no string of this radius in view")
 
 
 def test_an_empty_table_seen_straight_from_above_is_no_broken_sensor() -> None:
     seen, _, empty_because = usable_views([target(0, points=0, constant=True), target(1, points=0)])
     assert seen == []
     assert empty_because is not None
-    assert empty_because.startswith("no string in view")
+    assert empty_because.startswith("no string of this radius in view")
 
 
 @pytest.mark.parametrize(("count", "said"), [(0, "0 views given"), (1, "1 view given")])

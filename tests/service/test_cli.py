@@ -128,7 +128,7 @@ def test_no_string_in_view_is_a_valid_empty_model(
     code, (model,), _ = run(capsys, "recognise", write(tmp_path / "none.mcap", beside, recording.views))
     assert code == 0
     assert model["chains"] == model["crossings"] == []
-    assert "no string in view" in model["quality"]["warnings"][0]
+    assert "no string of this radius in view" in model["quality"]["warnings"][0]
 
 
 def test_a_workspace_where_nothing_is_is_refused(

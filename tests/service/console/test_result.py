@@ -15,6 +15,7 @@ from playwright.sync_api import Page, Route, expect
 from cell.simulation.camera import camera_model
 from cell.simulation.scenes import make_scene
 from cell.simulation.simulate import simulate, write_simulation
+from recognition.grasp_places import FAR_M
 from service.new_rows import NOBODY, new_scan
 from service.problems import problem_document
 from tests.service.conftest import Serve, ServedClient, wait_until
@@ -48,6 +49,21 @@ def test_what_is_said_is_what_the_model_says(open_console: Open, crossed: Served
     expect(page.get_by_role("button", name=f"at {over} lies over string 0 at {under}")).to_be_visible()
     expect(page.locator(".label3d.crossing")).to_contain_text("over")
     expect(page.get_by_role("heading", name=f"The best 5 of {len(model['grasps'])} grasps")).to_be_visible()
+
+
+def test_what_was_not_looked_at_is_not_told(open_console: Open, crossed: ServedClient) -> None:
+    opened = open_console(crossed)
+    page = opened.page
+
+    def with_one_free(route: Route) -> None:
+        model = json.loads(route.fetch().body())
+        model["grasps"][0]["clearance_m"] = FAR_M
+        model["grasps"][1]["clearance_m"] = FAR_M - 0.0001
+        route.fulfill(json=model)
+
+    page.route("**/model", with_one_free)
+    page.keyboard.press("2")
+    expect(page.get_by_text(f"free by {FAR_M * 1000:.0f} mm or more")).to_have_count(1)
 
 
 def test_a_point_is_picked_and_read(open_console: Open, crossed: ServedClient) -> None:
@@ -180,7 +196,7 @@ def test_where_no_string_was_found_it_says_why_and_offers_nothing(open_console: 
     expect(page.locator(".badge.warn", has_text="No string found")).to_be_visible()
     expect(page.get_by_role("heading", name="Why there is no string")).to_be_visible()
     expect(page.get_by_text("No string of radius 15.0 mm found")).to_be_visible()
-    expect(page.get_by_text("A string of 15.0 mm in radius was looked for")).to_be_visible()
+    expect(page.get_by_text("Only a string of 15.0 mm in radius was looked for")).to_be_visible()
     expect(page.get_by_label("Grasps", exact=True)).to_have_count(0)
     expect(page.get_by_label("Strings", exact=True)).to_have_count(0)
 

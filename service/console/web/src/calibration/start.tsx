@@ -51,8 +51,8 @@ export function StartRun({ started }: { started: (run: Run) => void }) {
       <h2>First</h2>
       <ol>
         <li>
-          Lay the <Hint term="board" /> flat on the table, in the middle of the workspace, and see that it cannot slip. The
-          usual one is {boardWords(USUAL)}.
+          Lay the board flat on the table, in the middle of the workspace, and see that it cannot slip.{" "}
+          <Hint term="board">{`The usual one is ${boardWords(USUAL) ?? ""}`}</Hint>
         </li>
         <li>Take everything else off the table. The light is as in a scan, and no lamp is mirrored in the board.</li>
         <li>Nobody is within reach of the arm.</li>

@@ -40,6 +40,7 @@ export function Row({ scan, opened, changed }: RowProps & { opened: boolean }) {
           <span>
             {scan.summary?.chains ? `${counted(scan.summary.chains, "string")}, ${counted(scan.summary.crossings, "crossing")}, ` : ""}
             {scan.method}
+            {scan.string_radius_m === null ? "" : `, radius ${mm(scan.string_radius_m)}`}
             {scan.asked_by === null ? "" : `, by ${scan.asked_by}`}
             {scan.kept ? ", kept" : ""}
           </span>
@@ -70,8 +71,13 @@ function Details({ scan, name, changed }: RowProps & { name: string }) {
       )}
       <Warnings warnings={summary?.warnings ?? []} />
       <p class="small">
-        {radiusWords(scan)}
-        {scan.source === null ? "" : `; works out again what scan ${scan.source} saw`}; {scan.id}
+        {scan.string_radius_m === null && (hasModel(scan) ? "The radius was measured; " : "The radius was to be measured; ")}
+        {scan.source !== null && (
+          <>
+            works out again <a href={addressOf("history", scan.source)}>an earlier scan</a>;{" "}
+          </>
+        )}
+        {scan.id}
       </p>
       <div class="row">
         {hasModel(scan) && (
@@ -103,9 +109,4 @@ function Details({ scan, name, changed }: RowProps & { name: string }) {
       {operates.value && links.reprocess !== null && <Again scan={scan} />}
     </div>
   );
-}
-
-function radiusWords(scan: Scan): string {
-  if (scan.string_radius_m !== null) return `Radius ${mm(scan.string_radius_m)}`;
-  return hasModel(scan) ? "The radius was measured" : "The radius was to be measured";
 }

@@ -6,7 +6,7 @@ import { operates } from "../state/session";
 import { Act, Failed, useAction } from "../ui/action";
 import { useAsked } from "../ui/asked";
 import { Hint } from "../ui/hint";
-import { lineStyle, type Other } from "../view3d/scene";
+import { lineOf, type Other } from "../view3d/scene";
 import { hasModel, METHODS } from "../words/states";
 import { mm } from "../words/units";
 import { loadModel } from "./load";
@@ -43,9 +43,9 @@ export function Compare({ scan, model, others, setOthers }: CompareProps) {
           </tr>
         </thead>
         <tbody>
-          <Numbers name={`${scan.method} (this)`} model={model} shown="tubes" />
+          <Numbers name={`${scan.method} (this)`} model={model} />
           {others.map(({ method, model: other }) => (
-            <Numbers key={method} name={method} model={other} shown={`${lineStyle(method)} line`} />
+            <Numbers key={method} name={method} model={other} line={lineOf(method)} />
           ))}
         </tbody>
       </table>
@@ -68,14 +68,23 @@ export function Compare({ scan, model, others, setOthers }: CompareProps) {
   );
 }
 
-function Numbers({ name, model, shown }: { name: string; model: Model; shown: string }) {
+interface NumbersProps {
+  name: string;
+  model: Model;
+  /** How its strings are drawn; tubes if it is not told. */
+  line?: ReturnType<typeof lineOf>;
+}
+
+function Numbers({ name, model, line }: NumbersProps) {
   return (
     <tr>
       <th scope="row">{name}</th>
       <td>{model.chains.length}</td>
       <td>{model.crossings.length}</td>
       <td>{mm(model.chains.reduce((sum, chain) => sum + chain.length_m, 0), 0)}</td>
-      <td>{shown}</td>
+      <td>
+        {line && <span class="sample" style={{ background: line.colour }} />} {line ? `${line.style} line` : "tubes"}
+      </td>
     </tr>
   );
 }

@@ -33,14 +33,16 @@ export function Findings({ model, show }: { model: Model; show: (place: Place) =
             </button>
           </li>
         ))}
-        {unused.map((view) => (
-          <li key={view.index}>
-            <button type="button" onClick={() => show({ kind: "view", index: view.index })}>
-              View {view.index} was not used: {sentence(view.reason ?? "no reason is told")}
-            </button>
-          </li>
-        ))}
+        {unused.length < views.length &&
+          unused.map((view) => (
+            <li key={view.index}>
+              <button type="button" onClick={() => show({ kind: "view", index: view.index })}>
+                View {view.index} was not used: {sentence(view.reason ?? "no reason is told")}
+              </button>
+            </li>
+          ))}
       </ul>
+      {unused.length === views.length && <p>None of the {counted(views.length, "view")} shows anything of a string.</p>}
     </section>
   );
 }

@@ -3,6 +3,9 @@ import { Hint } from "../ui/hint";
 import { BEST_GRASPS, type Place } from "../view3d/scene";
 import { mm } from "../words/units";
 
+/** What is farther away than this is not looked at. */
+const FAR_M = 0.03;
+
 /** The best places to take a string. */
 export function Grasps({ model, show }: { model: Model; show: (place: Place) => void }) {
   return (
@@ -17,6 +20,7 @@ export function Grasps({ model, show }: { model: Model; show: (place: Place) => 
             <button type="button" onClick={() => show({ kind: "grasp", index })}>
               {index}: string {grasp.chain} at {mm(grasp.s_m, 0)}: fingers {mm(grasp.opening_m, 0)} apart, free by{" "}
               {mm(grasp.clearance_m, 0)}
+              {grasp.clearance_m >= FAR_M && " or more"}
             </button>
           </li>
         ))}

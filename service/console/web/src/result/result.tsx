@@ -1,14 +1,15 @@
 import "./result.css";
-import { useMemo, useState } from "preact/hooks";
+import { useMemo, useRef, useState } from "preact/hooks";
 import { Badge } from "../bar/status";
 import type { Model } from "../net/api";
 import { Failed } from "../ui/action";
+import { ToldRadius } from "../scan/told_radius";
 import { pointAt } from "../view3d/along";
 import { orderGradient } from "../view3d/order";
 import type { Other, Place } from "../view3d/scene";
 import { sentence } from "../words/sentence";
 import { outcome } from "../words/states";
-import { counted, mm, when } from "../words/units";
+import { counted, when } from "../words/units";
 import { Compare } from "./compare";
 import { Crossings } from "./crossings";
 import { Findings } from "./findings";
@@ -32,11 +33,15 @@ function Result({ id }: { id: string }) {
   const [others, setOthers] = useState<readonly Other[]>([]);
   const { scan, model, cloud, views } = loaded;
   const content = useMemo(() => ({ model, cloud, views, others }), [model, cloud, views, others]);
-  const show = (place: Place) => setChosen({ place, turn: true });
+  const drawn = useRef<HTMLDivElement>(null);
+  const show = (place: Place) => {
+    setChosen({ place, turn: true });
+    drawn.current?.scrollIntoView({ block: "nearest" }); // on a narrow screen the picture is above the words
+  };
 
   return (
     <div class="result">
-      <div class="drawn">
+      <div class="drawn" ref={drawn}>
         <Viewer
           content={content}
           layers={LAYERS}
@@ -45,7 +50,7 @@ function Result({ id }: { id: string }) {
           instead={scan?.links.preview}
         />
         <p class="small legend">
-          First end <span style={{ background: orderGradient() }} /> last end. The dark rings point towards the last end; where
+          First end <span style={{ background: orderGradient() }} /> last end. The rings point towards the last end; where
           a strand is under another, it is left out.
         </p>
       </div>
@@ -64,17 +69,16 @@ function Result({ id }: { id: string }) {
         <Failed failure={loaded.failure} />
         {model !== null && scan !== null && (
           <>
-            {model.chains.length === 0 && scan.string_radius_m !== null && (
-              <p class="note warn">
-                A string of {mm(scan.string_radius_m)} in radius was looked for. If the string may be another, scan again and
-                leave the radius to be measured.
-              </p>
-            )}
+            <ToldRadius scan={scan} />
             <Findings model={model} show={show} />
-            <Point model={model} place={chosen?.place ?? null} choose={setChosen} />
-            <Strings model={model} show={show} />
-            <Crossings model={model} show={show} />
-            <Grasps model={model} show={show} />
+            {model.chains.length > 0 && (
+              <>
+                <Point model={model} place={chosen?.place ?? null} choose={setChosen} />
+                <Strings model={model} show={show} />
+                <Crossings model={model} show={show} />
+                <Grasps model={model} show={show} />
+              </>
+            )}
             {scan.recording !== null && <Compare scan={scan} model={model} others={others} setOthers={setOthers} />}
           </>
         )}

@@ -10,7 +10,6 @@ interface ListProps {
 
 /** Each string in short. */
 export function Strings({ model, show }: ListProps) {
-  if (model.chains.length === 0) return null;
   return (
     <section>
       <h2>Strings</h2>

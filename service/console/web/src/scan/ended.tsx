@@ -6,6 +6,7 @@ import { Warnings } from "../ui/warnings";
 import { sentence } from "../words/sentence";
 import { hasModel, outcome } from "../words/states";
 import { counted, when } from "../words/units";
+import { ToldRadius } from "./told_radius";
 import { Views } from "./views";
 
 /** The last scan: what came of it. */
@@ -30,6 +31,7 @@ export function Ended({ scan }: { scan: Scan }) {
           <strong>{problem.title}.</strong> {sentence(problem.detail)}
         </p>
       )}
+      <ToldRadius scan={scan} />
       <Warnings warnings={summary?.warnings ?? []} />
       <p class="row">
         {hasModel(scan) && (

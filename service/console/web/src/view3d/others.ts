@@ -1,7 +1,6 @@
-import { CapsuleGeometry, type Color, Group, InstancedMesh, MeshBasicMaterial, Object3D, Vector3 } from "three";
+import { CapsuleGeometry, Color, Group, InstancedMesh, MeshBasicMaterial, Object3D, Vector3 } from "three";
 import { pieceCount, pointAt } from "./along";
-import type { Palette } from "./palette";
-import { type Chain, type LineStyle, lineStyle, type Other } from "./scene";
+import { type Chain, lineOf, type LineStyle, type Other } from "./scene";
 import { directionAt } from "./tubes";
 
 /** Length of a stroke and of the way from one to the next, in radii of the string. */
@@ -11,14 +10,16 @@ const STROKES: Record<LineStyle, { long: number; step: number }> = {
   dotted: { long: 0, step: 2.2 },
 };
 const [CORE, RIM] = [0.35, 0.6];
+const RIM_COLOUR = new Color("#10181f");
 
 /** What other methods found, as lines over all else: light with a dark rim, seen on any ground. */
-export function drawOthers(others: readonly Other[], palette: Palette): Group {
+export function drawOthers(others: readonly Other[]): Group {
   const group = new Group();
   for (const { method, model } of others) {
+    const { style, colour } = lineOf(method);
     for (const chain of model.chains) {
-      group.add(strokes(chain, lineStyle(method), RIM, palette.ink, 20));
-      group.add(strokes(chain, lineStyle(method), CORE, palette.ground, 21));
+      group.add(strokes(chain, style, RIM, RIM_COLOUR, 20));
+      group.add(strokes(chain, style, CORE, new Color(colour), 21));
     }
   }
   return group;

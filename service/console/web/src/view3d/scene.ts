@@ -52,10 +52,11 @@ export type Place =
 /** Of a line that stands for a string. */
 export type LineStyle = "solid" | "dashed" | "dotted";
 
-/** How the strings of a compared method are drawn, for the legend too. */
-export function lineStyle(method: string): LineStyle {
-  if (method === "enhanced") return "dashed";
-  return method === "matching" ? "dotted" : "solid";
+/** How the strings of a compared method are drawn, for the legend too: light, for they have a dark rim. */
+export function lineOf(method: string): { style: LineStyle; colour: string } {
+  if (method === "enhanced") return { style: "dashed", colour: "#ffd24d" };
+  if (method === "matching") return { style: "dotted", colour: "#7fe3ff" };
+  return { style: "solid", colour: "#ffffff" };
 }
 
 /** Crossings below this are called not certain. */

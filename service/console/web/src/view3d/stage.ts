@@ -150,7 +150,7 @@ export class Stage implements View3D {
     this.scene.background = palette.ground;
     parts.cloud.update(this.points, palette);
     parts.strings.update(model, palette);
-    parts.others.update(content.others, palette);
+    parts.others.update(content.others);
     parts.crossings.update(model, palette);
     parts.grasps.update(model, palette);
     parts.cameras.update(views, model, palette);

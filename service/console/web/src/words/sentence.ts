@@ -1,5 +1,5 @@
-/** The service's words as a sentence. */
+/** The service's words as a sentence; commands are in backticks there. */
 export function sentence(words: string): string {
-  const begun = words.charAt(0).toUpperCase() + words.slice(1);
+  const begun = words.charAt(0).toUpperCase() + words.slice(1).replaceAll("`", "");
   return /[.!?]$/.test(begun) ? begun : `${begun}.`;
 }
