@@ -170,7 +170,7 @@ class Cell:
         Raises what the scan does, CellBusyError, and StoppedError when a stop came since it was asked for.
         """
         least = min(self.settings.scan.min_views, len(plan.viewpoints))
-        return self._moving(plan, writer, listener, Task("scan", least, self._planning.scan_basis))
+        return self._moving(plan, writer, listener, Task(least, self._planning.scan_basis))
 
     def calibrating(
         self, plan: ViewpointPlan, writer: ViewWriter, listener: ScanListener, least: int
@@ -179,7 +179,7 @@ class Cell:
         `T_flange_camera` is the one that the plan was made with. With fewer than `least` views it raises
         MissingViewsError. Afterwards the cell is ready only if there is a calibration that it can use.
         """
-        return self._moving(plan, writer, listener, Task("calibration", least, lambda: self._planning.basis(plan)))
+        return self._moving(plan, writer, listener, Task(least, lambda: self._planning.basis(plan)))
 
     def stop(self) -> None:
         """Stops the arm, whatever goes on. The scan under way or being prepared, if any, ends with StoppedError."""

@@ -3,7 +3,6 @@
 import contextlib
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import Literal
 
 from cell.cell_status import FAULTS, KeptStatus
 from cell.equipment import Equipment
@@ -18,10 +17,8 @@ from cell.viewpoints import ViewpointPlan
 
 @dataclass(frozen=True)
 class Task:
-    """What the views are taken for."""
+    """What the views are taken by, and how many there must be."""
 
-    what: Literal["scan", "calibration"]
-    """A calibration's views have pictures."""
     least: int
     """With fewer views it fails."""
     basis: Callable[[], Basis]
@@ -47,10 +44,11 @@ class Moving:
         """
         asked_s = self._preparing.asked_s
         self._stops.refuse_since(asked_s)
-        means = self._means(task)
+        basis = task.basis()
+        means = self._means(basis)
         # Whatever else has happened to the arm since it was prepared, the scan's beginning tells.
-        self._status.change(state="busy", slug="cell-busy", reason=f"a {task.what} is under way")
-        going_home = f"all views of the last {task.what} are taken, the arm goes home"
+        self._status.change(state="busy", slug="cell-busy", reason=f"a {basis.what} is under way")
+        going_home = f"all views of the last {basis.what} are taken, the arm goes home"
         scan = BackgroundScan(
             *(means, plan, writer, listener, task.least),
             going_home=lambda: self._status.change(reason=going_home),
@@ -63,14 +61,13 @@ class Moving:
             if scan.error is None:
                 stopped = self._stops.since(asked_s)  # when the arm was home already
                 self._status.after(StoppedError(STOPPED) if stopped else None)
-            if task.what == "calibration":  # it was begun without asking for one that can be used
+            if basis.what != "scan":  # it was begun without asking for one that can be used
                 self._preparing.require_usable()
             if self._stops.since(asked_s):  # just now
                 self._stops.told()
 
-    def _means(self, task: Task) -> ScanMeans:
+    def _means(self, basis: Basis) -> ScanMeans:
         arm, camera, settle_s = self._equipment.arm, self._equipment.camera, self._settings.camera.settle_s
-        basis = task.basis()
         return ScanMeans(
-            arm, camera, basis.hand_eye.T_flange_camera, settle_s, basis.check, picture=task.what == "calibration"
+            arm, camera, basis.hand_eye.T_flange_camera, settle_s, basis.check, picture=basis.what != "scan"
         )

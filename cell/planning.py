@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,8 +27,10 @@ from cell.viewpoints import ViewpointPlan, plan_viewpoints
 
 @dataclass(frozen=True, eq=False)
 class Basis:
-    """What a plan was made by."""
+    """What a plan was made for, and by what."""
 
+    what: Literal["scan", "calibration", "verification"]
+    """All but a scan's views have pictures."""
     hand_eye: HandEye
     """The calibration, of a first one a rough one; a view's `T_flange_camera` is of it."""
     check: Callable[[], None]
@@ -58,13 +61,14 @@ class Planning:
         """Poses to calibrate from. Raises CalibrationError, ViewpointsError."""
         rough = told.of(*self._ids)
         plan = plan_calibration(self._settings, board, rough.T_flange_camera, self._q_rad, poses, held_out)
-        self._last = plan, Basis(rough, lambda: None)
+        self._last = plan, Basis("calibration", rough, lambda: None)
         return plan
 
     def verification(self, board: Board, hand_eye: HandEye) -> ViewpointPlan:
         """Poses to verify from. Raises ViewpointsError."""
         plan = plan_verification(self._settings, board, hand_eye.T_flange_camera, self._q_rad)
-        self._last = plan, Basis(hand_eye, lambda: require_still_verified(hand_eye, self._settings.hand_eye))
+        settings = self._settings.hand_eye
+        self._last = plan, Basis("verification", hand_eye, lambda: require_still_verified(hand_eye, settings))
         return plan
 
     def basis(self, plan: ViewpointPlan) -> Basis:
@@ -78,7 +82,7 @@ class Planning:
         used = self._status().hand_eye
         assert used is not None
         begun = datetime.now(UTC)  # neither midnight nor a clock that is set makes it too old on the way
-        return Basis(used, lambda: require_unchanged(used, self.hand_eye(begun)))
+        return Basis("scan", used, lambda: require_unchanged(used, self.hand_eye(begun)))
 
     @property
     def _ids(self) -> tuple[str | None, str | None]:

@@ -1,5 +1,6 @@
 """What goes over HTTP about the cell, as JSON."""
 
+import math
 import time
 from dataclasses import replace
 from typing import Annotated, Literal
@@ -13,11 +14,14 @@ from service.calibrations.schemas import CellWarning
 from service.schemas import WHOLE
 
 Matrix = list[list[float]]
+HEARD_S = 3.0
+"""What was heard longer ago says nothing of how the robot is now: behind a fault nobody listens to it. An idle arm is
+looked at twice a second."""
 
 
 class RobotResource(BaseModel):
-    """The arm, as its controller last told it. Its modes are null while the cell is not ready, and `moving`
-    in a fault too: nobody knows them."""
+    """The arm, as its controller last told it. Its modes are null while the cell is not ready or the last is older than
+    3 s, and `moving` in a fault too: nobody knows them."""
 
     kind: Literal["simulated", "ur"]
     model: str
@@ -108,7 +112,8 @@ def cell_resource(
     if status.state == "ready" and using_arm is not None:
         status = replace(status, state="busy", slug="cell-busy", reason=f"{using_arm} is under way")
     arm, state, camera, hand_eye, plan = status.arm, status.arm_state, status.camera, status.hand_eye, status.plan
-    known = None if status.state == "not_ready" else state
+    age_s = math.inf if state is None else state.age_s + time.monotonic() - state.read_s
+    known = None if status.state == "not_ready" or age_s > HEARD_S else state
     return CellResource(
         state=status.state,
         problem=None if status.slug is None else f"urn:pointchain:{status.slug}",
@@ -123,7 +128,7 @@ def cell_resource(
             moving=None if known is None or status.state == "fault" else known.moving,
             q_rad=None if state is None else state.q_rad.tolist(),
             T_base_flange=None if state is None else state.T_base_flange.tolist(),
-            age_s=None if state is None else state.age_s + time.monotonic() - state.read_s,
+            age_s=None if state is None else age_s,
         ),
         camera=CameraResource(
             kind=settings.camera.kind,

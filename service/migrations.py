@@ -86,6 +86,8 @@ ALTER TABLE calibration_views ADD COLUMN cells TEXT;
 """,
     """
 ALTER TABLE recordings ADD COLUMN name TEXT;
+UPDATE recordings SET created_at = (SELECT created_at FROM scans WHERE scans.id = recordings.id)
+    WHERE id IN (SELECT id FROM scans);
 """,
 )
 """What makes the tables, and what later versions added: the database's user_version tells how many of these it has."""

@@ -21,11 +21,11 @@ from service.storage_errors import is_full, is_held
 
 MEDIA_TYPE = "application/problem+json"
 
-KEPT = "what was recorded, if anything was, is kept: a scan that has a recording can be worked out again (reprocess)"
+KEPT = "what was recorded, if anything was, is kept: a scan that has a recording can be worked out again"
 """Of a scan that came to no end of its own."""
 
 TITLES = {
-    "aborted": "It was cancelled",
+    "aborted": "It was ended by request",
     "acknowledge-required": "A person must look at the cell",
     "bad-frame": "The camera's image shows nothing",
     "calibration": "The hand-eye calibration cannot be used",

@@ -175,7 +175,11 @@ def test_a_calibration_is_never_written_over(cell: Cell, done: tuple[Calibration
 
 
 def verification_of(cell: Cell, folder: Path) -> Verification:
-    return run_verification(cell, cell.prepare_verification(), folder, Told())
+    reasons: set[str | None] = set()
+    told = Told(lambda _: reasons.add(cell.status.reason))
+    verification = run_verification(cell, cell.prepare_verification(), folder, told)
+    assert reasons == {"a verification is under way"}
+    return verification
 
 
 def test_a_calibration_in_use_is_verified_and_a_drift_noticed(

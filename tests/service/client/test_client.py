@@ -71,7 +71,9 @@ def test_refusals_and_failures_say_why(planner: Client, recording: str, held: in
 
 def test_without_a_stream_it_looks_now_and_then(serve: Serve, recording_file: Path, tmp_path: Path) -> None:
     with serve(tmp_path / "data", limits={"event_streams": 1}) as service, Client(str(service.base_url)) as planner:
-        recording = planner.upload(recording_file).id
+        uploaded = planner.upload(recording_file)
+        assert uploaded.name == recording_file.name
+        recording = uploaded.id
         with service.stream("GET", "/api/events") as taken:
             next(taken.iter_lines())
             seen: list[ScanProgress] = []

@@ -44,7 +44,7 @@ def test_scans_are_listed_filtered_opened_and_kept(open_console: Open, past: Ser
     expect(rows.nth(1).locator("img")).to_be_visible()
 
     rows.nth(0).get_by_role("button").click()
-    expect(rows.nth(0)).to_contain_text("The robot was lost. The robot was lost on its way.")
+    expect(rows.nth(0)).to_contain_text("The robot was lost. Told then: The robot was lost on its way.")
     page.get_by_label("Outcome").select_option(label="with a result")
     expect(rows).to_have_count(1)
     rows.get_by_role("button", expanded=False).click()
@@ -114,3 +114,18 @@ def test_older_scans_are_shown_when_asked_for_and_stay_when_one_is_new(
     finished(past, past.post("/api/scans", json={"mode": "replay", "recording": recording}).headers["Location"])
     expect(rows.first).to_contain_text("Done")
     expect(rows).to_have_count(min(before, 40))  # as many as before, of which the oldest gave way
+
+
+def test_a_scan_that_is_named_is_shown_though_it_is_too_old_for_the_list(
+    open_console: Open, past: ServedClient
+) -> None:
+    store = past.app.state.context.store
+    (old,) = store.scans(1)
+    for _ in range(21):
+        later = replace(new_scan("live", "graph", None, NOBODY), state="scanning")
+        store.add_scan(later)
+        store.end_scan(later.id, "aborted", problem_document(409, "stopped", "the arm was stopped"))
+    page = open_console(past, f"#/history/{old.id}").page
+    rows = page.get_by_role("list", name="Scans").get_by_role("button", expanded=True)
+    expect(rows).to_have_count(1)
+    expect(page.get_by_role("group").get_by_text(old.id)).to_be_visible()

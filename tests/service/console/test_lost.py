@@ -26,7 +26,7 @@ def test_what_is_shown_is_told_to_be_old_until_the_service_is_back(open_console:
 
         os.kill(running.pid, signal.SIGSTOP)  # it hangs: connections stay open, nothing comes
         expect(bar).to_contain_text("Not known: no connection")
-        expect(bar).to_contain_text("All below is as it was then")
+        expect(bar).to_contain_text("What the page shows is as it was then")
         expect(scan).to_be_disabled()
         stop = page.get_by_role("button", name="STOP the arm")
         expect(stop).to_be_enabled()

@@ -216,6 +216,7 @@ def test_the_newest_result_is_shown_though_later_scans_have_none(
         page = open_console(client, "#/result").page
         drawn(page)
         assert page.url.endswith(done["id"])
+        expect(page.get_by_text("This is an earlier scan.")).to_be_visible()
         page.keyboard.press("1")
         expect(page.get_by_role("region", name="The last scan")).to_contain_text("0 views had been taken")
         page.close()  # before its service goes

@@ -105,4 +105,4 @@ def test_what_is_no_recording_is_told_in_words(open_console: Open, client: Serve
     wrong.write_bytes(b"no recording at all")
     page.get_by_label("A recording of an earlier scan").check()
     page.get_by_label("Add a file").set_input_files(wrong)
-    expect(page.get_by_role("alert").filter(has_text="Not an MCAP file")).to_contain_text("Wrong.mcap")
+    expect(page.get_by_role("alert").filter(has_text="Not an MCAP file")).to_contain_text("wrong.mcap")

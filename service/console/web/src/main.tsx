@@ -4,7 +4,7 @@ import "./console.css";
 import "./view3d/view3d.css";
 import { App, screenKeys } from "./app";
 import { Status } from "./bar/status";
-import { atWork } from "./state/cell";
+import { atWork, cell } from "./state/cell";
 import { follow } from "./state/follow";
 import { caller } from "./state/session";
 import { forgetStop } from "./stop";
@@ -22,6 +22,12 @@ addEventListener("keydown", screenKeys);
 // What the last stop did is no news any more once the arm is at work again, or somebody else has signed in.
 effect(() => {
   if (atWork.value) forgetStop();
+});
+const fault = computed(() => cell.value?.state === "fault");
+let faulty = false;
+effect(() => {
+  if (faulty && !fault.value) forgetStop(); // somebody has looked at the arm
+  faulty = fault.value;
 });
 const who = computed(() => caller.value?.name);
 effect(() => {

@@ -70,7 +70,7 @@ function LostState() {
     <div class="state" role="alert">
       <Badge look="none">Not known: no connection</Badge>
       <p>
-        {heard === null ? "The service has not answered yet." : `Last heard at ${clock(heard)}. All below is as it was then.`}{" "}
+        {heard === null ? "The service has not answered yet." : `Last heard at ${clock(heard)}. What the page shows is as it was then.`}{" "}
         Stop is sent again and again once it is pressed, but nobody knows whether it gets through: if in doubt, use the
         emergency stop.
       </p>
@@ -97,7 +97,9 @@ function Robot() {
   if (!robot || !fresh.value) return <Fact name="Robot" look="none">not known</Fact>;
   const { robot_mode, safety_mode } = robot;
   if (robot_mode === null || safety_mode === null) {
-    return <Fact name="Robot" look="none">{`${robot.model}, not connected`}</Fact>;
+    const unheard = cell.value?.state === "fault" && robot.age_s !== null;
+    const words = unheard ? `not heard for ${span(robot.age_s ?? 0)}: see its pendant` : `${robot.model}, not connected`;
+    return <Fact name="Robot" look={unheard ? "warn" : "none"}>{words}</Fact>;
   }
   const safe = safety_mode === "normal" || safety_mode === "reduced";
   const look = !safe ? "bad" : robot_mode === "running" ? "good" : "warn";

@@ -66,6 +66,7 @@ export function CalibrationScreen() {
     <div class="calibration">
       <h1>Calibration</h1>
       {top !== null && <RunPanel run={top} name={active === null ? "The last run" : "Under way"} changed={changed} />}
+      {top !== null && active === null && <p class="note">Take the board off the table before the next scan.</p>}
       <InUse />
       {top === null && latest !== undefined && <RunPanel run={latest} name="The last run" changed={changed} />}
       {active === null && maintains.value && <StartRun started={changed} />}

@@ -2,6 +2,7 @@ import { Badge } from "../bar/status";
 import { api, slowly, told, type Run } from "../net/api";
 import { Act, Failed, useAction } from "../ui/action";
 import { sentence } from "../words/sentence";
+import { WhyEnded } from "../ui/why_ended";
 import { SCAN, underWay } from "../words/states";
 import { percent, when } from "../words/units";
 import { boardWords } from "./board";
@@ -58,11 +59,7 @@ export function RunPanel({ run, name, changed }: RunProps) {
           <Failed failure={cancel.failure} />
         </>
       )}
-      {problem && (
-        <p class="note bad">
-          <strong>{problem.title}.</strong> {sentence(problem.detail)}
-        </p>
-      )}
+      <WhyEnded state={run.state} problem={problem} />
       {run.warnings.map((warning) => (
         <p key={warning} class="note warn">
           ▲ {sentence(warning)}

@@ -27,6 +27,7 @@ async function scansOf(wanted: Wanted, limit: number, before?: string): Promise<
 export function HistoryScreen({ id }: { id: string | null }) {
   const [wanted, want] = useState(ALL);
   const [listed, setListed] = useState<Listed | null>(null);
+  const [linked, setLinked] = useState<Scan | null>(null);
   const older = useAction();
 
   const failure = useAsked(
@@ -34,6 +35,12 @@ export function HistoryScreen({ id }: { id: string | null }) {
     () => scansOf(wanted, Math.min(Math.max(listed?.scans.length ?? 0, AT_A_TIME), MOST)),
     setListed,
     [wanted, changes.value],
+  );
+
+  const unlinked = useAsked(
+    async () => (id === null ? null : told(api.GET("/api/scans/{id}", { params: { path: { id } } }))),
+    setLinked,
+    [id],
   );
 
   async function showOlder(): Promise<void> {
@@ -45,6 +52,7 @@ export function HistoryScreen({ id }: { id: string | null }) {
 
   function changed(one: Scan): void {
     setListed((now) => now && { ...now, scans: now.scans.map((two) => (two.id === one.id ? one : two)) });
+    if (linked?.id === one.id) setLinked(one);
     if (latest.value?.id === one.id) show(one);
   }
 
@@ -53,11 +61,13 @@ export function HistoryScreen({ id }: { id: string | null }) {
   // The one under way is told more of, and sooner.
   const shown = current?.scans.map((scan) => (scan.id === latest.value?.id ? latest.value : scan));
   const filtered = Object.keys(queryOf(wanted)).length > 0;
+  // One that somebody wants to see comes first where it is too old for the list.
+  if (linked !== null && !filtered && shown?.every((scan) => scan.id !== linked.id)) shown.unshift(linked);
   return (
     <div class="history">
       <h1>History</h1>
       <Filters wanted={wanted} want={want} />
-      <Failed failure={failure} />
+      <Failed failure={failure ?? unlinked} />
       {shown?.length === 0 && (
         <p>
           {filtered ? "No scan is like that: change what is chosen above." : "There is no scan yet."}

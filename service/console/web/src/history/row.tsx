@@ -2,12 +2,13 @@ import { useEffect, useRef, useState } from "preact/hooks";
 import { Badge } from "../bar/status";
 import { api, told, type Scan } from "../net/api";
 import { addressOf } from "../route";
+import { RecordingName } from "../scan/recording_name";
 import { operates } from "../state/session";
 import { Act, Failed, useAction } from "../ui/action";
 import { Picture } from "../ui/picture";
+import { WhyEnded } from "../ui/why_ended";
 import { Warnings } from "../ui/warnings";
-import { sentence } from "../words/sentence";
-import { hasModel, outcome } from "../words/states";
+import { hasModel, isElsewhere, kindOf, outcome, tooFew } from "../words/states";
 import { counted, mm, when } from "../words/units";
 import { Again } from "./again";
 
@@ -25,8 +26,7 @@ export function Row({ scan, opened, changed }: RowProps & { opened: boolean }) {
     if (opened) row.current?.scrollIntoView({ block: "center" });
   }, []);
   const { word, look } = outcome(scan);
-  const kind = scan.source !== null ? "Worked out again" : scan.mode === "live" ? "By the cell" : "From a recording";
-  const name = `${kind}, ${when(scan.created_at)}`;
+  const name = `${kindOf(scan)}, ${when(scan.created_at)}`;
   return (
     <li ref={row}>
       <button type="button" class="headline" aria-expanded={open} onClick={() => setOpen(!open)}>
@@ -64,11 +64,7 @@ function Details({ scan, name, changed }: RowProps & { name: string }) {
   ];
   return (
     <div class="details" role="group" aria-label={name}>
-      {problem && (
-        <p class="note bad">
-          <strong>{problem.title}.</strong> {sentence(problem.detail)}
-        </p>
-      )}
+      <WhyEnded state={scan.state} problem={problem} />
       <Warnings warnings={summary?.warnings ?? []} />
       <p class="small">
         {scan.string_radius_m === null && (hasModel(scan) ? "The radius was measured; " : "The radius was to be measured; ")}
@@ -78,6 +74,7 @@ function Details({ scan, name, changed }: RowProps & { name: string }) {
           </>
         )}
         {scan.id}
+        {isElsewhere(scan) && scan.recording !== null && <RecordingName id={scan.recording} />}
       </p>
       <div class="row">
         {hasModel(scan) && (
@@ -106,7 +103,7 @@ function Details({ scan, name, changed }: RowProps & { name: string }) {
         )}
       </div>
       <Failed failure={keep.failure} />
-      {operates.value && links.reprocess !== null && <Again scan={scan} />}
+      {operates.value && links.reprocess !== null && !tooFew(scan) && <Again scan={scan} />}
     </div>
   );
 }

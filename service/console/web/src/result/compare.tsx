@@ -26,6 +26,7 @@ export function Compare({ scan, model, others, setOthers }: CompareProps) {
     ({ scans }) => setKnown(scans.filter(hasModel)),
     [changes.value],
   );
+  if (!operates.value && known.every((one) => one.method === scan.method)) return failure && <Failed failure={failure} />;
   const methods = (Object.keys(METHODS) as Method[]).filter((method) => method !== scan.method);
   return (
     <section class="compare">

@@ -1,14 +1,17 @@
 import "./result.css";
 import { useMemo, useRef, useState } from "preact/hooks";
 import { Badge } from "../bar/status";
-import type { Model } from "../net/api";
+import type { Model, Scan } from "../net/api";
+import { addressOf } from "../route";
+import { first } from "../state/scans";
 import { Failed } from "../ui/action";
+import { RecordingName } from "../scan/recording_name";
 import { ToldRadius } from "../scan/told_radius";
 import { pointAt } from "../view3d/along";
 import { orderGradient } from "../view3d/order";
 import type { Other, Place } from "../view3d/scene";
 import { sentence } from "../words/sentence";
-import { outcome } from "../words/states";
+import { hasModel, isElsewhere, kindOf, outcome, underWay } from "../words/states";
 import { counted, when } from "../words/units";
 import { Compare } from "./compare";
 import { Crossings } from "./crossings";
@@ -44,6 +47,7 @@ function Result({ id }: { id: string }) {
       <div class="drawn" ref={drawn}>
         <Viewer
           content={content}
+          elsewhere={scan !== null && isElsewhere(scan)}
           layers={LAYERS}
           chosen={chosen}
           picked={(place) => setChosen({ place: model === null ? place : onPoint(model, place), turn: false })}
@@ -61,11 +65,18 @@ function Result({ id }: { id: string }) {
         </h1>
         {scan !== null && (
           <p>
-            <Badge look={outcome(scan).look}>{outcome(scan).word}</Badge> {when(scan.created_at)}
+            <Badge look={outcome(scan).look}>{outcome(scan).word}</Badge> {kindOf(scan)}, {when(scan.created_at)}
             {model !== null && `, ${model.method}`}
           </p>
         )}
         {scan?.problem && <p class="note bad">{sentence(scan.problem.detail)}</p>}
+        {scan !== null && isElsewhere(scan) && scan.recording !== null && (
+          <p class="note warn">
+            ▲ <strong>This is what a recording shows</strong>
+            <RecordingName id={scan.recording} />: not the table as it is now.
+          </p>
+        )}
+        {scan !== null && <Newer than={scan} />}
         <Failed failure={loaded.failure} />
         {model !== null && scan !== null && (
           <>
@@ -84,6 +95,19 @@ function Result({ id }: { id: string }) {
         )}
       </div>
     </div>
+  );
+}
+
+/** Says so where another scan has come since: nobody shall grasp by a table of before. */
+function Newer({ than }: { than: Scan }) {
+  const newest = first.value;
+  if (newest === null || newest.created_at <= than.created_at || newest.id === than.source) return null;
+  const came = underWay(newest.state) ? "is under way" : `ended: ${outcome(newest).word}`;
+  return (
+    <p class="note warn">
+      ▲ <strong>This is an earlier scan.</strong> A newer one of {when(newest.created_at)} {came}.{" "}
+      <a href={hasModel(newest) ? addressOf("result", newest.id) : addressOf("scan")}>Look at that one</a>
+    </p>
   );
 }
 

@@ -2,10 +2,11 @@ import type { Scan } from "../net/api";
 import { Badge } from "../bar/status";
 import { addressOf } from "../route";
 import { operates } from "../state/session";
+import { WhyEnded } from "../ui/why_ended";
 import { Warnings } from "../ui/warnings";
-import { sentence } from "../words/sentence";
-import { hasModel, outcome } from "../words/states";
+import { hasModel, isElsewhere, kindOf, outcome, takenIn, tooFew } from "../words/states";
 import { counted, when } from "../words/units";
+import { RecordingName } from "./recording_name";
 import { ToldRadius } from "./told_radius";
 import { Views } from "./views";
 
@@ -24,13 +25,10 @@ export function Ended({ scan }: { scan: Scan }) {
         )}
       </h2>
       <p class="small">
-        {scan.mode === "live" ? "By the cell" : "From a recording"}, {when(scan.created_at)}, {scan.method}
+        {kindOf(scan)}, {when(scan.created_at)}, {scan.method}
+        {isElsewhere(scan) && scan.recording !== null && <RecordingName id={scan.recording} />}
       </p>
-      {problem && (
-        <p class="note bad">
-          <strong>{problem.title}.</strong> {sentence(problem.detail)}
-        </p>
-      )}
+      <WhyEnded state={scan.state} problem={problem} />
       <ToldRadius scan={scan} />
       <Warnings warnings={summary?.warnings ?? []} />
       <p class="row">
@@ -39,14 +37,15 @@ export function Ended({ scan }: { scan: Scan }) {
             Look at the result
           </a>
         )}
-        {!hasModel(scan) && scan.links.reprocess !== null && (
+        {!hasModel(scan) && scan.links.reprocess !== null && !tooFew(scan) && operates.value && (
           <a class="button" href={addressOf("history", scan.id)}>
-            {operates.value ? "Work with what was recorded" : "See what was recorded"}
+            Work with what was recorded
           </a>
         )}
       </p>
-      {scan.mode === "live" && !hasModel(scan) && (
-        <p>{counted(scan.progress.views.filter((view) => view.state === "recorded").length, "view")} had been taken.</p>
+      {scan.mode === "live" && !hasModel(scan) && <p>{counted(takenIn(scan), "view")} had been taken.</p>}
+      {scan.mode === "live" && scan.state === "interrupted" && (
+        <p class="note warn">The robot stops by itself when the service ends. See how the arm stands before it moves again.</p>
       )}
       {scan.mode === "live" && <Views scan={scan} />}
     </section>

@@ -1,5 +1,6 @@
 import { api, slowly, told, type Scan } from "../net/api";
 import { cell } from "../state/cell";
+import { lost } from "../state/freshness";
 import { show } from "../state/scans";
 import { Act, Failed, useAction } from "../ui/action";
 import { SCAN } from "../words/states";
@@ -14,7 +15,7 @@ export function Progress({ scan }: { scan: Scan }) {
   return (
     <section class="panel" aria-label="Scan under way">
       <h2>
-        <Badge look={look}>{doing(scan)}</Badge>
+        <Badge look={lost.value ? "none" : look}>{lost.value ? `Not known; last: ${doing(scan)}` : doing(scan)}</Badge>
       </h2>
       <div class="done">
         <progress max={1} value={scan.progress.fraction} aria-label="Done of the whole" />

@@ -75,6 +75,6 @@ export function Recordings({ chosen, choose }: RecordingsProps) {
 }
 
 function nameOf({ name, created_at, views, size_bytes }: Recording): string {
-  const about = `${when(created_at)}, ${counted(views, "view")}, ${(size_bytes / 1e6).toFixed(1)} MB`;
+  const about = `${when(created_at, "medium")}, ${counted(views, "view")}, ${(size_bytes / 1e6).toFixed(1)} MB`;
   return name === null ? about : `${name}, ${about}`;
 }

@@ -2,6 +2,7 @@ import "./scan.css";
 import { useEffect } from "preact/hooks";
 import { first, running } from "../state/scans";
 import { caller, operates } from "../state/session";
+import { Failed, useAction } from "../ui/action";
 import { Ended } from "./ended";
 import { Progress } from "./progress";
 import { Start } from "./start";
@@ -9,6 +10,7 @@ import { Start } from "./start";
 /** Starts a scan, and shows how it goes. */
 export function ScanScreen() {
   const scan = first.value;
+  const action = useAction();
   const under = running.value?.id;
   useEffect(() => scrollTo(0, 0), [under]); // what has begun or ended is at the top
   return (
@@ -20,10 +22,15 @@ export function ScanScreen() {
           can stop the arm at any time.
         </p>
       )}
-      {running.value !== null && <Progress scan={running.value} />}
+      {running.value !== null && (
+        <>
+          <Failed failure={action.failure} />
+          <Progress scan={running.value} />
+        </>
+      )}
       {/* Only hidden, so that what was filled in is there for the next scan. */}
       <div class="columns" hidden={running.value !== null}>
-        {operates.value && <Start />}
+        {operates.value && <Start action={action} />}
         {running.value === null && scan !== null && <Ended scan={scan} />}
       </div>
     </div>

@@ -3,7 +3,7 @@ import { calibrates, cell } from "../state/cell";
 import { askNow } from "../state/follow";
 import { room } from "../state/room";
 import { show } from "../state/scans";
-import { Act, Failed, useAction } from "../ui/action";
+import { Act, Failed, type Action } from "../ui/action";
 import { MethodField } from "../ui/method_field";
 import { NumberField } from "../ui/number_field";
 import { readNumber } from "../words/number";
@@ -16,8 +16,7 @@ import { Recordings } from "./recordings";
 import { wanted, type Mode } from "./wanted";
 
 /** What a scan is started with, and the button that does. */
-export function Start() {
-  const action = useAction();
+export function Start({ action }: { action: Action }) {
   const mode = wanted.mode.value;
   const recording = wanted.recording.value;
   const method = wanted.method.value;

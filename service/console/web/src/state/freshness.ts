@@ -2,7 +2,7 @@ import { computed, signal } from "@preact/signals";
 import { heardAt } from "../net/request";
 
 /** Behind so long without an answer, what is shown is taken for old. */
-const LOST_S = 5;
+const LOST_S = 4;
 
 /** Ticks each second. */
 export const now = signal(performance.now());

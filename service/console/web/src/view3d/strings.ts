@@ -12,7 +12,7 @@ import { colourAt, directionAt, tube } from "./tubes";
 
 const UP = new Vector3(0, 0, 1);
 /** Radii, in those of the string: the bridge of a gap, a ball at an end, a ring at an unseen end, a cone. */
-const [GHOST, BALL, RING, CONE] = [0.25, 1.5, 2.2, 1.7];
+const [GHOST, BALL, RING, CONE] = [0.25, 1.5, 2.2, 1.4];
 const CONES_APART_M = 0.06;
 
 /** The strings: tubes coloured by order, broken where they pass below, with their directions and ends. */
@@ -33,7 +33,7 @@ function drawChain(chain: Chain, model: Model, palette: Palette): Group {
     if (!chain.closed || piece.to_m - piece.from_m < chain.length_m) group.add(...lids(chain, piece));
   }
   for (const gap of gaps) group.add(new Mesh(tube(chain, gap, GHOST * r), coloured()));
-  const clear = clearOf(shown, oversOf(chain, model), 2 * r, chain.length_m);
+  const clear = clearOf(shown, oversOf(chain, model), 4 * r, chain.length_m);
   group.add(drawCones(chain, clear, palette), drawEnds(chain, palette));
   return group;
 }

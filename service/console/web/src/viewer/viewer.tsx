@@ -15,6 +15,8 @@ export interface Chosen {
 
 interface ViewerProps {
   content: Pick<Content, "model" | "cloud" | "views" | "others">;
+  /** It was recorded at no table that is known here. */
+  elsewhere?: boolean;
   /** What is shown at first. */
   layers: readonly Layer[];
   chosen?: Chosen | null;
@@ -28,7 +30,7 @@ const FAR: readonly Layer[] = ["cameras", "arm"];
 const TURN = Math.PI / 18;
 
 /** The 3D view. Its code is fetched only now, behind all that must be seen at once; nothing in it can move the robot. */
-export function Viewer({ content, layers, chosen = null, picked, instead = null }: ViewerProps) {
+export function Viewer({ content, elsewhere = false, layers, chosen = null, picked, instead = null }: ViewerProps) {
   const canvas = useRef<HTMLCanvasElement>(null);
   const labels = useRef<HTMLDivElement>(null);
   const [view, setView] = useState<View3D | null>(null);
@@ -37,7 +39,8 @@ export function Viewer({ content, layers, chosen = null, picked, instead = null 
   const [fit, setFit] = useState(0);
   const onPick = useRef(picked);
   onPick.current = picked;
-  const q_rad = lost.value ? null : (cell.value?.robot.q_rad ?? null);
+  const around = elsewhere ? null : room.value;
+  const q_rad = elsewhere || lost.value ? null : (cell.value?.robot.q_rad ?? null);
 
   useEffect(() => {
     let open: View3D | null = null;
@@ -66,7 +69,7 @@ export function Viewer({ content, layers, chosen = null, picked, instead = null 
     };
   }, []);
 
-  useEffect(() => view?.show({ ...content, room: room.value, q_rad }), [view, content, room.value]);
+  useEffect(() => view?.show({ ...content, room: around, q_rad }), [view, content, around]);
   useEffect(() => view?.layers(shown), [view, shown]);
   useEffect(() => {
     if (fit > 0) view?.look("fit");
@@ -129,7 +132,7 @@ export function Viewer({ content, layers, chosen = null, picked, instead = null 
         <div ref={labels} class="labels3d" aria-hidden="true" />
       </div>
       <Layers
-        there={layersOf(content)}
+        there={layersOf(content, around !== null, q_rad !== null)}
         shown={shown}
         set={(wanted) => {
           setShown(wanted);
@@ -141,14 +144,14 @@ export function Viewer({ content, layers, chosen = null, picked, instead = null 
 }
 
 /** The layers that there is something of. */
-function layersOf({ model, cloud, views }: ViewerProps["content"]): ReadonlySet<Layer> {
+function layersOf({ model, cloud, views }: ViewerProps["content"], room: boolean, arm: boolean): ReadonlySet<Layer> {
   const there: Layer[] = ["labels"];
   if (model !== null && model.chains.length > 0) there.push("strings");
   if (model !== null && model.crossings.length > 0) there.push("crossings");
   if (model !== null && model.grasps.length > 0) there.push("grasps");
   if (cloud !== null) there.push("cloud");
   if (views.length > 0) there.push("cameras");
-  if (room.value !== null) there.push("room");
-  if (cell.value?.robot.q_rad) there.push("arm");
+  if (room) there.push("room");
+  if (arm) there.push("arm");
   return new Set(there);
 }

@@ -40,6 +40,27 @@ export function hasModel(scan: Scan): boolean {
   return scan.links.model !== null;
 }
 
+/** What kind of scan it is, in words. */
+export function kindOf(scan: Scan): string {
+  if (scan.source !== null) return "Worked out again";
+  return scan.mode === "live" ? "By the cell" : "From a recording";
+}
+
+/** Whether it is of a recording that somebody has chosen: of no table that is here, or not as it is now. */
+export function isElsewhere(scan: Scan): boolean {
+  return scan.mode === "replay" && scan.source === null;
+}
+
+/** How many views a live scan has taken so far. */
+export function takenIn(scan: Scan): number {
+  return scan.progress.views.filter((view) => view.state === "recorded").length;
+}
+
+/** Whether a live scan has taken too few views for a model, however they are worked out. */
+export function tooFew(scan: Scan): boolean {
+  return scan.mode === "live" && takenIn(scan) < 2;
+}
+
 /** A name of the service's, as `protective_stop`, in words. */
 export function words(name: string): string {
   return name.replaceAll("_", " ");

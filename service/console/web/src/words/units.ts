@@ -23,9 +23,9 @@ export function clock(moment: Date): string {
   return moment.toLocaleTimeString(undefined, { hour: "2-digit", minute: "2-digit", second: "2-digit" });
 }
 
-/** Date and time of day. */
-export function when(rfc3339: string): string {
-  return new Date(rfc3339).toLocaleString(undefined, { dateStyle: "medium", timeStyle: "short" });
+/** Date and time of day; `medium` has its seconds. */
+export function when(rfc3339: string, timeStyle: "short" | "medium" = "short"): string {
+  return new Date(rfc3339).toLocaleString(undefined, { dateStyle: "medium", timeStyle });
 }
 
 const STEPS: [number, string][] = [
