@@ -67,9 +67,11 @@ class LiveCell:
         return self.client.get("/api/cell").json()
 
     def is_well(self) -> None:
-        """Can scan again."""
+        """Can scan again; what is under way, and be it the way home, is waited for."""
+        wait_until(lambda: self.state()["state"] != "busy")
         answer = self.client.post("/api/cell/connect")
-        assert answer.json()["state"] == "ready", answer.text
+        assert answer.status_code == 200, answer.text
+        assert answer.json()["state"] == "ready"
 
 
 @contextmanager

@@ -121,7 +121,7 @@ def test_an_interrupted_scan_is_done_again_from_its_views(
     client, (cut, bare) = killed
     scan = client.get(cut).json()
     assert scan["state"] == "interrupted"
-    assert "reprocess" in scan["problem"]["detail"]
+    assert "can be worked out again" in scan["problem"]["detail"]
     told = client.get(f"/api/recordings/{scan['recording']}").json()["missing"]
     assert "view 3 is missing: out of the arm's reach" in told
     again = finished(client, client.post(scan["links"]["reprocess"]).headers["Location"])

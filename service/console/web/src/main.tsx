@@ -1,4 +1,4 @@
-import { computed, effect } from "@preact/signals";
+import { effect } from "@preact/signals";
 import { render } from "preact";
 import "./console.css";
 import "./view3d/view3d.css";
@@ -19,18 +19,18 @@ function show(part: preact.ComponentChild, id: string): void {
 show(<Status />, "status");
 show(<App />, "app");
 addEventListener("keydown", screenKeys);
-// What the last stop did is no news any more once the arm is at work again, or somebody else has signed in.
-effect(() => {
-  if (atWork.value) forgetStop();
-});
-const fault = computed(() => cell.value?.state === "fault");
-let faulty = false;
-effect(() => {
-  if (faulty && !fault.value) forgetStop(); // somebody has looked at the arm
-  faulty = fault.value;
-});
-const who = computed(() => caller.value?.name);
-effect(() => {
-  if (who.value !== undefined) forgetStop();
-});
+// What the last stop did is no news any more when the arm is at work again, has been looked at, or somebody signs in.
+whenItBecomes(() => atWork.value, forgetStop);
+whenItBecomes(() => cell.value?.state !== "fault", forgetStop);
+whenItBecomes(() => caller.value !== null, forgetStop);
 follow();
+
+/** Acts whenever it is so and was not so before. */
+function whenItBecomes(so: () => boolean, act: () => void): void {
+  let before = true;
+  effect(() => {
+    const now = so();
+    if (now && !before) act();
+    before = now;
+  });
+}

@@ -12,7 +12,7 @@ export interface Route {
 }
 
 /** The route that an address names behind its #. */
-export function routeOf(hash: string): Route {
+function routeOf(hash: string): Route {
   const [name, id] = hash.replace(/^#\/?/, "").split("/");
   const screen = SCREENS.find((one) => one === name) ?? "scan";
   return { screen, id: id ? decodeURIComponent(id) : null };

@@ -6,7 +6,6 @@ import { request } from "./request";
 export type Cell = components["schemas"]["CellResource"];
 export type Scan = components["schemas"]["ScanResource"];
 export type ScanState = Scan["state"];
-export type Session = components["schemas"]["SessionResource"];
 export type Caller = components["schemas"]["CallerResource"];
 export type Calibration = components["schemas"]["CalibrationStatus"];
 export type Run = components["schemas"]["RunResource"];

@@ -101,7 +101,10 @@ function Result({ id }: { id: string }) {
 /** Says so where another scan has come since: nobody shall grasp by a table of before. */
 function Newer({ than }: { than: Scan }) {
   const newest = first.value;
-  if (newest === null || newest.created_at <= than.created_at || newest.id === than.source) return null;
+  if (newest === null || newest.id === than.id) return null;
+  if (newest.recording !== null && newest.recording === than.recording) return null; // the same views
+  // What works out an earlier scan again is of the table of then, however new it is.
+  if (than.source === null && newest.created_at <= than.created_at) return null;
   const came = underWay(newest.state) ? "is under way" : `ended: ${outcome(newest).word}`;
   return (
     <p class="note warn">

@@ -69,7 +69,7 @@ export async function scanEvent(news: ScanNews): Promise<void> {
 }
 
 /** Asks for one scan, and shows it. */
-export async function askScan(id: string): Promise<void> {
+async function askScan(id: string): Promise<void> {
   const before = version;
   const asked = await told(api.GET("/api/scans/{id}", { params: { path: { id } } }));
   if (version === before) show(asked);

@@ -22,17 +22,6 @@ export function pointAt(chain: Chain, s_m: number): Spot {
   return { point: between(from.point, to.point, share), direction: unit(from.point, to.point), index, s_m: s };
 }
 
-/** The model's point that is nearest to a point of the base frame. */
-export function nearestIndex(chain: Chain, point: Point): number {
-  let best = 0;
-  let least = Infinity;
-  chain.points.forEach((one, index) => {
-    const apart = distance(one, point);
-    if (apart < least) [best, least] = [index, apart];
-  });
-  return best;
-}
-
 /** An arc length as one of the chain: closed ones wrap, open ones end. */
 export function withinChain(chain: Chain, s_m: number): number {
   const length = chain.length_m;

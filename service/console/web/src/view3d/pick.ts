@@ -37,7 +37,7 @@ function nearest<T>(all: readonly T[], far: (one: T) => number, limit: number): 
 }
 
 /** The string under the pointer that is nearest to the camera; else the one that is nearest to the pointer. */
-export function pickChain(chains: readonly Chain[], screen: Screen, x: number, y: number): Place | null {
+function pickChain(chains: readonly Chain[], screen: Screen, x: number, y: number): Place | null {
   const perMetre = pixelsAhead(screen);
   const found = chains.flatMap((chain) => {
     const seen = Array.from({ length: pieceCount(chain) + 1 }, (_, k) => {
