@@ -132,6 +132,16 @@ def finished() -> Callable[[httpx.Client, str], dict[str, Any]]:
     return wait
 
 
+@pytest.fixture(scope="module")
+def scan(
+    client: ServedClient, recording_file: Path, finished: Callable[[httpx.Client, str], dict[str, Any]]
+) -> dict[str, Any]:
+    """A scan that has succeeded."""
+    recording = client.post("/api/recordings", content=recording_file.read_bytes()).json()["id"]
+    answer = client.post("/api/scans", json={"mode": "replay", "recording": recording})
+    return finished(client, answer.headers["Location"])
+
+
 @pytest.fixture
 def figures(request: pytest.FixtureRequest) -> Figures:
     """What the test measures; its times are asserted where it runs in full."""

@@ -3,7 +3,6 @@
 import hashlib
 import time
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import httpx
@@ -17,14 +16,6 @@ from tests.service.conftest import ServedClient
 
 AssertProblem = Callable[[httpx.Response, int, str], str]
 Finished = Callable[[httpx.Client, str], dict[str, Any]]
-
-
-@pytest.fixture(scope="module")
-def scan(client: ServedClient, recording_file: Path, finished: Finished) -> dict[str, Any]:
-    """A scan that has succeeded."""
-    recording = client.post("/api/recordings", content=recording_file.read_bytes()).json()["id"]
-    answer = client.post("/api/scans", json={"mode": "replay", "recording": recording})
-    return finished(client, answer.headers["Location"])
 
 
 @pytest.mark.parametrize("name", ["model", "grasps", "cloud", "preview", "thumbnail", "recording"])

@@ -3,7 +3,6 @@
 import time
 from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import cv2
@@ -27,13 +26,10 @@ PROBLEM: dict[str, Any] = {"type": "urn:pointchain:internal", "title": "", "stat
 
 
 @pytest.fixture(scope="module")
-def scan(client: ServedClient, recording_file: Path, finished: Finished) -> dict[str, Any]:
+def scan(client: ServedClient, scan: dict[str, Any]) -> dict[str, Any]:
     """A scan that has succeeded, and whose picture is drawn."""
-    recording = client.post("/api/recordings", content=recording_file.read_bytes()).json()["id"]
-    answer = client.post("/api/scans", json={"mode": "replay", "recording": recording})
-    ended = finished(client, answer.headers["Location"])
-    assert client.get(ended["links"]["preview"]).status_code == 200  # answers when it is drawn
-    return ended
+    assert client.get(scan["links"]["preview"]).status_code == 200  # answers when it is drawn
+    return scan
 
 
 def test_it_is_the_preview_in_small(client: ServedClient, scan: dict[str, Any]) -> None:

@@ -21,14 +21,6 @@ AssertProblem = Callable[[httpx.Response, int, str], str]
 Finished = Callable[[httpx.Client, str], dict[str, Any]]
 
 
-@pytest.fixture(scope="module")
-def scan(client: ServedClient, recording_file: Path, finished: Finished) -> dict[str, Any]:
-    """A scan that has succeeded."""
-    recording = client.post("/api/recordings", content=recording_file.read_bytes()).json()["id"]
-    answer = client.post("/api/scans", json={"mode": "replay", "recording": recording})
-    return finished(client, answer.headers["Location"])
-
-
 @pytest.fixture
 def live(client: ServedClient) -> Iterator[tuple[str, Path]]:
     """The id of a live scan that is under way as far as the store knows, and where its recording is to be."""
