@@ -3,7 +3,7 @@ import { knot, pieceCount } from "./along";
 import { eyeOf } from "./cameras";
 import { strandsOf } from "./crossings";
 import { handleOf } from "./grasps";
-import type { Chain, Content, Layer, Place } from "./scene";
+import { BEST_GRASPS, type Chain, type Content, type Layer, type Place } from "./scene";
 import { pixelsAhead, type Screen, type Seen, seenAt } from "./screen";
 
 /** A finger is so exact, pixels; where much lies together less is taken for a hit. */
@@ -21,7 +21,7 @@ export function pick(content: Content, shown: ReadonlySet<Layer>, screen: Screen
     if (crossing) return { kind: "crossing", id: crossing.id };
   }
   if (model !== null && shown.has("grasps")) {
-    const grasp = nearest(model.grasps, (one) => apart(handleOf(one)), NEAR);
+    const grasp = nearest(model.grasps.slice(0, BEST_GRASPS), (one) => apart(handleOf(one)), NEAR);
     if (grasp) return { kind: "grasp", index: model.grasps.indexOf(grasp) };
   }
   const found = model !== null && shown.has("strings") ? pickChain(model.chains, screen, x, y) : null;
