@@ -37,7 +37,7 @@ export function Findings({ model, show }: { model: Model; show: (place: Place) =
           unused.map((view) => (
             <li key={view.index}>
               <button type="button" onClick={() => show({ kind: "view", index: view.index })}>
-                View {view.index} was not used: {sentence(view.reason ?? "no reason is told")}
+                {sentence(`View ${view.index} was not used: ${view.reason ?? "no reason is told"}`)}
               </button>
             </li>
           ))}

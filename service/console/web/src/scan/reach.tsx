@@ -71,7 +71,7 @@ function Reached({ plan }: { plan: Plan }) {
         (one) =>
           one.reason !== null && (
             <p key={one.index} class="note warn">
-              Viewpoint {one.index}: {sentence(one.reason)}
+              {sentence(`Viewpoint ${one.index}: ${one.reason}`)}
             </p>
           ),
       )}

@@ -24,7 +24,7 @@ export function Views({ scan, coming = [] }: ViewsProps) {
       </ol>
       {reasons.map((view) => (
         <p key={view.index} class="note warn">
-          View {view.index} is missing: {sentence(view.reason ?? "")}
+          {sentence(`View ${view.index} is missing: ${view.reason ?? ""}`)}
         </p>
       ))}
     </>
