@@ -23,7 +23,7 @@ def test_a_protective_stop_is_acknowledged_by_a_maintainer_who_has_looked(open_c
     location = cell.live.start()
     cell.live.wait_for_motion(location)
     cell.live.controller.protective_stop()
-    # First of all what has to be within the five seconds in which the robot itself refuses: that is told and waited for.
+    # First what has to be within the five seconds in which the robot itself refuses, which is told and waited for.
     acknowledge = maintainer.get_by_role("button", name="Acknowledge: nothing moves")
     expect(acknowledge).to_be_disabled()
     maintainer.get_by_label("I have looked at the cell").check()
