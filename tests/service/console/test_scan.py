@@ -48,7 +48,7 @@ def test_a_number_that_cannot_be_is_told_where_it_is_written(open_console: Open,
     radius.fill("")
     expect(refused).to_have_count(0)
     expect(scan).to_be_enabled()
-    page.get_by_label("Viewpoints", exact=True).fill("2.5")
+    page.get_by_role("textbox", name="Viewpoints").fill("2.5")
     expect(page.get_by_text("A whole number from 2 to 32 is needed")).to_be_visible()
     expect(scan).to_be_disabled()
 

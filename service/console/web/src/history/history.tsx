@@ -2,7 +2,7 @@ import "./history.css";
 import { useState } from "preact/hooks";
 import { api, told, type Scan } from "../net/api";
 import { changes, latest, show } from "../state/scans";
-import { Act, Failed, useAction } from "../ui/action";
+import { Failed } from "../ui/action";
 import { useAsked } from "../ui/asked";
 import { ALL, Filters, queryOf, type Wanted } from "./filters";
 import { Row } from "./row";
@@ -17,8 +17,8 @@ interface Listed {
   more: boolean;
 }
 
-async function scansOf(wanted: Wanted, limit: number, before?: string): Promise<Listed> {
-  const query = { ...queryOf(wanted), limit, ...(before === undefined ? {} : { before }) };
+async function scansOf(wanted: Wanted, limit: number): Promise<Listed> {
+  const query = { ...queryOf(wanted), limit };
   const { scans, next } = await told(api.GET("/api/scans", { params: { query } }));
   return { of: wanted, scans, more: next !== null };
 }
@@ -28,27 +28,15 @@ export function HistoryScreen({ id }: { id: string | null }) {
   const [wanted, want] = useState(ALL);
   const [listed, setListed] = useState<Listed | null>(null);
   const [linked, setLinked] = useState<Scan | null>(null);
-  const older = useAction();
+  const [limit, setLimit] = useState(AT_A_TIME);
 
-  const failure = useAsked(
-    // As many as are shown already, so that older ones stay.
-    () => scansOf(wanted, Math.min(Math.max(listed?.scans.length ?? 0, AT_A_TIME), MOST)),
-    setListed,
-    [wanted, changes.value],
-  );
+  const failure = useAsked(() => scansOf(wanted, limit), setListed, [wanted, limit, changes.value]);
 
   const unlinked = useAsked(
     async () => (id === null ? null : told(api.GET("/api/scans/{id}", { params: { path: { id } } }))),
     setLinked,
     [id],
   );
-
-  async function showOlder(): Promise<void> {
-    if (listed === null) return;
-    const found = await scansOf(wanted, AT_A_TIME, listed.scans.at(-1)?.id);
-    // Not behind a list that has come in meanwhile.
-    setListed((now) => (now === listed ? { ...found, scans: [...listed.scans, ...found.scans] } : now));
-  }
 
   function changed(one: Scan): void {
     setListed((now) => now && { ...now, scans: now.scans.map((two) => (two.id === one.id ? one : two)) });
@@ -78,12 +66,18 @@ export function HistoryScreen({ id }: { id: string | null }) {
           <Row key={scan.id} scan={scan} opened={scan.id === id} changed={changed} />
         ))}
       </ul>
-      {current?.more && (
-        <Act action={older} work={showOlder} doing="Asking ...">
-          Show older ones
-        </Act>
-      )}
-      <Failed failure={older.failure} />
+      {current?.more &&
+        (limit < MOST ? (
+          <button
+            type="button"
+            disabled={current.scans.length < limit}
+            onClick={() => setLimit(Math.min(limit + AT_A_TIME, MOST))}
+          >
+            {current.scans.length < limit ? "Asking ..." : "Show older ones"}
+          </button>
+        ) : (
+          <p>Older ones are listed when the days are chosen above.</p>
+        ))}
     </div>
   );
 }
