@@ -139,9 +139,9 @@ class Cell:
         self.live.is_well()
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="package")
 def cell(serve: Serve, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cell]:
-    """One for all tests, slow enough to be caught in motion; each leaves it able to scan."""
+    """One for all tests of this folder, slow enough to be caught in motion; each leaves it able to scan."""
     data = tmp_path_factory.mktemp("cell")
     tokens: dict[Role, str] = {role: add_token(data, f"an-{role}", role) for role in ROLES}
     with live_cell(serve, data, time_factor=5.0) as live:

@@ -34,3 +34,10 @@ addEventListener("hashchange", () => {
 export function go(screen: Screen, id: string | null = null): void {
   location.hash = addressOf(screen, id);
 }
+
+/** Names the scan that a screen has found to be about, unless somebody has gone elsewhere meanwhile. */
+export function settle(screen: Screen, id: string): void {
+  // Not `route`: that hears of a change a moment later.
+  const at = routeOf(location.hash);
+  if (at.screen === screen && at.id === null) location.replace(addressOf(screen, id));
+}

@@ -1,6 +1,6 @@
 import { useState } from "preact/hooks";
 import { api, told } from "../net/api";
-import { addressOf } from "../route";
+import { addressOf, settle } from "../route";
 import { changes } from "../state/scans";
 import { Failed } from "../ui/action";
 import { useAsked } from "../ui/asked";
@@ -15,7 +15,7 @@ export function NewestResult() {
     () => told(api.GET("/api/scans", { params: { query: { state: ["succeeded", "partial"], limit: SOME } } })),
     ({ scans }) => {
       const newest = scans.find((scan) => scan.source === null) ?? scans[0];
-      if (newest !== undefined) location.replace(addressOf("result", newest.id));
+      if (newest !== undefined) settle("result", newest.id);
       setNone(newest === undefined);
     },
     [changes.value],
