@@ -17,13 +17,16 @@ def test_what_is_shown_is_told_to_be_old_until_the_service_is_back(open_console:
     with process(tmp_path / "data", tmp_path / "log") as (running, client):
         port = str(client.base_url.port)
         opened = open_console(client)
-        opened.expect("ERR_CONNECTION_REFUSED", "ERR_CONNECTION_RESET", "ERR_INCOMPLETE_CHUNKED_ENCODING", "ERR_EMPTY")
         page = opened.page
         bar = page.get_by_role("banner")
         expect(bar).to_contain_text("Not connected yet")
         scan = page.get_by_role("button", name="Scan: the arm will move")
         expect(scan).to_be_enabled()
+        opened.judge()  # up to here there is nothing to forgive
 
+        # From here on requests end in as many ways as there are moments to break a connection in, each with a name of
+        # the browser's; what the service itself refuses is told in other words, and still counts.
+        opened.expect("net::ERR_")
         os.kill(running.pid, signal.SIGSTOP)  # it hangs: connections stay open, nothing comes
         expect(bar).to_contain_text("Not known: no connection")
         expect(bar).to_contain_text("What the page shows is as it was then")
