@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from recognition.couples import best_couples
+from recognition.couples import best_couples, margins_of
 from recognition.cover import Cover
 from recognition.fragments import Fragment
 from recognition.parabola import end_parabola
@@ -82,9 +82,6 @@ def pair_ends(fragments: Sequence[Fragment], cover: Cover, parameters: ChainPara
     of a scene; a couple's cost is how far the two ends, each continued half way across the gap with its curvature,
     miss one another in place and direction, in squared sigmas, plus a price of the gap. An end may stay alone at
     a price too, which is higher where another strand lies over what comes next.
-
-    Raises:
-        TooCrowdedError: too many ends compete to find the best couples in time.
     """
     ends = _fragment_ends(fragments, parameters.r)
     if len(ends.points) < 2:
@@ -94,13 +91,11 @@ def pair_ends(fragments: Sequence[Fragment], cover: Cover, parameters: ChainPara
     cost = _misfit(ends, a, b, parameters.r) + _gap_cost(ends, a, b, cover, parameters.r)
     gain = alone[a] + alone[b] - cost
     worth = gain > 0
-    couples, margins = best_couples(len(ends.points), a[worth], b[worth], gain[worth])
-    doubts = [
-        (ends.points[i] + ends.points[j]) / 2
-        for (i, j), margin in zip(couples, margins, strict=True)
-        if margin < SAFE_MARGIN
-    ]
-    return Pairing(ends, couples, doubts)
+    a, b, gain = a[worth], b[worth], gain[worth]
+    taken = best_couples(a, b, gain)
+    doubtful = taken[margins_of(taken, a, b, gain) < SAFE_MARGIN]
+    doubts = list((ends.points[a[doubtful]] + ends.points[b[doubtful]]) / 2)
+    return Pairing(ends, list(zip(a[taken].tolist(), b[taken].tolist(), strict=True)), doubts)
 
 
 def _fragment_ends(fragments: Sequence[Fragment], r: float) -> FragmentEnds:

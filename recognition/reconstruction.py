@@ -204,7 +204,7 @@ def least_bending_pairs(
 
     Eq. (8) adds v_j . v_k over the two couples of four ends. Here it adds them over the couples of any number
     of ends, each in one couple at most: as many couples as can be, and among those sets the one of the least
-    total, so that only odd ends stay over. Solved exactly as a small integer programme.
+    total, so that only odd ends stay over.
     """
     b = inner_products(ends)
     j, k = np.nonzero(np.triu(allowed, 1))
@@ -215,8 +215,8 @@ def least_bending_pairs(
         return []
     j, k = np.array(couples).T
     # Inner products are 1 at the most: no total of them makes up for a couple missing.
-    taken, _ = best_couples(len(ends), j, k, len(ends) + 2.0 - b[j, k], margins=False)
-    return taken
+    taken = best_couples(j, k, len(ends) + 2.0 - b[j, k])
+    return list(zip(j[taken].tolist(), k[taken].tolist(), strict=True))
 
 
 def inner_products(ends: Sequence[End]) -> NDArray[np.float64]:
