@@ -29,7 +29,7 @@ class Pictures:
 
     def __init__(self) -> None:
         # Now, and not when somebody looks at a moving arm: it keeps all threads waiting.
-        import cv2  # noqa: F401
+        import cv2  # noqa: F401 (whoever draws gets this one)
 
         self._made: OrderedDict[Hashable, _Made] = OrderedDict()
         self._one = CapacityLimiter(1)

@@ -42,11 +42,10 @@ def test_no_other_couples_gain_more(couples: list[tuple[tuple[int, int], int]]) 
 
 
 def test_of_couples_equally_good_the_same_are_taken_each_time() -> None:
-    # A ring of nine ends leaves any one of them over: nine answers of four couples.
-    ring = arrays([((end, (end + 1) % 9), 1) for end in range(9)])
-    answers = {tuple(best_couples(*ring)) for _ in range(20)}
+    # Two answers gain 3. Releases of rustworkx before 0.18 give now this one and now that.
+    couples = arrays([((0, 2), 2), ((0, 4), 1), ((1, 4), 1), ((2, 4), 2), ((3, 4), 1)])
+    answers = {tuple(best_couples(*couples)) for _ in range(50)}
     assert len(answers) == 1
-    assert len(answers.pop()) == 4
 
 
 def test_where_too_many_compete_no_couple_is_sure(monkeypatch: pytest.MonkeyPatch) -> None:
