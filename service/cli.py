@@ -9,8 +9,9 @@ from collections.abc import Sequence
 from importlib.metadata import version
 from pathlib import Path
 
+from service.archive.cli import add_archive_commands
 from service.calibrate.cli import add_calibrate_commands
-from service.cell_cli import METHODS, add_cell_commands
+from service.cell_cli import add_cell_commands
 from service.doctor.cli import add_doctor_command
 from service.security.audit_cli import add_audit_command
 from service.security.token_cli import add_token_commands
@@ -38,26 +39,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--version", action="version", version=f"pointchain {version('pointchain')}")
     commands = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
 
-    recognise = commands.add_parser(
-        "recognise",
-        help="recordings to point chain models, one JSON document a line",
-        description="Recognises the strings in recordings. One JSON document a line on stdout, in the order given; "
-        "a file that fails gives a document with `error` on its line and exit code 1 at the end.",
-    )
-    recognise.add_argument("files", nargs="+", type=Path, metavar="FILE", help="recording (MCAP)")
-    recognise.add_argument(
-        "--radius", type=float, metavar="M", help="string radius in metres (the recording's own, else measured)"
-    )
-    recognise.add_argument("--method", choices=METHODS, default="graph", help="default: %(default)s")
-    recognise.add_argument(
-        "--trace",
-        type=Path,
-        metavar="DIR",
-        help="write a picture of every stage, in a folder for each recording",
-    )
-    recognise.add_argument("--config", type=Path, metavar="TOML", help="configuration file: the gripper")
-    recognise.set_defaults(run=_recognise)
-
+    add_archive_commands(commands)
     add_cell_commands(commands)
     add_calibrate_commands(commands)
 
@@ -136,19 +118,6 @@ def _resolution(text: str) -> tuple[int, int]:
 
 def _names(text: str) -> tuple[str, ...]:
     return tuple(name.strip() for name in text.split(",") if name.strip())
-
-
-def _recognise(options: argparse.Namespace) -> int:
-    from service.config import ConfigError, load_config
-
-    try:
-        gripper = load_config(options.config).gripper.value
-    except ConfigError as error:
-        print(f"pointchain recognise: {error}", file=sys.stderr)
-        return 1
-    from service.recognise_files import recognise_files
-
-    return recognise_files(options.files, options.radius, options.method, options.trace, gripper)
 
 
 def _simulate(options: argparse.Namespace) -> int:

@@ -1,0 +1,159 @@
+"""The file of a run's lines, which can be stopped, or killed, at any moment and gone on with.
+
+While a run goes on its lines are in FILE.part, each on the disk before the next one. FILE is written when all
+recordings have theirs, in one step and in the order asked for, so it is whole whenever it is there.
+"""
+
+import json
+import os
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import IO, Any
+
+from service.archive.errors import ArchiveError
+from service.archive.formats import lines_of, write_lines
+from service.archive.one_file import Asked, Line, sha256_of
+
+TRIED_AGAIN = ("recording-unreadable", "file", "internal", "recognition-crashed")
+"""Errors that are the machine's or ours rather than the recording's: the next run tries those again."""
+
+
+@dataclass(frozen=True)
+class _Known:
+    """A line of the part file."""
+
+    offset_bytes: int
+    size_bytes: int
+    sha256: str | None
+    """Of the recording."""
+    error: str | None
+    """Its slug."""
+
+
+class Output:
+    """The lines of a run, those of earlier ones among them."""
+
+    def __init__(self, path: Path, part: IO[bytes], asked: Asked) -> None:
+        self._path, self._part, self._asked = path, part, asked
+        self._known: dict[str, _Known] = {}
+        self.finished = False
+        """All is in its place."""
+
+    @property
+    def begun(self) -> bool:
+        """There are lines that would be lost without the part file."""
+        return self._part.seek(0, os.SEEK_END) > 0
+
+    def failures(self, files: Sequence[str]) -> int:
+        """How many of them have no model."""
+        return sum(self._known[file].error is not None for file in files)
+
+    def left(self, files: Sequence[str]) -> list[str]:
+        """Which of them have no line yet, or one of another content, or one that is worth another trial.
+
+        A model of a file that is gone stays.
+        """
+        return [file for file in files if not self._is_done(file)]
+
+    def add(self, line: Line) -> None:
+        """Keeps a line: on the disk on return. Raises OSError."""
+        self._take(line.text.encode(), json.loads(line.text))
+        self._part.flush()
+        os.fsync(self._part.fileno())
+
+    def finish(self, files: Sequence[str]) -> None:
+        """Writes the lines to their place: what was there of other files, then `files`. Raises OSError."""
+        wanted = set(files)
+        order = [*(file for file in self._known if file not in wanted), *files]
+        write_lines(self._path, (self._line(file) for file in order))
+        self.finished = True
+
+    def _is_done(self, file: str) -> bool:
+        known = self._known.get(file)
+        if known is None or known.error in TRIED_AGAIN:
+            return False
+        return sha256_of(Path(file)) in (known.sha256, None)
+
+    def _take(self, text: bytes, document: dict[str, Any]) -> None:
+        offset = self._part.seek(0, os.SEEK_END)
+        self._part.write(text + b"\n")
+        self._remember(document, offset, len(text))
+
+    def _parsed(self, text: str) -> dict[str, Any]:
+        """A line that this run may have made. Raises ArchiveError."""
+        try:
+            document = json.loads(text)
+            asked, _ = dict(document["asked"]), document["recording"]["sha256"]
+        except (ValueError, KeyError, TypeError) as error:
+            raise ArchiveError(f"{self._path} is there, and no output of such a run: name another file") from error
+        ours = self._asked.to_json()
+        if asked != ours:
+            what = ", ".join(f"{key} {asked.get(key)}, now {ours[key]}" for key in ours if asked.get(key) != ours[key])
+            raise ArchiveError(f"{self._path} has models that were asked for otherwise ({what}): name another file")
+        return document
+
+    def _remember(self, document: dict[str, Any], offset: int, size: int) -> None:
+        recording, error = document["recording"], document.get("error")
+        slug = None if error is None else error["type"].removeprefix("urn:pointchain:")
+        self._known[recording["file"]] = _Known(offset, size, recording["sha256"], slug)
+
+    def _line(self, file: str) -> str:
+        known = self._known[file]
+        self._part.seek(known.offset_bytes)
+        return self._part.read(known.size_bytes).decode()
+
+    def load(self) -> None:
+        """Reads what earlier runs left: of a line that one was killed in nothing is kept.
+
+        Raises:
+            ArchiveError: it is no output, or of a run that was asked otherwise.
+        """
+        self._part.seek(0)
+        offset = 0
+        for text in self._part:
+            if not text.endswith(b"\n"):
+                break
+            self._remember(self._parsed(text.decode()), offset, len(text) - 1)
+            offset += len(text)
+        self._part.truncate(offset)
+        # Each time, since a run may be killed here too: what is not in the part file now would be lost in the end.
+        for text in lines_of(self._path) if self._path.exists() else ():
+            document = self._parsed(text)
+            if document["recording"]["file"] not in self._known:
+                self._take(text.encode(), document)
+
+
+@contextmanager
+def output(path: Path, asked: Asked) -> Iterator[Output]:
+    """The output at `path`, with what is there of an earlier run; `finish` must be called in the block.
+
+    Raises:
+        ArchiveError: what is there is of another kind, was asked for otherwise, or is being written; or the file
+            cannot be written.
+    """
+    part_path = path.with_name(f"{path.name}.part")
+    try:
+        with part_path.open("a+b") as part:
+            _lock(part, path)
+            lines = Output(path, part, asked)
+            try:
+                lines.load()
+                yield lines
+            finally:
+                if lines.finished or not lines.begun:
+                    part_path.unlink()
+    except OSError as error:
+        raise ArchiveError(f"{error.filename or path} cannot be written: {error.strerror or error}") from error
+
+
+def _lock(part: IO[bytes], path: Path) -> None:
+    try:
+        import fcntl
+    except ImportError:  # not POSIX: nobody is kept out
+        return
+    try:
+        fcntl.flock(part, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError as error:
+        raise ArchiveError(f"{path} is being written by another run") from error
