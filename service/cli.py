@@ -13,6 +13,7 @@ from service.archive.cli import add_archive_commands
 from service.calibrate.cli import add_calibrate_commands
 from service.cell_cli import add_cell_commands
 from service.doctor.cli import add_doctor_command
+from service.interchange.cli import add_interchange_commands
 from service.security.audit_cli import add_audit_command
 from service.security.token_cli import add_token_commands
 
@@ -42,6 +43,7 @@ def _parser() -> argparse.ArgumentParser:
     add_archive_commands(commands)
     add_cell_commands(commands)
     add_calibrate_commands(commands)
+    add_interchange_commands(commands)
 
     simulate = commands.add_parser(
         "simulate",

@@ -16,6 +16,16 @@ class Pendant:
             raise RuntimeError("the tool was not taken")
         control.stopScript()
 
+    def hold(self) -> None:
+        """Another program takes the robot, and does nothing with it."""
+        from rtde_control import RTDEControlInterface
+
+        self._held = RTDEControlInterface(self._host)
+
+    def let_go(self) -> None:
+        """Ends that program."""
+        self._held.stopScript()
+
     def slide_speed(self, fraction: float) -> None:
         """The speed slider, 0 to 1."""
         from rtde_io import RTDEIOInterface

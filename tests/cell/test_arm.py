@@ -13,7 +13,6 @@ import pytest
 
 from cell import kinematics
 from cell.arm import UrArm
-from cell.arm_settings import SimulatedArm
 from cell.child import Child
 from cell.dashboard import Command, Dashboard
 from cell.devices import Arm
@@ -99,25 +98,6 @@ def test_a_tool_set_at_the_pendant_does_not_shift_the_flange(controller: Running
             np.testing.assert_allclose(latest.T_base_flange, T_nominal, atol=0.02)
     finally:
         arm.close()
-
-
-def test_the_flange_keeps_its_speed_limit(controller: RunningController):
-    fresh(controller)
-    settings = SimulatedArm(speed_rad_s=3.0, acceleration_rad_s2=10.0, flange_speed_m_s=0.5)
-    arm = UrArm(settings, controller.host)
-    arm.connect()
-    target = HOME + [0.3, 0.35, -0.4, 0.2, 0.3, 0.1]
-    fastest = 0.0
-    try:
-        with thread_of(lambda: arm.move(target)):
-            moving(controller, share=0.01)
-            while (state := controller.admin.state()).moving:
-                speed = kinematics.jacobian("ur5e", state.q_rad)[:3] @ state.qd_rad_s
-                fastest = max(fastest, float(np.linalg.norm(speed)))
-    finally:
-        arm.close()
-    # As seen from outside, at the moments looked at; the cap is nearly used.
-    assert 0.3 < fastest <= 0.5
 
 
 def test_moving_to_where_it_is_is_no_fault(arm: UrArm):

@@ -1,0 +1,63 @@
+"""The controller that `--host` names, made ready to be driven; without it the virtual one."""
+
+import time
+from collections.abc import Iterator
+
+import pytest
+from universal_robots_clients import dashboard_client
+
+from cell.arm import UrArm
+from cell.arm_settings import ArmSettings
+from cell.simulation.controller.process import RunningController
+from tests.cell.conformance.witness import Witness
+from tests.cell.virtual_arm import fresh
+
+READY_S = 60.0
+"""A robot that is switched on takes half a minute."""
+
+
+@pytest.fixture
+def host(request: pytest.FixtureRequest) -> str:
+    """Its address: switched on, brakes released, no program."""
+    told = request.config.getoption("host")
+    if told is None:
+        controller: RunningController = request.getfixturevalue("controller")
+        fresh(controller)
+        told = controller.host
+    remote = dashboard_client.send_command(told, "is in remote control", timeout=10.0)
+    assert remote == "true", "the robot is in local control: switch it to remote control at its pendant"
+    switch_on(told)
+    dashboard_client.send_command(told, "stop", timeout=10.0)
+    return told
+
+
+@pytest.fixture
+def settings(request: pytest.FixtureRequest) -> ArmSettings:
+    """Of a slow arm: a real one may be at the other end."""
+    told = {"model": request.config.getoption("model"), "speed_rad_s": 0.5, "flange_speed_m_s": 0.4}
+    return ArmSettings.model_validate(told)
+
+
+@pytest.fixture
+def arm(host: str, settings: ArmSettings) -> Iterator[UrArm]:
+    """Connected."""
+    arm = UrArm(settings, host)
+    arm.connect()
+    yield arm
+    arm.close()
+
+
+@pytest.fixture
+def witness(host: str) -> Iterator[Witness]:
+    """Sees what the controller tells."""
+    with Witness(host) as witness:
+        yield witness
+
+
+def switch_on(host: str) -> None:
+    """Power and brakes, as a person does at the pendant."""
+    limit_s = time.monotonic() + READY_S
+    while (mode := dashboard_client.send_command(host, "robotmode", timeout=10.0)) != "Robotmode: RUNNING":
+        assert time.monotonic() < limit_s, f"the robot does not get ready: {mode}"
+        dashboard_client.send_command(host, "brake release" if "IDLE" in mode else "power on", timeout=10.0)
+        time.sleep(0.5)
