@@ -6,9 +6,10 @@ up to a few millimetres, so poses that matter are read from the controller and n
 """
 
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
-import ur_analytic_ik
+from ik_geo.ik_geo import Robot
 from numpy.typing import ArrayLike, NDArray
 
 from calibration.transforms import from_rotation_vector
@@ -60,10 +61,8 @@ ARMS: dict[ArmModelName, ArmModel] = {
     ),
 }
 
-_SOLVERS = {name: getattr(ur_analytic_ik, name) for name in ARMS}
-
-# The solver divides by sines that vanish at degenerate poses, among them usual home poses; there it drops solutions and
-# prints warnings. Poses on either side have them all, and Newton steps lead back; a stretched arm needs wider nudges.
+# At degenerate poses, among them usual home poses, the solver drops solutions. Poses on either side have them all, and
+# Newton steps lead back; a stretched arm needs wider nudges.
 _NUDGES = [
     (from_rotation_vector(size * shift, size * turn), from_rotation_vector(-size * shift, -size * turn))
     for size, shift, turn in (
@@ -90,7 +89,7 @@ def joint_speeds(model: ArmModelName) -> NDArray[np.float64]:
 
 def forward(model: ArmModelName, q_rad: ArrayLike) -> NDArray[np.float64]:
     """`T_base_flange` (4, 4) at the joint angles (6,)."""
-    return _SOLVERS[model].forward_kinematics(*np.asarray(q_rad, dtype=np.float64).tolist())
+    return link_frames(model, q_rad)[6]
 
 
 def link_frames(model: ArmModelName, q_rad: ArrayLike) -> NDArray[np.float64]:
@@ -159,12 +158,28 @@ def inverse_each(
 
 def _solutions(model: ArmModelName, T: NDArray[np.float64]) -> NDArray[np.float64]:
     """Joint vectors (N, 6) that reach a pose beside `T`."""
+    solver, R_straight = _solver(model)
     for nudges in _NUDGES:
-        found = [solution for nudge in nudges for solution in _SOLVERS[model].inverse_kinematics(T @ nudge)]
-        if found:
-            q = np.array(found, dtype=np.float64)
-            return q[np.isfinite(q).all(axis=1)]
+        beside = [T @ nudge for nudge in nudges]
+        # Lists are taken column by column.
+        asked = [((pose[:3, :3] @ R_straight.T).T.tolist(), pose[:3, 3].tolist()) for pose in beside]
+        found = [q for R, t in asked for q, is_nearest_only in solver.get_ik(R, t) if not is_nearest_only]
+        q = np.array(found, dtype=np.float64).reshape(-1, 6)
+        q = q[np.isfinite(q).all(axis=1)]
+        if len(q):
+            return q
     return np.zeros((0, 6))
+
+
+@cache
+def _solver(model: ArmModelName) -> tuple[Robot, NDArray[np.float64]]:
+    """The solver of an arm whose joints 2 to 4 are parallel and 5 and 6 meet; the flange's turn (3, 3) with all joints
+    at zero, which the solver counts from."""
+    straight = link_frames(model, np.zeros(6))
+    origins = straight[:, :3, 3]
+    links = np.diff(origins, axis=0, prepend=origins[:1] * 0.0)
+    robot = Robot.three_parallel_two_intersecting(straight[:6, :3, 2].tolist(), links.tolist())
+    return robot, straight[6, :3, :3]
 
 
 def _pose_error(T: NDArray[np.float64], reached: NDArray[np.float64]) -> NDArray[np.float64]:
