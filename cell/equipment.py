@@ -1,6 +1,7 @@
 """The devices that the settings name: made here, and only here."""
 
 import threading
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +15,7 @@ from cell.devices import ArmState
 from cell.errors import RobotUnreachableError, ViewpointsError
 from cell.settings import CellSettings
 from cell.simulation.controller.process import ControllerStartError, RunningController, start_controller
+from cell.simulation.flange import controller_pose, reported_pose
 from cell.simulation.world import SimulatedWorld, simulated_world
 from cell.viewpoints import home_posture
 
@@ -59,7 +61,9 @@ class Equipment:
     def camera(self) -> LiveCamera:
         """The camera; it may not be connected."""
         if self._camera is None:
-            self._camera = LiveCamera(self.settings.camera, self.world, self._controller_host)
+            arm = self.settings.arm
+            pose_of = controller_pose if isinstance(arm, SimulatedArm) else partial(reported_pose, arm.model)
+            self._camera = LiveCamera(self.settings.camera, self.world, self._controller_host, pose_of)
         if self._given_up.is_set():
             self._camera.give_up_connecting()
         return self._camera

@@ -126,7 +126,7 @@ class OakDriver:
         from cell.simulation.oak import open_simulated
 
         if self._world is None or self._make_pose is None:
-            raise CameraUnreachableError("a simulated camera needs a simulated world and a simulated arm")
+            raise CameraUnreachableError("a simulated camera needs a simulated world and an arm")
         return open_simulated(self._settings, self._world, self._make_pose)
 
     def _running(self) -> Stream:

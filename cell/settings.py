@@ -141,8 +141,11 @@ class CellSettings(StrictSettings):
 
     @model_validator(mode="after")
     def _possible(self) -> Self:
-        if isinstance(self.camera, SimulatedCamera) and not isinstance(self.arm, SimulatedArm):
-            raise ValueError("camera.kind is simulated, arm.kind is not: a simulated camera needs the simulated arm")
+        # A camera that was only forgotten must not be replaced by one that sees strings that are not there.
+        if isinstance(self.arm, URArm) and "kind" not in self.camera.model_fields_set:
+            raise ValueError(
+                'arm.kind is "ur", and camera.kind is not told: "oak", or "simulated" to rehearse with UR\'s simulator'
+            )
         self._refuse_base_within()
         return self
 

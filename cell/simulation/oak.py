@@ -116,7 +116,7 @@ def open_simulated(settings: SimulatedCamera, world: SimulatedWorld, make_pose: 
         pose()
     except (OSError, ValueError, EOFError) as error:
         raise CameraUnreachableError(
-            f"the simulated camera cannot learn from the simulated arm's controller where it is: {error}"
+            f"the simulated camera cannot learn from the arm's controller where it is: {error}"
         ) from error
     model = world.camera
     lens = Lens(FrameSource(world), pose, settings.fps)

@@ -275,7 +275,7 @@ def test_equipment_that_is_given_up_makes_no_camera_to_wait_for() -> None:
 
 def test_a_simulated_camera_without_an_arm_says_so(world: SimulatedWorld, tmp_path: Path) -> None:
     camera = LiveCamera(SETTINGS, world, lambda: str(tmp_path / "none.npz"), flange_file)
-    with pytest.raises(CameraUnreachableError, match="cannot learn from the simulated arm's controller where it is"):
+    with pytest.raises(CameraUnreachableError, match="cannot learn from the arm's controller where it is"):
         camera.connect()
     assert camera.pid is None
 

@@ -26,12 +26,14 @@ from cell.errors import (
 from cell.recording import RecordingWriter, read_recording
 from cell.settings import CellSettings, HandEyeSettings
 from cell.simulation.controller.admin import AdminClient
+from cell.simulation.controller.process import start_controller
 from cell.simulation.scoring import score
 from cell.simulation.world import simulated_world, world_truth
 from cell.viewpoints import ViewpointPlan
 from recognition.parameters import ChainParameters
 from recognition.pipeline import recognise
 from recognition.preprocess import Scene
+from tests.cell.loopback import free_host
 from tests.processes import children
 
 pytestmark = pytest.mark.xdist_group("cell")  # one at a time: each is several busy processes
@@ -371,3 +373,22 @@ def test_without_robot_or_camera_the_errors_name_them(tmp_path: Path) -> None:
         pytest.raises(CameraUnreachableError, match="cable"),
     ):
         cell.connect()
+
+
+def test_a_controller_that_is_not_ours_carries_the_simulated_camera(tmp_path: Path) -> None:
+    """As UR's simulator does: all that is known of it is what any UR controller tells."""
+    with start_controller(host=free_host(), time_factor=20.0) as other:
+        arm = URArm(kind="ur", host=other.host, watchdog_hz=1.0)
+        camera = simulated().camera.model_copy(update={"kind": "simulated"})
+        with opened(CellSettings(arm=arm, camera=camera)) as cell:
+            views = scan(cell, tmp_path / "scan.mcap", Told())
+            header = cell.header(RADIUS_M)
+            world = simulated_world(cell.settings)
+        model = recognise(
+            views, ChainParameters.for_radius(RADIUS_M), Scene(header.table_z_m, header.workspace_m), "graph"
+        ).model
+    judged = score(model.to_json(), world_truth(world, [view.T_base_flange for view in views]))
+    assert len(views) == 8
+    assert judged.topology
+    assert judged.mean_m is not None
+    assert judged.mean_m < 1e-3

@@ -230,7 +230,7 @@ def test_variables_alone_make_a_real_cell(monkeypatch: pytest.MonkeyPatch, tmp_p
         ("[camera]\nstring_radius_m = 4.2", "camera.string_radius_m is 4.2; a number from 0.0005 to 0.02 is taken"),
         ("[camera]\nkind = 'oak'\nextended_disparity = 'maybe'", "is 'maybe'; true or false is taken"),
         ("[scan]\nviews = 3", "scan: min_views is 4, more than the 3 views"),
-        ("[arm]\nkind = 'ur'\nhost = '10.0.0.1'", "a simulated camera needs the simulated arm"),
+        ("[arm]\nkind = 'ur'\nhost = '10.0.0.1'", "camera.kind is not told"),
         ("[hand_eye]\nrough_xyz_m = [30, -60, 50]", "no camera is more than 1 m from the flange that carries it"),
         ("[hand_eye]\nrough_rotation_rad = [0, 0, 90]", "an angle in radians, not degrees"),
     ],
