@@ -5,7 +5,6 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from cell import kinematics
 from cell.arm_settings import ArmModelName
 
 READ_HZ = 125.0
@@ -27,6 +26,8 @@ def reported_pose(model: ArmModelName, host: str) -> PoseSource:
     nominal table of its arm. For a process that may hang or crash with the vendor's library. Raises OSError.
     """
     from rtde_receive import RTDEReceiveInterface
+
+    from cell import kinematics
 
     try:
         receive = RTDEReceiveInterface(host, READ_HZ, ["timestamp", "actual_q"])
