@@ -16,11 +16,11 @@ from typing import IO, Any, Self, cast
 import numpy as np
 from google.protobuf.timestamp_pb2 import Timestamp
 from mcap.writer import CompressionType, Writer
-from mcap_protobuf.schema import build_file_descriptor_set
 
 from calibration.disk import sync_folder
 from cell.devices import View
 from cell.hashed_file import HashedFile, Written
+from cell.mcap_channels import register_channel
 from cell.recording_errors import (
     NotMcapError,
     RecordingContentError,
@@ -174,16 +174,8 @@ class RecordingWriter:
     def _add(self, topic: str, message: Any, log_time_ns: int, sequence: int = 0) -> None:
         data = message if isinstance(message, bytes) else message.SerializeToString(deterministic=True)
         if topic not in self._channels:
-            self._channels[topic] = self._register(topic, message)
+            self._channels[topic] = register_channel(self._writer, topic, message)
         self._writer.add_message(self._channels[topic], log_time_ns, data, log_time_ns, sequence)
-
-    def _register(self, topic: str, message: Any) -> int:
-        if isinstance(message, bytes):
-            schema = self._writer.register_schema("pointchain/1", "jsonschema", b'{"type": "object"}')
-            return self._writer.register_channel(topic, "json", schema)
-        description = build_file_descriptor_set(type(message)).SerializeToString(deterministic=True)
-        schema = self._writer.register_schema(message.DESCRIPTOR.full_name, "protobuf", description)
-        return self._writer.register_channel(topic, "protobuf", schema)
 
     @contextmanager
     def _writing(self) -> Iterator[None]:

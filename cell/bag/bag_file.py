@@ -1,0 +1,105 @@
+"""A bag that was opened: its topics and messages. The only place that knows `rosbags`."""
+
+from collections.abc import Collection, Iterator, Mapping
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from cell.bag.errors import BagError, shown
+
+if TYPE_CHECKING:
+    from rosbags.highlevel import AnyReader
+
+IMAGE, COMPRESSED_IMAGE = "sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage"
+CAMERA_INFO = "sensor_msgs/msg/CameraInfo"
+TRANSFORMS = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
+"""The second is of the oldest ROS 1 bags."""
+STORAGE_SUFFIXES = (".db3", ".mcap")
+
+
+class Bag:
+    """An open bag. Whatever `rosbags` meets in a damaged one is told as a BagError."""
+
+    def __init__(self, path: Path, reader: "AnyReader") -> None:
+        self._path, self._reader = path, reader
+        self.ros = 2 if reader.is2 else 1
+        """Version of ROS that wrote it."""
+        self.topics: Mapping[str, str] = {
+            connection.topic: connection.msgtype for connection in reader.connections if connection.msgcount
+        }
+        """Type of each topic that has messages, in ROS 2's spelling for either."""
+
+    @property
+    def name(self) -> str:
+        """Of the file or folder."""
+        return self._path.name
+
+    def topics_of(self, *types: str) -> list[str]:
+        """The topics of one of these types, in order."""
+        return sorted(topic for topic, kind in self.topics.items() if kind in types)
+
+    def messages(self, topics: Collection[str]) -> Iterator[tuple[str, Any]]:
+        """The messages on `topics` with their topic, in the order in which they were recorded. Raises BagError."""
+        connections = [connection for connection in self._reader.connections if connection.topic in topics]
+        if not connections:  # `rosbags` would give all of them
+            return
+        with _telling(self._path):
+            for connection, _, data in self._reader.messages(connections):
+                yield connection.topic, self._reader.deserialize(data, connection.msgtype)
+
+
+@contextmanager
+def open_bag(path: Path) -> Iterator[Bag]:
+    """The bag at `path`: a .bag file, a folder, or a file out of such a folder.
+
+    Raises:
+        BagError: there is none, it cannot be read, or the package `rosbags` is missing.
+    """
+    try:
+        from rosbags.highlevel import AnyReader
+        from rosbags.typesys import Stores, get_typestore
+    except ImportError as error:
+        raise BagError("reading bags needs one more package: pip install 'pointchain[bag]'") from error
+    with ExitStack() as stack:
+        with _telling(path):
+            # ROS 2 tells the types in the bag since Iron only; those that are read here are the same in all of them.
+            reader = AnyReader([_storage(path)], default_typestore=get_typestore(Stores.ROS2_HUMBLE))
+            stack.enter_context(reader)
+            bag = Bag(path, reader)
+        yield bag
+
+
+def _storage(path: Path) -> Path:
+    """What `rosbags` is to open. A folder without metadata, which a recorder that was killed leaves, has its file."""
+    if not path.exists():
+        raise BagError(f"there is no {path}")
+    if path.is_dir() and path.suffix == ".bag":
+        raise BagError(f"{path.name} is a folder with a ROS 1 bag's ending, by which it would be read: rename it")
+    if not path.is_dir() or (path / "metadata.yaml").exists():
+        if path.suffix in (".bag", *STORAGE_SUFFIXES) or path.is_dir():
+            return path
+        raise BagError(f"{path.name} is no bag: a .bag file, or the folder of a ROS 2 bag, is needed")
+    files = [file for file in sorted(path.iterdir()) if file.suffix in STORAGE_SUFFIXES]
+    if len(files) != 1:
+        raise BagError(
+            f"{path.name} has no metadata.yaml and {len(files)} files of a ROS 2 bag: have it made by "
+            "`ros2 bag reindex`, or name one file"
+        )
+    return files[0]
+
+
+@contextmanager
+def _telling(path: Path) -> Iterator[None]:
+    """What goes wrong in `rosbags` as a BagError."""
+    try:
+        yield
+    except BagError:
+        raise
+    except OSError as error:
+        raise BagError(f"{path.name} cannot be read: {error.strerror or shown(error)}") from error
+    except Exception as error:  # it parses a damaged bag until something, of any kind, does not fit
+        why = shown(error) or type(error).__name__
+        raise BagError(
+            f"{path.name} cannot be read as a bag: {why} (try `ros2 bag reindex` or `rosbag reindex` "
+            "if its recorder was killed)"
+        ) from error

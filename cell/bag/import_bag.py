@@ -1,0 +1,164 @@
+"""A bag as a recording: one view for each place where the arm stood still."""
+
+import os
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cell.bag.bag_file import Bag, open_bag
+from cell.bag.depth_image import depth_counts, depth_unit, is_rectified
+from cell.bag.errors import BagError, shown
+from cell.bag.frames import Frames, find_frames, fixed_camera
+from cell.bag.rest import Place, Rest, find_rest
+from cell.bag.survey import Survey, Topics, find_topics, survey
+from cell.bag.transforms_tree import nanoseconds
+from cell.devices import InvalidViewError, View
+from cell.exposures import median
+from cell.recording import RecordingExistsError, RecordingHeader, RecordingWriter
+from cell.recording_header import Box
+from cell.recording_limits import DEFAULT_LIMITS
+
+LEAST_VIEWS = 2
+"""Fewer cannot be recognised."""
+
+
+@dataclass(frozen=True, eq=False)
+class Wanted:
+    """What is told about a bag; None: it is found, or as the bag has it."""
+
+    depth_topic: str | None = None
+    info_topic: str | None = None
+    base_frame: str | None = None
+    flange_frame: str | None = None
+    camera_frame: str | None = None
+    depth_unit_m: float | None = None
+    """Metres per count of 16UC1; what metres of 32FC1 are rounded to."""
+    rectified: bool = False
+    """The images are, though their topic's name does not tell."""
+    T_flange_camera: NDArray[np.float64] | None = None
+    """(4, 4), instead of what /tf tells."""
+    hand_eye: str = "tf"
+    """Where T_flange_camera is from, as provenance."""
+    string_radius_m: float | None = None
+    table_z_m: float = 0.0
+    workspace_m: Box | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Imported:
+    """What was made of a bag."""
+
+    topics: Topics
+    frames: Frames
+    rest: Rest
+
+
+def import_bag(path: Path, out: Path, wanted: Wanted) -> Imported:
+    """Writes the recording `out` of the bag at `path`. It is complete or not there.
+
+    Raises:
+        RecordingError: the bag cannot be used (BagError), `out` exists, or what was told cannot be.
+        NotRigidError, InvalidViewError: a pose or a lens that is none.
+        OSError: the recording cannot be written.
+    """
+    if out.exists():
+        raise RecordingExistsError(f"{out} exists already; nothing is overwritten: choose another name")
+    with open_bag(path) as bag:
+        topics = find_topics(bag, wanted.depth_topic, wanted.info_topic)
+        told = survey(bag, topics, wanted.rectified or is_rectified(topics.depth))
+        camera = wanted.camera_frame or told.camera_frame
+        frames = find_frames(told.tree, wanted.base_frame, wanted.flange_frame, camera)
+        rest = find_rest(told.tree.chain(frames.base, frames.flange), told.stamps_ns)
+        _check_count(rest, len(told.stamps_ns))
+        T_flange_camera = wanted.T_flange_camera
+        if T_flange_camera is None:
+            taken_ns = told.stamps_ns[[frame for place in rest.places for frame in place.frames]]
+            T_flange_camera = fixed_camera(told.tree, frames, taken_ns)
+        header = RecordingHeader(
+            depth_unit_m=depth_unit(told.encoding, wanted.depth_unit_m),
+            string_radius_m=wanted.string_radius_m,
+            T_flange_camera=T_flange_camera,
+            table_z_m=wanted.table_z_m,
+            workspace_m=wanted.workspace_m,
+            provenance=_provenance(bag, topics, frames, rest, told.encoding, wanted.hand_eye),
+        )
+        _write(out, header, _views(bag, topics, told, rest, header))
+    return Imported(topics, frames, rest)
+
+
+def _check_count(rest: Rest, images: int) -> None:
+    """Raises BagError."""
+    if LEAST_VIEWS <= len(rest.places) <= DEFAULT_LIMITS.views:
+        return
+    of = f"of {images} depth images {rest.moving} were taken in motion, of {rest.unknown} the pose is not known"
+    if len(rest.places) < LEAST_VIEWS:
+        raise BagError(
+            f"the arm stands still at {len(rest.places)} places ({of}); {LEAST_VIEWS} at least are needed, eight are "
+            "good, half a second and more at each"
+        )
+    raise BagError(
+        f"the arm stands still at {len(rest.places)} places ({of}); {DEFAULT_LIMITS.views} at most are taken: cut the "
+        "bag"
+    )
+
+
+def _provenance(
+    bag: Bag, topics: Topics, frames: Frames, rest: Rest, encoding: str, hand_eye: str
+) -> Mapping[str, str]:
+    return {
+        "source": f"ROS {bag.ros} bag",
+        "bag": shown(bag.name),
+        "depth_topic": shown(topics.depth),
+        "depth_encoding": shown(encoding),
+        "info_topic": shown(topics.info),
+        "base_frame": shown(frames.base),
+        "flange_frame": shown(frames.flange),
+        "camera_frame": shown(frames.camera),
+        "hand_eye": shown(hand_eye),
+        "frames_per_view": " ".join(str(len(place.frames)) for place in rest.places),
+    }
+
+
+def _views(bag: Bag, topics: Topics, told: Survey, rest: Rest, header: RecordingHeader) -> Iterator[View]:
+    """The views one after the other; the images of one only are held, if the bag has them in order."""
+    place_of = {int(told.stamps_ns[frame]): k for k, place in enumerate(rest.places) for frame in place.frames}
+    held: dict[int, list[NDArray[np.uint16]]] = {}
+    for _, image in bag.messages([topics.depth]):
+        stamp_ns = nanoseconds(image.header.stamp)
+        k = place_of.pop(stamp_ns, None)  # one that is there twice is taken once
+        if k is None:
+            continue
+        depth = depth_counts(image, header.depth_unit_m, f"{shown(topics.depth)}, image of {stamp_ns} ns")
+        held.setdefault(k, []).append(depth)
+        if len(held[k]) == len(rest.places[k].frames):
+            yield _view(k, rest.places[k], median(held.pop(k)), told, header)
+
+
+def _view(index: int, place: Place, depth: NDArray[np.uint16], told: Survey, header: RecordingHeader) -> View:
+    try:
+        return View(
+            index=index,
+            depth=depth,
+            depth_unit_m=header.depth_unit_m,
+            K=told.lens.K,
+            T_base_flange=place.T_base_flange,
+            T_flange_camera=header.T_flange_camera,
+            stamp_s=place.stamp_ns / 1e9,
+        )
+    except InvalidViewError as error:
+        raise BagError(str(error)) from error
+
+
+def _write(out: Path, header: RecordingHeader, views: Iterator[View]) -> None:
+    """Under another name first, then renamed."""
+    unfinished = out.with_name(f".{out.name}.{os.getpid()}.partial")
+    try:
+        with RecordingWriter(unfinished, header) as writer:
+            for view in views:
+                writer.write_view(view)
+        unfinished.replace(out)
+    finally:
+        unfinished.unlink(missing_ok=True)

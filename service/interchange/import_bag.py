@@ -1,0 +1,70 @@
+"""`pointchain import bag`: a ROS bag to a recording, and in words what was taken of it."""
+
+import argparse
+import math
+import sys
+from pathlib import Path
+from typing import Any
+
+from calibration.errors import HandEyeError
+from calibration.storage import load_hand_eye
+from cell.bag.errors import shown
+from cell.bag.import_bag import Imported, Wanted, import_bag
+from service.problems import INPUT_ERRORS
+
+COMMAND = "pointchain import bag"
+
+
+def import_recording(options: argparse.Namespace) -> int:
+    """Imports as the command's options say; the exit code."""
+    try:
+        imported = import_bag(options.bag, options.out, _wanted(options))
+    except (*INPUT_ERRORS, HandEyeError) as error:
+        print(f"{COMMAND}: {error}", file=sys.stderr)
+        return 1
+    except OSError as error:
+        print(f"{COMMAND}: {options.out} cannot be written: {error.strerror or error}", file=sys.stderr)
+        return 1
+    _tell(imported, options.out)
+    return 0
+
+
+def _wanted(options: argparse.Namespace) -> Wanted:
+    hand_eye: dict[str, Any] = {}
+    if options.hand_eye is not None:
+        # As old as it may be: so may the bag.
+        read = load_hand_eye(options.hand_eye, math.inf)
+        for warning in read.warnings:
+            print(f"{COMMAND}: {warning}", file=sys.stderr)
+        hand_eye = {"T_flange_camera": read.T_flange_camera, "hand_eye": f"{options.hand_eye.name} {read.sha256}"}
+    box = options.workspace
+    return Wanted(
+        depth_topic=options.depth_topic,
+        info_topic=options.info_topic,
+        base_frame=options.base_frame,
+        flange_frame=options.flange_frame,
+        camera_frame=options.camera_frame,
+        depth_unit_m=options.depth_unit,
+        rectified=options.rectified,
+        string_radius_m=options.radius,
+        table_z_m=options.table_z,
+        workspace_m=None if box is None else ((box[0], box[1]), (box[2], box[3]), (box[4], box[5])),
+        **hand_eye,
+    )
+
+
+def _tell(imported: Imported, out: Path) -> None:
+    topics, frames, rest = imported.topics, imported.frames, imported.rest
+    counts = sorted({len(place.frames) for place in rest.places})
+    images = f"{counts[0]}" if len(counts) == 1 else f"{counts[0]} to {counts[-1]}"
+    lines = [
+        f"depth images of {shown(topics.depth)}, lens of {shown(topics.info)}",
+        f"frames {shown(frames.base)} (base), {shown(frames.flange)} (flange), {shown(frames.camera)} (camera)",
+        f"{len(rest.places)} views of {images} images each; left out were {rest.moving} images taken in motion and "
+        f"{rest.unknown} whose pose is not known",
+    ]
+    if rest.single:
+        lines.append("poses are too far apart in time to tell whether the arm stood still: each image's own was taken")
+    if frames.base == "base_link":
+        lines.append("with a UR, base_link is turned by 180 degrees about z from the controller's base")
+    print("\n".join([*lines, f"wrote {out}"]), file=sys.stderr)

@@ -1,0 +1,127 @@
+"""A bag of a scan whose truth is known becomes that scan."""
+
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from calibration.transforms import from_rotation_vector
+from cell.bag.import_bag import Wanted, import_bag
+from cell.recording import read_recording
+from tests.cell.bag.bags import (
+    CAMERA,
+    DEPTH,
+    INFO,
+    KINDS,
+    START_NS,
+    Kind,
+    Moment,
+    Recorded,
+    one_image_each,
+    write_bag,
+)
+from tests.cell.bag.made import FINE, assert_same_views, imported, made_views
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("encoding", ["16UC1", "32FC1"])
+def test_one_image_for_each_pose(tmp_path: Path, kind: Kind, encoding: str) -> None:
+    views = made_views(4)
+    told, got = imported(tmp_path, one_image_each(views, Recorded(encoding)), FINE, kind)
+    assert_same_views(got, views)
+    assert [view.stamp_s for view in got.views] == [view.stamp_s for view in views]
+    assert got.header.depth_unit_m == 1e-4
+    assert told.rest.single
+    assert got.header.provenance == {
+        "source": f"ROS {1 if kind == 'ros1' else 2} bag",
+        "bag": "scan.bag" if kind == "ros1" else "scan",
+        "depth_topic": DEPTH,
+        "depth_encoding": encoding,
+        "info_topic": INFO,
+        "base_frame": "base",
+        "flange_frame": "tool0",
+        "camera_frame": CAMERA,
+        "hand_eye": "tf",
+        "frames_per_view": "1 1 1 1",
+    }
+
+
+def test_counts_are_millimetres_unless_told(tmp_path: Path) -> None:
+    _, got = imported(
+        tmp_path, one_image_each(made_views(2), Recorded()), Wanted(string_radius_m=0.004, table_z_m=-0.1)
+    )
+    assert (got.header.depth_unit_m, got.header.string_radius_m, got.header.table_z_m) == (1e-3, 0.004, -0.1)
+
+
+def test_no_depth_in_metres(tmp_path: Path) -> None:
+    views = made_views(2)
+    metres = np.full((12, 16), 0.5, np.float32)
+    metres[0, :8] = [np.nan, np.inf, -np.inf, 0.0, -0.3, 1e30, 0.00004, 7.0]  # the last: beyond 16 bits
+
+    def moments() -> Iterator[Moment]:
+        how = Recorded("32FC1")
+        for moment in one_image_each(views, how):
+            yield moment if moment.topic != DEPTH else how.depth(metres, moment.stamp_ns)
+
+    _, got = imported(tmp_path, moments())
+    assert got.header.depth_unit_m == 1e-4
+    assert not got.views[0].depth[0, :8].any()
+    assert (got.views[0].depth.ravel()[8:] == 5000).all()
+
+
+def test_big_endian_and_padded_rows(tmp_path: Path) -> None:
+    views = made_views(2)
+    padded = [np.pad(view.depth, ((0, 0), (0, 3)), constant_values=777).astype(">u2") for view in views]
+
+    def moments() -> Iterator[Moment]:
+        how = Recorded(image={"width": 16})
+        images = iter(padded)
+        for moment in one_image_each(views, how):
+            yield moment if moment.topic != DEPTH else how.depth(next(images), moment.stamp_ns)
+
+    _, got = imported(tmp_path, moments())
+    assert_same_views(got, views)
+
+
+def test_hand_eye_that_is_told_goes_before_tf(tmp_path: Path) -> None:
+    views = made_views(2)
+    told = from_rotation_vector((0.0, 0.1, 0.0), (0.0, 0.0, 1.0))
+    wanted = replace(FINE, T_flange_camera=told, hand_eye="mine.json abc")
+    _, got = imported(tmp_path, one_image_each(views, Recorded(static={})), wanted)
+    np.testing.assert_array_equal(got.header.T_flange_camera, told)
+    assert got.header.provenance["hand_eye"] == "mine.json abc"
+
+
+def test_a_rectified_lens_is_taken_from_p(tmp_path: Path) -> None:
+    P = np.array([[25.0, 0, 8, 0], [0, 26.0, 6, 0], [0, 0, 1, 0]])
+    how = Recorded(info={"D": np.array([0.1, -0.2, 0, 0, 0]), "P": P.ravel()})
+    _, got = imported(tmp_path, one_image_each(made_views(2), how))
+    np.testing.assert_array_equal(got.views[0].K, P[:, :3])
+
+
+def test_of_several_camera_infos_the_one_beside_the_images(tmp_path: Path) -> None:
+    views = made_views(2)
+
+    def moments() -> Iterator[Moment]:
+        yield Moment(
+            "/other/camera_info", START_NS, lambda ros: ros.info(START_NS, 2 * views[0].K, (16, 12), "other", {})
+        )
+        colour = np.zeros((12, 16), np.uint8)
+        yield Moment("/other/image", START_NS, lambda ros: ros.image(START_NS, colour, "mono8", "other", {}))
+        yield from one_image_each(views, Recorded())
+
+    told, got = imported(tmp_path, moments())
+    assert (told.topics.depth, told.topics.info) == (DEPTH, INFO)
+    assert_same_views(got, views)
+
+
+def test_a_folder_without_metadata_has_its_file_read(tmp_path: Path) -> None:
+    views = made_views(2)
+    bag = write_bag(tmp_path / "scan", "sqlite3", one_image_each(views, Recorded()))
+    (bag / "metadata.yaml").unlink()
+    import_bag(bag, tmp_path / "a.mcap", FINE)
+    import_bag(bag / "scan.db3", tmp_path / "b.mcap", FINE)
+    for name in ("a.mcap", "b.mcap"):
+        assert_same_views(read_recording(tmp_path / name), views)

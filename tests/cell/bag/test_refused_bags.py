@@ -1,0 +1,214 @@
+"""What no recording can be made of is refused with words that say what to do, and leaves nothing behind."""
+
+import sys
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cell.bag.errors import BagError
+from cell.bag.import_bag import Wanted, import_bag
+from cell.recording import RecordingError, RecordingExistsError
+from tests.cell.bag.bags import (
+    CAMERA,
+    DEPTH,
+    INFO,
+    KINDS,
+    START_NS,
+    TF,
+    Kind,
+    Matrix,
+    Moment,
+    Recorded,
+    one_image_each,
+    write_bag,
+)
+from tests.cell.bag.made import FINE, T_FLANGE_CAMERA, imported, made_views
+
+
+def camera_that_hangs(T: Matrix) -> dict[tuple[str, str], Matrix]:
+    """The camera stands in the cell: seen from the flange it moves."""
+    return {("base", "tool0"): T, ("base", CAMERA): T_FLANGE_CAMERA}
+
+
+NOWHERE = np.zeros((4, 4))
+NOWHERE[0, 3] = np.nan
+
+
+@pytest.mark.parametrize(
+    ("how", "wanted", "said"),
+    [
+        (
+            Recorded(),
+            Wanted(depth_topic="/nope"),
+            r"no topic /nope of type Image; --depth-topic may be: /camera/depth/im",
+        ),
+        (Recorded(), Wanted(info_topic=DEPTH), r"of type CameraInfo; --info-topic may be: /camera/depth/camera_info"),
+        (Recorded(), Wanted(base_frame="ur_base"), r"no.* frame 'ur_base'; its frames: base, camera_depth.*, tool0"),
+        (Recorded(edges=lambda T: {("a", "b"): T}), Wanted(), r"no frame base or base_link: name the base by --base-f"),
+        (Recorded(edges=lambda T: {("base", "b"): T}, static={}), Wanted(), r"no frame tool0 or flange: name the flan"),
+        (Recorded(static={}), Wanted(), r"camera sits on the flange is not told: .*its frames: base, tool0; name a f"),
+        (
+            Recorded(static={("mount", CAMERA): T_FLANGE_CAMERA}),
+            Wanted(),
+            r"does not connect the frames 'tool0' and 'camera_.*first is below 'base', the second below 'mount'",
+        ),
+        (
+            Recorded(edges=camera_that_hangs, static={}),
+            Wanted(),
+            r"not fixed to 'tool0': it moves by up to 1\d+\.\d mm",
+        ),
+        (
+            Recorded(edges=lambda T: {("base", "tool0"): T, ("world", "tool0"): T}),
+            Wanted(),
+            r"frame 'tool0' below base, world: a frame has one parent",
+        ),
+        (Recorded(edges=lambda T: {("base", "tool0"): T, ("tool0", "base"): T}), Wanted(), r"'\w+' below itself"),
+        (Recorded(edges=lambda T: {("base", "tool0"): T + NOWHERE}), Wanted(), r"'tool0' in 'base' holds nan; metres"),
+        (Recorded(image={"encoding": "8UC1"}), Wanted(), r"no topic of depth images .*of other images: /camera/depth"),
+        (
+            Recorded(image={"encoding": "rgb8"}),
+            Wanted(depth_topic=DEPTH),
+            r"images are 'rgb8'; depth as 16UC1 or 32FC1",
+        ),
+        (Recorded(image={"step": 31}), Wanted(), r"image of 16x12 pixels with 31 bytes a row has 384 bytes"),
+        (Recorded(image={"width": 8}), Wanted(), r"camera_info is of 16x12 pixels, the images .* are 8x12"),
+        (Recorded(image={"width": 1 << 31, "height": 12}), Wanted(), r"camera_info is of 16x12 pixels, the images"),
+        (
+            Recorded(info={"D": np.full(5, 0.1)}),
+            Wanted(depth_topic="/camera/depth/image"),
+            r"no topic /camera/depth/im",
+        ),
+        (
+            Recorded(info={"D": np.full(5, 0.1), "R": np.full(9, 0.1)}),
+            Wanted(),
+            r"rectification turned or shifted the camera",
+        ),
+        (Recorded(info={"K": np.zeros(9)}), Wanted(), r"view 0: K has focal lengths 0, 0; not a camera's"),
+        (Recorded(), Wanted(depth_unit_m=1.0), r"depth_unit_m is 1; from 1e-6 to 0.01 metres a count are taken"),
+        (Recorded(), Wanted(workspace_m=((1, 0), (0, 1), (0, 1))), r"workspace_m is .* with x0 < x1"),
+    ],
+)
+def test_what_cannot_be_imported_is_said(tmp_path: Path, how: Recorded, wanted: Wanted, said: str) -> None:
+    bag = write_bag(tmp_path / "scan", "mcap", one_image_each(made_views(3), how))
+    with pytest.raises(RecordingError, match=said):
+        import_bag(bag, tmp_path / "out.mcap", wanted)
+    assert [path.name for path in tmp_path.iterdir()] == ["scan"], "nothing is left"
+
+
+def without(topic: str) -> list[Moment]:
+    return [moment for moment in one_image_each(made_views(3), Recorded()) if moment.topic != topic]
+
+
+def renamed(topic: str, new: str) -> list[Moment]:
+    return [
+        replace(moment, topic=new if moment.topic == topic else moment.topic)
+        for moment in one_image_each(made_views(3), Recorded(info={"D": np.full(5, 0.1)}))
+    ]
+
+
+def shifted(seconds: float) -> list[Moment]:
+    """The camera's computer has another clock."""
+    how, views = Recorded(), made_views(3)
+    moments = [how.depth(v.depth, round((v.stamp_s + seconds) * 1e9)) for v in views]
+    return [*(m for m in one_image_each(views, how) if m.topic != DEPTH), *moments]
+
+
+def compressed() -> list[Moment]:
+    def make(ros: Any) -> Any:
+        header, data = ros.header(START_NS, CAMERA), np.zeros(4, np.uint8)
+        return ros.new("sensor_msgs/msg/CompressedImage", header=header, format="16UC1; compressedDepth png", data=data)
+
+    return [*without(DEPTH), Moment(f"{DEPTH}/compressedDepth", START_NS, make)]
+
+
+def another_lens() -> list[Moment]:
+    view = made_views(1)[0]
+    return [*without(""), Recorded().lens(replace(view, K=view.K * [[2], [2], [1]]), START_NS + 10**9)]
+
+
+@pytest.mark.parametrize(
+    ("moments", "said"),
+    [
+        (without(TF)[:1], r"no topic of depth images"),
+        ([m for m in without(TF) if m.topic in (DEPTH, INFO)], r"no transforms \(/tf\): .*; its topics: /camera"),
+        (without(INFO), r"not clear which CameraInfo belongs to .*--info-topic: none"),
+        (renamed(DEPTH, "/camera/depth/image"), r"lens has distortion \(0.1, .*say --rectified if they are"),
+        (
+            [*without(""), *renamed(DEPTH, "/b/image_rect")],
+            r"2 topics of depth images; name one.*: /b/image_rect, /cam",
+        ),
+        (shifted(3600.0), r"none of the 3 depth images .*times in /tf lie 3594\.0 s beside the images' \(two clocks"),
+        (without("")[:4], r"the arm stands still at 1 places \(of 1 depth images 0 were taken in motion"),
+        (compressed(), r"depth images are compressed \(.*compressedDepth\), which is not read: .*republish"),
+        (another_lens(), r"camera_info: the lens changes within the bag"),
+        (list(one_image_each(made_views(65), Recorded())), r"stands still at 65 places .*; 64 at most are taken"),
+    ],
+)
+def test_bags_that_lack_something(tmp_path: Path, moments: list[Moment], said: str) -> None:
+    bag = write_bag(tmp_path / "scan.bag", "ros1", moments)
+    with pytest.raises(BagError, match=said):
+        import_bag(bag, tmp_path / "out.mcap", FINE)
+    assert [path.name for path in tmp_path.iterdir()] == ["scan.bag"], "nothing is left"
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_bag_cut_anywhere_is_refused_or_read(tmp_path: Path, kind: Kind) -> None:
+    """Whatever rosbags runs into, it ends as an error in words."""
+    bag = write_bag(
+        tmp_path / ("scan.bag" if kind == "ros1" else "scan"), kind, one_image_each(made_views(3), Recorded())
+    )
+    file = bag if bag.is_file() else next(path for path in bag.iterdir() if path.suffix != ".yaml")
+    whole = file.read_bytes()
+    rng = np.random.default_rng(11)
+    refused = 0
+    for k, length in enumerate(rng.integers(0, len(whole), 40)):
+        damaged = bytearray(whole[:length] if k % 2 else whole)
+        if k % 2 == 0:
+            damaged[length : length + 40] = rng.bytes(min(40, len(whole) - length))
+        file.write_bytes(damaged)
+        out = tmp_path / f"{k}.mcap"
+        try:
+            import_bag(bag, out, FINE)
+        except RecordingError:
+            refused += 1
+            assert not out.exists()
+    assert refused >= 20
+    assert not list(tmp_path.glob(".*"))
+
+
+def test_files_that_are_no_bag(tmp_path: Path) -> None:
+    (tmp_path / "text.bag").write_text("hello")
+    (tmp_path / "a.txt").write_text("hello")
+    (tmp_path / "empty").mkdir()
+    (tmp_path / "folder.bag").mkdir()
+    for name, said in [
+        ("none.bag", "there is no"),
+        ("text.bag", "cannot be read as a bag: File magic is invalid"),
+        ("a.txt", "is no bag"),
+        ("folder.bag", "is a folder with a ROS 1 bag's ending"),
+        ("empty", "no metadata.yaml and 0 files"),
+    ]:
+        with pytest.raises(BagError, match=said):
+            import_bag(tmp_path / name, tmp_path / "out.mcap", FINE)
+
+
+def test_a_recording_of_ours_is_no_bag(tmp_path: Path) -> None:
+    imported(tmp_path, one_image_each(made_views(2), Recorded()))
+    with pytest.raises(BagError, match="Profile is not ros2"):
+        import_bag(tmp_path / "scan.mcap", tmp_path / "out.mcap", FINE)
+
+
+def test_nothing_is_overwritten(tmp_path: Path) -> None:
+    (tmp_path / "out.mcap").write_text("mine")
+    with pytest.raises(RecordingExistsError):
+        import_bag(tmp_path / "none.bag", tmp_path / "out.mcap", FINE)
+    assert (tmp_path / "out.mcap").read_text() == "mine"
+
+
+def test_without_the_package_it_says_how_to_get_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "rosbags.highlevel", None)
+    with pytest.raises(BagError, match=r"pip install 'pointchain\[bag\]'"):
+        import_bag(tmp_path / "scan.bag", tmp_path / "out.mcap", FINE)

@@ -1,0 +1,133 @@
+"""`pointchain import bag`: a bag of a simulated scan gives the model of that scan."""
+
+import json
+import sys
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from cell.recording import read_recording
+from cell.simulation.camera import camera_model
+from cell.simulation.scenes import make_scene
+from cell.simulation.simulate import SimulatedScan, simulate, write_simulation
+from service.cli import main
+from service.workflow import recognise_recording
+from tests.cell.bag.bags import KINDS, Kind, Recorded, one_image_each, write_bag
+
+
+@pytest.fixture(scope="module")
+def scan() -> SimulatedScan:
+    """A crossing, seen from four sides by a noisy camera with wrong poses."""
+    return simulate(make_scene("loop", 2), camera_model("oak-d-pro", (320, 200)), 2, views=4)
+
+
+@pytest.fixture(scope="module")
+def model(scan: SimulatedScan, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
+    """Of the scan's own recording."""
+    path = tmp_path_factory.mktemp("twin") / "twin.mcap"
+    write_simulation(scan, path)
+    return model_of(path)
+
+
+def model_of(path: Path) -> dict[str, Any]:
+    """Each value of the model by its place in the document; all but the times."""
+    document = replace(recognise_recording(path).model, timing_s={}).to_json()
+    return dict(leaves(document, ""))
+
+
+def leaves(value: Any, place: str) -> Iterator[tuple[str, Any]]:
+    if isinstance(value, dict | list | tuple):
+        for key, part in value.items() if isinstance(value, dict) else enumerate(value):
+            yield from leaves(part, f"{place}.{key}")
+    else:
+        yield place, value
+
+
+def options(scan: SimulatedScan) -> list[str]:
+    assert scan.header.workspace_m is not None
+    box = [str(value) for side in scan.header.workspace_m for value in side]
+    return ["--depth-unit=0.0001", "--radius=0.0042", "--workspace", *box]
+
+
+@pytest.mark.parametrize("encoding", ["16UC1", "32FC1"])
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_bag_gives_the_model_of_its_twin(
+    scan: SimulatedScan,
+    model: dict[str, Any],
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    kind: Kind,
+    encoding: str,
+) -> None:
+    bag = write_bag(
+        tmp_path / ("scan.bag" if kind == "ros1" else "scan"), kind, one_image_each(scan.views, Recorded(encoding))
+    )
+    out = tmp_path / "out.mcap"
+    assert main(["import", "bag", str(bag), str(out), *options(scan)]) == 0
+    printed, said = capsys.readouterr()
+    assert printed == ""
+    assert "4 views of 1 images each; left out were 0 images taken in motion and 0 whose pose is not known" in said
+    assert "frames base (base), tool0 (flange), camera_depth_optical_frame (camera)" in said
+    assert f"wrote {out}" in said
+    # A pose that went through the quaternion of /tf differs in the last bit of its doubles. Where that turns a
+    # rounding, a place, told to a micrometre, differs by one; a score or a confidence by its last, fourth, digit.
+    got = model_of(out)
+    assert got.keys() == model.keys()
+    for place, value in model.items():
+        if isinstance(value, float):
+            last_digit = 1e-4 if place.endswith(("score", "confidence")) else 1e-6
+            assert got[place] == pytest.approx(value, rel=0, abs=1.01 * last_digit), place
+        else:
+            assert got[place] == value, place
+
+
+def test_what_is_wrong_is_said_and_nothing_written(
+    scan: SimulatedScan, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    bag = write_bag(tmp_path / "scan.bag", "ros1", one_image_each(scan.views[:2], Recorded()))
+    out = tmp_path / "out.mcap"
+    for wrong, said in [
+        (
+            ["--depth-topic=/a"],
+            "pointchain import bag: there is no topic /a of type Image; --depth-topic may be: /camera",
+        ),
+        (["--hand-eye=none.json"], "there is no hand-eye calibration none.json"),
+        (["--radius=-1"], "string_radius_m is -1; it must be positive"),
+        (["--table-z=nan"], "table_z_m is nan; a finite number is needed"),
+    ]:
+        assert main(["import", "bag", str(bag), str(out), *wrong]) == 1
+        assert said in capsys.readouterr().err
+        assert [path.name for path in tmp_path.iterdir()] == ["scan.bag"]
+    assert main(["import", "bag", str(bag), str(tmp_path / "none" / "out.mcap")]) == 1
+    assert "out.mcap cannot be written: No such file or directory" in capsys.readouterr().err
+    assert main(["import", "bag", str(bag), str(out)]) == 0
+    before = out.read_bytes()
+    assert main(["import", "bag", str(bag), str(out)]) == 1
+    assert "exists already" in capsys.readouterr().err
+    assert out.read_bytes() == before
+
+
+def test_a_hand_eye_file_is_taken_instead_of_tf(
+    scan: SimulatedScan, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / "hand_eye.json"
+    file.write_text(json.dumps({"T_flange_camera": scan.header.T_flange_camera.tolist()}))
+    bag = write_bag(tmp_path / "scan", "mcap", one_image_each(scan.views[:2], Recorded(static={})))
+    out = tmp_path / "out.mcap"
+    assert main(["import", "bag", str(bag), str(out)]) == 1
+    assert "name a file by --hand-eye" in capsys.readouterr().err
+    assert main(["import", "bag", str(bag), str(out), f"--hand-eye={file}"]) == 0
+    header = read_recording(out).header
+    assert header.T_flange_camera.tolist() == scan.header.T_flange_camera.tolist()
+    assert header.provenance["hand_eye"].startswith("hand_eye.json ")
+
+
+def test_help_needs_no_rosbags(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "rosbags", None)
+    with pytest.raises(SystemExit) as stop:
+        main(["import", "bag", "--help"])
+    assert stop.value.code == 0
+    assert "--hand-eye JSON" in capsys.readouterr().out
