@@ -3,7 +3,7 @@
 CONSOLE := .ci/console service/openapi.json $(shell find service/console/web -type f \
 	-not -path '*/node_modules/*' -not -path '*/generated/*')
 
-.PHONY: help setup demo test soak fuzz serve lint pictures bench lock clean
+.PHONY: help setup demo test soak fuzz serve lint pictures bench wheel licences lock clean
 
 help:
 	@echo 'make demo    a live scan by the simulated cell, the string in it recognised, the result shown'
@@ -15,6 +15,8 @@ help:
 	@echo 'make bench   measure speed, the simulated cell, the service under load, and accuracy'
 	@echo 'make pictures  take the pictures of the console anew, and measure how soon the page is there'
 	@echo 'make setup   make .venv and the console; what the others do first when it is missing or out of date'
+	@echo 'make wheel   build the package into dist/, with the console in it'
+	@echo 'make licences  renew LICENCES.md: what each package may be used for'
 	@echo 'make lock    renew requirements.lock from pyproject.toml; UPGRADE=1 takes newer versions'
 	@echo 'make clean   remove what these commands made'
 
@@ -57,6 +59,14 @@ pictures: setup
 
 bench: .venv/.ready
 	@.venv/bin/pointchain bench
+
+# By the packages of the lock, without a build environment of its own, which would fetch others.
+wheel: setup
+	@.ci/setup uv
+	@PATH=".uv/bin:$$PATH" uv build --quiet --no-build-isolation --python .venv --out-dir dist
+
+licences: .venv/.ready
+	@.venv/bin/python .ci/licences > LICENCES.md
 
 # For every platform, with hashes, and without the address of an index: it installs from whichever
 # index the machine is set up for.

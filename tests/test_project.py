@@ -150,3 +150,16 @@ def test_the_lock_satisfies_the_direct_dependencies(python: str, platform: str) 
             version = versions.get(canonicalize_name(requirement.name))
             assert version is not None, f"{line} is not in the lock: make lock"
             assert requirement.specifier.contains(version), f"{line}, but {version} is locked: make lock"
+
+
+def test_every_package_may_be_used_commercially_and_is_listed_with_its_licence() -> None:
+    told = (ROOT / "LICENCES.md").read_text()
+    made = subprocess.run([sys.executable, str(ROOT / ".ci/licences")], capture_output=True, text=True, check=True)
+    assert made.stdout == told, "make licences"
+    licences = dict(re.findall(r"^\| ([^|]+) \| ([^|]+) \|$", told, flags=re.MULTILINE))
+    direct = {canonicalize_name(Requirement(line).name) for line in PYPROJECT["project"]["dependencies"]}
+    assert {"numpy", "ik-geo", "distributed", "rosbags", "pytest"} <= set(licences)
+    assert len(direct & set(licences)) >= len(direct) - 1, "all but open3d's other name"
+    # What would bind those who build upon it, or forbids some of them the use.
+    refused = re.compile(r"(?<!L)GPL|AGPL|SSPL|BUSL|commons clause|non-?commercial|CC-BY-NC|unknown", re.IGNORECASE)
+    assert {name: words for name, words in licences.items() if refused.search(words)} == {}
