@@ -160,6 +160,8 @@ def test_every_package_may_be_used_commercially_and_is_listed_with_its_licence()
     direct = {canonicalize_name(Requirement(line).name) for line in PYPROJECT["project"]["dependencies"]}
     assert {"numpy", "ik-geo", "distributed", "rosbags", "pytest"} <= set(licences)
     assert len(direct & set(licences)) >= len(direct) - 1, "all but open3d's other name"
-    # What would bind those who build upon it, or forbids some of them the use.
-    refused = re.compile(r"(?<!L)GPL|AGPL|SSPL|BUSL|commons clause|non-?commercial|CC-BY-NC|unknown", re.IGNORECASE)
-    assert {name: words for name, words in licences.items() if refused.search(words)} == {}
+    assert "unknown" not in licences.values()
+    # What would bind those who build upon it, or forbids some of them the use; a tool of development may be GPL.
+    refused = re.compile(r"(?<!L)GPL|SSPL|BUSL|commons clause|non-?commercial|CC-BY-NC", re.IGNORECASE)
+    shipped = told[: told.index("## For development")]
+    assert refused.findall(shipped) == []

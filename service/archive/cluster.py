@@ -49,8 +49,8 @@ def on_cluster(files: Sequence[str], asked: Asked, address: str) -> Iterator[Lin
     line with the error `recognition-crashed`.
 
     Raises:
-        ArchiveError: there is no cluster at `address`, it has no worker, a worker has another version of Pointchain,
-            or the cluster was lost.
+        ArchiveError: there is no cluster at `address`, it has no worker, a worker has no or another version of
+            Pointchain, or the cluster was lost.
     """
     _require_dask()
     from distributed import CancelledError, KilledWorker, as_completed
@@ -68,6 +68,8 @@ def on_cluster(files: Sequence[str], asked: Asked, address: str) -> Iterator[Lin
             except KilledWorker as error:
                 reason = f"it ended {error.allowed_failures + 1} workers: too little memory, or a fault of ours"
                 yield failed(file, asked, "recognition-crashed", reason, path)
+            except ImportError as error:
+                raise ArchiveError(f"a worker lacks what it needs ({error}): install the same release there") from error
             except OtherVersionError as error:
                 raise ArchiveError(str(error)) from error
             except CancelledError as error:

@@ -45,6 +45,19 @@ def test_a_worker_of_another_version_is_told(
     assert "this is 99.0; install the same there" in err
 
 
+def lacking(*_: object, **__: object) -> None:
+    """As on a worker without the package."""
+    raise ModuleNotFoundError("No module named 'service'")
+
+
+def test_a_worker_without_the_package_is_told(
+    address: str, recording_file: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setattr(archive_cluster, "work_on", lacking)
+    assert main(["recognise", "--cluster", address, str(recording_file)]) == 1
+    assert "No module named 'service'): install the same release there" in capsys.readouterr().err
+
+
 def test_no_scheduler_is_told(
     recording_file: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ):

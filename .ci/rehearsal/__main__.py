@@ -1,0 +1,147 @@
+"""What a stranger would do, on a bare Debian 12: the README's two commands, and what docker/ is for.
+
+Neither a Docker engine nor an image is needed: debootstrap makes what stands for both a machine and an image.
+"""
+
+import argparse
+import re
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import bare_root
+import image as images
+import yaml
+from container import Container
+
+PROJECT = Path(__file__).resolve().parents[2]
+DOCKER = PROJECT / "docker"
+SERVICE = "pointchain"
+"""Of compose.yaml: the one that starts unless told otherwise."""
+START_S = 90.0
+
+USE = """
+import os, subprocess
+from pathlib import Path
+from service.client import Client
+subprocess.run(["pointchain", "simulate", "/tmp/knot.mcap", "--scene", "overhand-knot", "--seed", "3"], check=True)
+with Client(token=os.environ["TOKEN"]) as cell:
+    for scan in (cell.scan(), cell.replay(Path("/tmp/knot.mcap"))):
+        model = cell.model(scan)
+        print(f"{scan.mode}: {scan.state}, {len(model.chains)} chain, {len(model.crossings)} crossings")
+"""
+ASK = """
+import sys, urllib.error, urllib.request
+try:
+    print(urllib.request.urlopen("http://127.0.0.1:8000" + sys.argv[1], timeout=10).status)
+except urllib.error.HTTPError as error:
+    print(error.code)
+"""
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(prog=".ci/nightly", description=__doc__)
+    parser.add_argument("parts", nargs="*", metavar="PART", help=f"of {', '.join(PARTS)}; all of them unless told")
+    parser.add_argument("--work", type=Path, help="folder to work in, kept afterwards (one in /tmp)")
+    options = parser.parse_args()
+    wrong = [part for part in options.parts if part not in PARTS]
+    if wrong:
+        parser.error(f"there is no part {', '.join(wrong)}")
+    work = Path(tempfile.mkdtemp(prefix="rehearsal-")) if options.work is None else options.work.resolve()
+    work.mkdir(exist_ok=True)
+    try:
+        bare = work / "bare"
+        if not bare.exists():
+            timed("a bare Debian 12", lambda: bare_root.debian(bare))
+        for part in options.parts or PARTS:
+            PARTS[part](bare, work)
+    finally:
+        if options.work is None:
+            shutil.rmtree(work)
+    return 0
+
+
+def timed(what: str, do: Callable[[], object]) -> None:
+    """Does it, and prints how long it took."""
+    print(f"--- {what}", flush=True)
+    began_s = time.monotonic()
+    try:
+        do()
+    except subprocess.CalledProcessError as error:
+        raise SystemExit(f"--- {what}: failed with exit code {error.returncode}") from error
+    print(f"--- {what}: {time.monotonic() - began_s:.0f} s", flush=True)
+
+
+def on_a_bare_machine(command: str) -> Callable[[Path, Path], None]:
+    """The README's command on a machine that has git and make, and nothing else, in a fresh clone."""
+
+    def part(bare: Path, work: Path) -> None:
+        machine = work / f"machine-{command}"
+        shutil.rmtree(machine, ignore_errors=True)
+        bare_root.copy(bare, machine)
+        variables = {"PATH": bare_root.PATH, "HOME": "/root", **bare_root.lent_variables()}
+        install = "apt-get -qq install -y --no-install-recommends git make"
+        tools = f"(apt-get -qq update && DEBIAN_FRONTEND=noninteractive {install}) >/dev/null 2>&1"
+        bare_root.run(machine, ["sh", "-c", tools], variables)
+        subprocess.run(
+            ["git", "-c", "advice.detachedHead=false", "clone", "--quiet", PROJECT, machine / "root/pointchain"],
+            check=True,
+        )
+        timed(f"make {command}", lambda: bare_root.run(machine, ["make", command], variables, "/root/pointchain"))
+        print(f"{bare_root.megabytes(machine) - bare_root.megabytes(bare)} MB more on disk than before")
+
+    return part
+
+
+def image(bare: Path, work: Path) -> None:
+    """The Dockerfile's steps, then what they made, started as compose.yaml says and used."""
+    for folder in [*work.glob("stage*"), work / "context", work / "volume"]:
+        shutil.rmtree(folder, ignore_errors=True)
+    images.context(PROJECT, DOCKER / "Dockerfile.dockerignore", work / "context")
+    made: list[images.Image] = []
+    timed("the image", lambda: made.append(images.build(DOCKER / "Dockerfile", work / "context", bare, work)))
+    size = bare_root.megabytes(made[0].root)
+    print(f"{size} MB, {size - bare_root.megabytes(bare)} MB of it on top of Debian; starts {images.shown(made[0])}")
+    service = yaml.safe_load((DOCKER / "compose.yaml").read_text())["services"][SERVICE]
+    log = work / "container.log"
+    with log.open("w") as told:
+        container = Container(made[0], service["environment"], work / "volume", told)
+    try:
+        use(container, log, float(service["stop_grace_period"].removesuffix("s")))
+    except BaseException:
+        print(log.read_text()[-8000:])
+        raise
+    finally:
+        container.kill()
+
+
+def use(container: Container, log: Path, grace_s: float) -> None:
+    """Waits until it is healthy, scans, and ends it."""
+    began_s = time.monotonic()
+    while not (container.running() and container.healthy()):
+        assert container.running(), "it has ended"
+        assert time.monotonic() - began_s < START_S, "it is not healthy"
+        time.sleep(0.5)
+    print(f"healthy after {time.monotonic() - began_s:.1f} s, {container.memory_mb()} MB of memory")
+    (token,) = re.findall(r"^pct_\S+$", log.read_text(), re.MULTILINE)
+    for address, status in (("/", "200"), ("/api/cell", "401")):
+        asked = container.run(["python", "-c", ASK, address])
+        assert asked.stdout.strip() == status, f"{address}: {asked.stdout}{asked.stderr}"
+    used = container.run(["python", "-c", USE], {"TOKEN": token})
+    assert used.returncode == 0, used.stderr
+    print(used.stdout, end="")
+    assert used.stdout.count(": succeeded, 1 chain") == 2, used.stderr
+    print(f"{container.memory_mb()} MB of memory after two scans")
+    code, took_s = container.stop(grace_s)
+    assert code == 0, f"exit code {code}"
+    print(f"ended in order after {took_s:.1f} s")
+
+
+PARTS = {"demo": on_a_bare_machine("demo"), "test": on_a_bare_machine("test"), "image": image}
+
+if __name__ == "__main__":
+    sys.exit(main())
