@@ -35,8 +35,9 @@ service/console/built/.ready: $(CONSOLE) | .venv/.ready
 demo: .venv/.ready
 	@.venv/bin/pointchain demo
 
+# As many processes as cores: sums by several threads in each would only take the cores from one another.
 test: setup
-	@.venv/bin/pytest -n auto
+	@OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 .venv/bin/pytest -n auto
 
 soak: setup
 	@.venv/bin/pytest -m soak

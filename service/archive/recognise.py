@@ -34,9 +34,9 @@ def recognise(files: Sequence[Path], asked: Asked, where: Where) -> int:
     A folder stands for the recordings in it. A progress bar goes to stderr when that is a terminal. Returns 1 when a
     file failed, or the run cannot go on, which is told; else 0.
     """
-    names = [str(name) for file in files for name in _recordings(file)]
-    once = list(dict.fromkeys(names))
     try:
+        names = [str(name) for file in files for name in _recordings(file)]
+        once = list(dict.fromkeys(names))
         if where.out is not None:
             return _kept(once, asked, where, where.out)
         failed = 0
@@ -50,7 +50,12 @@ def recognise(files: Sequence[Path], asked: Asked, where: Where) -> int:
 
 
 def _recordings(file: Path) -> list[Path]:
-    return sorted(file.rglob("*.mcap")) if file.is_dir() else [file]
+    if not file.is_dir():
+        return [file]
+    found = sorted(file.rglob("*.mcap"))
+    if not found:
+        raise ArchiveError(f"the folder {file} has no recordings (*.mcap)")
+    return found
 
 
 def _kept(names: Sequence[str], asked: Asked, where: Where, out: Path) -> int:
