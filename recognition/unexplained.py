@@ -23,16 +23,9 @@ def left_over(
     """The pieces (M, 3) of `surface` (N, 3) larger than r_cn that lie farther than 2 r from every chain, the largest
     first.
 
-    From a chain thicker than told, twice its own radius. Without chains there is nothing that they leave over.
+    From a chain thicker than told, twice its own radius. Where there is no chain, all of the surface is left over.
     """
-    if not chains or len(surface) == 0:
-        return []
-    lines = [evenly(closed_up(chain.points, chain.closed), parameters.r) for chain in chains]
-    reach = np.repeat([2 * max(chain.radius_m, parameters.r) for chain in chains], [len(line) for line in lines])
-    distance, nearest = KDTree(np.vstack(lines)).query(surface, distance_upper_bound=float(reach.max()))
-    far = ~np.isfinite(distance)
-    far[~far] = np.asarray(distance)[~far] > reach[np.asarray(nearest)[~far]]
-    rest = surface[far]
+    rest = surface[_far(surface, chains, parameters)] if chains else surface
     if len(rest) == 0:
         return []
     _, piece = connected_components(within(rest, rest, parameters.r), directed=False)
@@ -41,6 +34,16 @@ def left_over(
     pieces = np.split(rest, first[1:])
     sizes = np.array([_size(piece) for piece in pieces])
     return [pieces[k] for k in np.argsort(-sizes, kind="stable") if sizes[k] >= parameters.r_cn]
+
+
+def _far(surface: NDArray[np.float64], chains: Sequence[Chain], parameters: ChainParameters) -> NDArray[np.bool_]:
+    """Which points (N,) are beyond the reach of every chain."""
+    lines = [evenly(closed_up(chain.points, chain.closed), parameters.r) for chain in chains]
+    reach = np.repeat([2 * max(chain.radius_m, parameters.r) for chain in chains], [len(line) for line in lines])
+    distance, nearest = KDTree(np.vstack(lines)).query(surface, distance_upper_bound=float(reach.max()))
+    far = ~np.isfinite(distance)
+    far[~far] = np.asarray(distance)[~far] > reach[np.asarray(nearest)[~far]]
+    return far
 
 
 def unexplained(pieces: Sequence[NDArray[np.float64]]) -> list[str]:

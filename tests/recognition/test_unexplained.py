@@ -67,6 +67,9 @@ def test_a_closed_chain_explains_its_closing_link(table_1: ChainParameters) -> N
     assert len(unexplained(side, [chain(corners)], table_1)) == 1
 
 
-def test_without_chains_or_surface_there_is_nothing_to_tell(table_1: ChainParameters) -> None:
-    assert unexplained(line((0, 0), (50, 0), 1), [], table_1) == []
+def test_without_chains_all_of_the_surface_is_told(table_1: ChainParameters) -> None:
+    """A table with string of another radius than told must not read like a bare one."""
+    (said,) = unexplained(line((0, 0), (50, 0), 1), [], table_1)
+    assert said.startswith("something of 50 mm at (25, 0, ")
+    assert unexplained(np.empty((0, 3)), [], table_1) == []
     assert unexplained(np.empty((0, 3)), [ALONG_X], table_1) == []
