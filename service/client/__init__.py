@@ -1,12 +1,20 @@
 """A client of the service, for programs that plan with its models: `from service.client import Client`."""
 
 from service.client.client import Client
-from service.client.errors import ClientError, ProblemError, ScanFailedError, UnansweredError, UnreachableError
+from service.client.errors import (
+    ClientError,
+    NotEndedError,
+    ProblemError,
+    ScanFailedError,
+    UnansweredError,
+    UnreachableError,
+)
 from service.client.progress import ScanProgress
 
 __all__ = [
     "Client",
     "ClientError",
+    "NotEndedError",
     "ProblemError",
     "ScanFailedError",
     "ScanProgress",

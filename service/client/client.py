@@ -6,11 +6,12 @@
         cell.release()                                   # the arm is yours
         grasp = model.grasps[0].T_base_grasp             # (4, 4), base frame
 
-Nothing here asks a second time for a motion: where an answer is lost, `UnansweredError` has the key with which to ask
-whether the scan was begun.
+Nothing here asks a second time for a motion: where an answer is lost, `UnansweredError` has the wish and the key with
+which `start` finds out whether the scan was begun.
 """
 
 import os
+import re
 import time
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
@@ -33,10 +34,12 @@ from service.client.errors import (
 from service.client.model_arrays import model_from_json
 from service.client.patience import AGAIN_S, CONNECT_S, Patience
 from service.client.progress import ScanProgress, follow, look
-from service.schemas import RESULT_STATES, RecordingResource, ScanResource
+from service.schemas import ID_PATTERN, RESULT_STATES, RecordingResource, ScanResource
 
 ANSWER_S = 60.0
 """A live scan is accepted once arm and camera are connected, which takes seconds."""
+END_S = 10.0
+"""For so long the reason is asked for of a scan that has no model; a service that starts anew needs some seconds."""
 STOP_S = 2.0
 STOP_TRIES = 3
 
@@ -84,7 +87,7 @@ class Client:
             ProblemError: it was not accepted; nothing moved.
             ScanFailedError: it came to no model, for the reason that it has.
             UnansweredError, UnreachableError: the service cannot be reached.
-            TimeoutError: it has not ended in time.
+            NotEndedError: a TimeoutError, it has not ended in time.
         """
         wish = {"mode": "live", "string_radius_m": string_radius_m, "method": method, "views": views}
         return self.wait(self.start(wish), on_progress, timeout_s)
@@ -97,9 +100,11 @@ class Client:
         on_progress: Callable[[ScanProgress], None] | None = None,
         timeout_s: float | None = None,
     ) -> ScanResource:
-        """The same from a recording: the id of one that the service has, or the path of a file, which is uploaded anew
-        at each call."""
+        """The same from a recording: the id of one that the service has, or the Path of a file, which is uploaded anew
+        at each call. ValueError: a text that is no id."""
         known = self.upload(recording).id if isinstance(recording, Path) else recording
+        if not re.fullmatch(ID_PATTERN, known):
+            raise ValueError(f"{known!r} is not the id of a recording; a file is given as Path({known!r})")
         wish = {"mode": "replay", "recording": known, "string_radius_m": string_radius_m, "method": method}
         return self.wait(self.start(wish), on_progress, timeout_s)
 
@@ -111,7 +116,7 @@ class Client:
 
         Raises:
             ProblemError: it was not accepted, with the reason.
-            UnansweredError: whether it was is not known; it has the key.
+            UnansweredError: whether it was is not known; it has the wish and the key.
             UnreachableError: the service cannot be reached; this request has begun nothing.
         """
         key = key or uuid4().hex
@@ -123,7 +128,7 @@ class Client:
                 return ScanResource.model_validate(require_success(answer).json())
             except (httpx.TransportError, AwayError) as error:
                 if pending or not isinstance(error, NOT_SENT):
-                    raise UnansweredError(key, error) from error
+                    raise UnansweredError(wish, key, error) from error
                 text = f"{self._http.base_url} cannot be reached ({error}): nothing was begun"
                 raise UnreachableError(text) from error
             except ProblemError as error:
@@ -131,7 +136,7 @@ class Client:
                 if not pending:
                     raise
                 if time.monotonic() > end:
-                    raise UnansweredError(key, error) from error
+                    raise UnansweredError(wish, key, error) from error
                 time.sleep(error.retry_after_s or AGAIN_S)
 
     def wait(
@@ -142,16 +147,27 @@ class Client:
     ) -> ScanResource:
         """Returns the scan, or that of an id, when it has a model; `on_progress` is called with each change.
 
-        Raises: ScanFailedError, UnreachableError and TimeoutError as `scan`; ProblemError when there is no such scan.
+        Raises: ScanFailedError, UnreachableError and NotEndedError as `scan`; ProblemError when there is no such scan.
         """
         address = _address(scan) if isinstance(scan, str) else scan.links.self
         patience = Patience(self._http, address, None if timeout_s is None else time.monotonic() + timeout_s)
+        if isinstance(scan, str):
+            scan = ScanResource.model_validate(look(self._http, address, patience))
+        state = scan.state
         for progress in follow(self._http, address, patience):
+            state = progress.state
             if on_progress is not None:
                 on_progress(progress)
                 patience.heard()  # that may have taken long
-        # A service that is ending tells how the scan ended, and is away then.
-        ended = ScanResource.model_validate(look(self._http, address, patience))
+        # A service that is ending tells how the scan ended, and is away then: perhaps for ever.
+        failed = state not in RESULT_STATES
+        patience.lost_s = END_S if failed else patience.lost_s
+        try:
+            ended = ScanResource.model_validate(look(self._http, address, patience))
+        except UnreachableError as error:
+            if failed:
+                raise ScanFailedError(scan.model_copy(update={"state": state})) from error
+            raise
         if ended.state not in RESULT_STATES:
             raise ScanFailedError(ended)
         return ended

@@ -1,5 +1,8 @@
 """What can go wrong between a program and the service."""
 
+from collections.abc import Mapping
+from typing import Any
+
 import httpx
 
 from service.schemas import Problem, ScanResource
@@ -54,14 +57,23 @@ class AwayError(UnreachableError):
 class UnansweredError(UnreachableError):
     """A scan may have been begun: no answer came that tells.
 
-    `Client.start` with the same wish and this `key` finds it, or begins it if it was not.
+    `Client.start(error.wish, error.key)` finds it, or begins it if it was not.
     """
 
-    def __init__(self, key: str, reason: Exception) -> None:
+    def __init__(self, wish: Mapping[str, Any], key: str, reason: Exception) -> None:
         super().__init__(
             f"whether the scan was begun is not known ({reason}): look at the cell, then ask again with key={key!r}"
         )
+        self.wish = wish
         self.key = key
+
+
+class NotEndedError(ClientError, TimeoutError):
+    """The time to wait is over, and the scan has not ended. It goes on: `Client.wait(error.scan_id)` waits on."""
+
+    def __init__(self, scan_id: str) -> None:
+        super().__init__(f"the time to wait for scan {scan_id} is over; it goes on: cancel or stop it")
+        self.scan_id = scan_id
 
 
 def require_success(answer: httpx.Response) -> httpx.Response:

@@ -5,7 +5,7 @@ import time
 import httpx
 from httpx_sse import SSEError
 
-from service.client.errors import AwayError, ProblemError, UnreachableError
+from service.client.errors import AwayError, NotEndedError, ProblemError, UnreachableError
 
 CONNECT_S = 5.0
 QUIET_S = 45.0
@@ -23,12 +23,13 @@ LOST = (httpx.TransportError, SSEError, AwayError, ProblemError)
 
 
 class Patience:
-    """That of one who waits for what is at `address`, over lost connections and a restart of the service."""
+    """That of one who waits for the scan at `address`, over lost connections and a restart of the service."""
 
     def __init__(self, http: httpx.Client, address: str, deadline: float | None) -> None:
         """`deadline` of `time.monotonic()`."""
         self._service, self._address, self._deadline = http.base_url, address, deadline
         self._heard = time.monotonic()
+        self.lost_s = LOST_S
 
     def heard(self) -> None:
         """The service is there."""
@@ -41,23 +42,21 @@ class Patience:
         return httpx.Timeout(left_s, connect=min(left_s, CONNECT_S))
 
     def refuse_late(self) -> None:
-        """Raises TimeoutError once the deadline has come."""
+        """Raises NotEndedError once the deadline has come."""
         if self._deadline is not None and time.monotonic() > self._deadline:
-            raise TimeoutError(
-                f"the time to wait for {self._address} is over; what has not ended goes on: cancel or stop it"
-            )
+            raise NotEndedError(self._address.rsplit("/", 1)[-1])
 
     def pause(self, error: Exception | None = None) -> None:
         """Before the service is asked again, because of one of `LOST` or since there is nothing new.
 
         Raises:
             ProblemError: the error, which is one for good.
-            UnreachableError: nothing was heard for a minute.
-            TimeoutError: the deadline has come.
+            UnreachableError: nothing was heard for `lost_s`.
+            NotEndedError: the deadline has come.
         """
         if isinstance(error, ProblemError) and error.slug not in FOR_NOW:
             raise error
-        if error is not None and time.monotonic() - self._heard > LOST_S:
-            raise UnreachableError(f"{self._service} has not answered for {LOST_S:.0f} s: {error}") from error
+        if error is not None and time.monotonic() - self._heard > self.lost_s:
+            raise UnreachableError(f"{self._service} has not answered for {self.lost_s:.0f} s: {error}") from error
         self.refuse_late()
         time.sleep(AGAIN_S)

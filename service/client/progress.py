@@ -62,7 +62,7 @@ def follow(http: httpx.Client, address: str, patience: Patience) -> Iterator[Sca
     Raises:
         ProblemError: there is no such scan, or it may not be read.
         UnreachableError: the service has not answered for a minute.
-        TimeoutError: the deadline has come.
+        NotEndedError: the deadline has come.
     """
     last: str | None = None
     progress: ScanProgress | None = None
@@ -94,7 +94,7 @@ def follow(http: httpx.Client, address: str, patience: Patience) -> Iterator[Sca
 def look(http: httpx.Client, address: str, patience: Patience) -> dict[str, Any]:
     """What is at `address`, as soon as the service answers.
 
-    Raises: ProblemError, UnreachableError and TimeoutError as `follow`.
+    Raises: ProblemError, UnreachableError and NotEndedError as `follow`.
     """
     while True:
         try:

@@ -7,14 +7,24 @@ from typing import Any
 import httpx
 import pytest
 
-from service.client import ProblemError, ScanFailedError, UnansweredError, UnreachableError, client, patience
+from service.client import (
+    NotEndedError,
+    ProblemError,
+    ScanFailedError,
+    UnansweredError,
+    UnreachableError,
+    client,
+    patience,
+)
 from service.new_rows import NOBODY, new_scan
 from service.problems import problem_document
 from service.scan_resource import scan_resource
+from service.schemas import ScanResource
 from tests.service.client.answers import Answer, Answers, events, found, lost, planner_of, proxy, refused
 
 ROW = new_scan("replay", "graph", None, NOBODY)
 ACCEPTED = scan_resource(ROW, []).model_dump(mode="json")
+SCAN = ScanResource.model_validate(ACCEPTED)
 PENDING = refused(409, "idempotency-pending", **{"Retry-After": "0"})
 
 
@@ -36,22 +46,33 @@ def test_a_wait_outlives_a_restart_that_ends_the_scan(away: Answer) -> None:
     interrupted = ended("interrupted", "interrupted")
     service = Answers(events(("scan", interrupted)), *[away] * 6, found(interrupted))
     with planner_of(service) as planner, pytest.raises(ScanFailedError, match="was stopped") as failed:
-        planner.wait(ROW.id)
+        planner.wait(SCAN)
     assert (failed.value.slug, failed.value.scan.state) == ("interrupted", "interrupted")
     assert [request.url.path.endswith("/events") for request in service.asked] == [True, *[False] * 7]
 
 
 def test_the_last_look_has_an_end_too(monkeypatch: pytest.MonkeyPatch) -> None:
     told = events(("scan", ended("succeeded")))
-    with planner_of(Answers(told, lost())) as planner, pytest.raises(TimeoutError):
-        planner.wait(ROW.id, timeout_s=0.1)
+    with planner_of(Answers(told, lost())) as planner, pytest.raises(TimeoutError) as late:
+        planner.wait(SCAN, timeout_s=0.1)
+    assert isinstance(late.value, NotEndedError)
+    assert late.value.scan_id == ROW.id
     service = Answers(told, found(ended("succeeded")))
     with planner_of(service) as planner:
-        planner.wait(ROW.id, timeout_s=5.0)
+        planner.wait(SCAN, timeout_s=5.0)
     assert all(request.extensions["timeout"]["read"] <= 5.0 for request in service.asked)
     monkeypatch.setattr(patience, "LOST_S", 0.05)
     with planner_of(Answers(told, lost())) as planner, pytest.raises(UnreachableError, match="has not answered for"):
-        planner.wait(ROW.id)
+        planner.wait(SCAN)
+
+
+def test_how_a_scan_failed_is_told_though_the_service_does_not_come_back(monkeypatch: pytest.MonkeyPatch) -> None:
+    told = events(("scan", ACCEPTED), ("state", {"data": {"state": "interrupted"}, "kind": "state"}))
+    monkeypatch.setattr(client, "END_S", 0.05)
+    for scan, before in ((SCAN, []), (ROW.id, [found(ACCEPTED)])):
+        with planner_of(Answers(*before, told, lost())) as planner, pytest.raises(ScanFailedError) as failed:
+            planner.wait(scan)
+        assert (failed.value.scan.id, failed.value.scan.state) == (ROW.id, "interrupted")
 
 
 def test_a_key_that_is_being_decided_on_is_waited_for(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -70,7 +91,7 @@ def test_a_key_that_is_being_decided_on_is_waited_for(monkeypatch: pytest.Monkey
     monkeypatch.setattr(client, "ANSWER_S", 0.05)
     with planner_of(Answers(PENDING)) as planner, pytest.raises(UnansweredError) as undecided:
         planner.start({"mode": "live"}, key="the same")
-    assert undecided.value.key == "the same"
+    assert (undecided.value.wish, undecided.value.key) == ({"mode": "live"}, "the same")
 
 
 @pytest.mark.parametrize("away", [lost(httpx.ReadTimeout), proxy(502), proxy(504)])

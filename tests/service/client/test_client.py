@@ -57,6 +57,8 @@ def test_refusals_and_failures_say_why(planner: Client, recording: str, held: in
     with pytest.raises(ProblemError) as unknown:
         planner.replay("20260101t000000-000000-00000000")
     assert unknown.value.slug == "recording-not-found"
+    with pytest.raises(ValueError, match="given as Path"):
+        planner.replay("knot.mcap")
     scan = planner.start({"mode": "replay", "recording": recording})
     with pytest.raises(TimeoutError, match="goes on"):
         planner.wait(scan, timeout_s=0.3)
@@ -96,15 +98,14 @@ def test_a_service_that_is_not_there(recording_file: Path) -> None:
 
 
 def test_a_lost_answer_leaves_the_key_with_which_to_ask(planner: Client, client: httpx.Client, recording: str) -> None:
-    wish = {"mode": "replay", "recording": recording}
     with (
         cutting(client.base_url.port or 80, after_bytes=0) as port,
         Client(f"http://127.0.0.1:{port}") as behind,
         pytest.raises(UnansweredError) as lost,
     ):
-        behind.start(wish)
+        behind.replay(recording)
     before = len(list(planner.scans(recording=recording)))
-    scan = planner.wait(planner.start(wish, key=lost.value.key), timeout_s=PATIENCE_S)
+    scan = planner.wait(planner.start(lost.value.wish, lost.value.key), timeout_s=PATIENCE_S)
     assert before == 1, "the request had arrived, though its answer had not"
     assert [other.id for other in planner.scans(recording=recording)] == [scan.id]
 
