@@ -16,6 +16,7 @@ from dataclasses import dataclass
 from pydantic import BaseModel
 
 from service.problems import ProblemError
+from service.schemas import Reprocess
 from service.store import Store
 from service.tables import ScanRow
 
@@ -40,9 +41,11 @@ class Key:
 def body_hash(path: str, body: BaseModel) -> str:
     """Hash of a request: of its path, and of its body as it was understood, not as it was written.
 
-    The order of members, spaces and numbers like 4e-3 make no difference; whether a member was left out does.
+    The order of members, spaces, numbers like 4e-3, and what is left out anyway written out make no difference; but of
+    a scan that is done again, what is left out is as before.
     """
-    document = [path, body.model_dump(mode="json", exclude_unset=True)]
+    again = isinstance(body, Reprocess)
+    document = [path, body.model_dump(mode="json", exclude_unset=again, exclude_defaults=not again)]
     return hashlib.sha256(json.dumps(document, sort_keys=True, allow_nan=False).encode()).hexdigest()
 
 

@@ -183,5 +183,7 @@ def test_the_hash_is_of_what_is_asked_for_and_where() -> None:
     assert body_hash("/a", live) == body_hash("/a", LiveScan(mode="live"))
     assert body_hash("/a", live) != body_hash("/b", live)
     assert body_hash("/a", live) != body_hash("/a", LiveScan(mode="live", views=5))
+    assert body_hash("/a", live) == body_hash("/a", LiveScan(mode="live", views=None, method="graph"))
+    assert body_hash("/a", live) != body_hash("/a", LiveScan(mode="live", method="matching"))
     # To leave it out means another thing than null.
     assert body_hash("/a", Reprocess()) != body_hash("/a", Reprocess(string_radius_m=None))
