@@ -5,12 +5,13 @@ import time
 from dataclasses import replace
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, Field
+from pydantic import Field
 
 from cell.cell_status import CellStatus, State
 from cell.devices import RobotMode, SafetyMode
 from cell.settings import CellSettings
 from service.calibrations.schemas import CellWarning
+from service.described import Described
 from service.schemas import WHOLE
 
 Matrix = list[list[float]]
@@ -19,7 +20,7 @@ HEARD_S = 3.0
 looked at twice a second."""
 
 
-class RobotResource(BaseModel):
+class RobotResource(Described):
     """The arm, as its controller last told it. Its modes are null while the cell is not ready or the last is older than
     3 s, and `moving` in a fault too: nobody knows them."""
 
@@ -37,7 +38,7 @@ class RobotResource(BaseModel):
     """How old that is."""
 
 
-class CameraResource(BaseModel):
+class CameraResource(Described):
     """The camera, as it last told."""
 
     kind: Literal["simulated", "oak"]
@@ -51,7 +52,7 @@ class CameraResource(BaseModel):
     warnings: list[str]
 
 
-class CalibrationResource(BaseModel):
+class CalibrationResource(Described):
     """The hand-eye calibration in use."""
 
     T_flange_camera: Matrix
@@ -63,14 +64,14 @@ class CalibrationResource(BaseModel):
     warnings: list[str]
 
 
-class MissingViewpoint(BaseModel):
+class MissingViewpoint(Described):
     """A viewpoint that the arm cannot take."""
 
     index: int
     reason: str
 
 
-class ViewpointsResource(BaseModel):
+class ViewpointsResource(Described):
     """The last plan in short; `POST /api/viewpoints/plan` has it whole."""
 
     planned: int
@@ -80,7 +81,7 @@ class ViewpointsResource(BaseModel):
     """What part of the workspace the reachable ones do not show well, if any."""
 
 
-class CellResource(BaseModel):
+class CellResource(Described):
     """The cell as last seen: asking for it asks no device anything."""
 
     state: State
@@ -99,7 +100,7 @@ class CellResource(BaseModel):
     """What should be seen to, as a calibration from which the camera has drifted."""
 
 
-class PlanRequest(BaseModel):
+class PlanRequest(Described):
     """How many viewpoints to plan; null takes the cell's number."""
 
     views: Annotated[int, Field(ge=2, le=32), WHOLE] | None = None

@@ -5,13 +5,15 @@ Documents may gain members; readers must pass over those that they do not know.
 
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import ConfigDict, Field
+
+from service.described import Described
 
 Point = tuple[float, float, float]
 """x, y, z, metres, base frame."""
 
 
-class _Document(BaseModel):
+class _Document(Described):
     model_config = ConfigDict(extra="allow")
 
 
@@ -19,35 +21,53 @@ class ChainDocument(_Document):
     """One string as ordered points of its centre line."""
 
     id: int
+    """Its place among the chains."""
     closed: bool
+    """A ring: the last point is followed by the first, which is not repeated."""
     radius_m: float
+    """Of the string: the told one, or the measured one where the data contradict that."""
     length_m: float
+    """Along the centre line; of a closed one all the way round."""
     points: list[Point]
+    """Of the centre line, from one end to the other."""
     arc_length_m: list[float]
+    """Along the centre line from the first point to each point; the first is 0."""
     sigma_m: list[float]
+    """How well each point is known; twice as much is meant to hold the true line at 95 of 100 points."""
     views: list[int]
     """How many views saw each point; 0 = bridged."""
     ends: tuple[Literal["free", "unseen"], Literal["free", "unseen"]]
+    """Of the first and the last point: whether the string was seen to stop there."""
 
 
 class StrandPointDocument(_Document):
     """A place on a chain."""
 
     chain: int
+    """Its id."""
     s_m: float
+    """Arc length from the chain's first point."""
 
 
 class CrossingDocument(_Document):
     """Two strands lying over one another."""
 
     id: int
+    """Its place among the crossings."""
     point: Point
+    """Between the two centre lines."""
     over: StrandPointDocument
+    """The place on the upper strand."""
     under: StrandPointDocument
+    """The place on the lower strand."""
     gap_m: float
+    """How much higher the upper centre line lies."""
     angle_rad: float
+    """Between the directions of the two strands seen from above, 0 to pi / 2."""
     sign: Literal[-1, 1]
+    """Of the crossing, right-handed: 1 where the lower strand goes from right to left as seen along the upper one."""
     confidence: float = Field(ge=0, le=1)
+    """That over and under are the right way round."""
 
 
 class EndElementDocument(_Document):
@@ -112,7 +132,9 @@ class GraspDocument(_Document):
     """A place where the configured gripper can take a string."""
 
     chain: int
+    """The id of the one that is gripped."""
     s_m: float
+    """Where: arc length from the chain's first point."""
     T_base_grasp: tuple[Row, Row, Row, Row]
     """z = approach, x = closing direction, origin on the string's centre line."""
     opening_m: float
@@ -124,27 +146,40 @@ class GraspDocument(_Document):
     table_clearance_m: float
     """Of the fingertips, from the table."""
     score: float = Field(ge=0, le=1)
+    """The higher the better: room for the gripper, views that saw the string, far from ends and crossings, small
+    sigma, straight and level."""
 
 
 class ViewQualityDocument(_Document):
     """What became of one view."""
 
     index: int
+    """The viewpoint's number."""
     used: bool
+    """It is in the model."""
     reason: str | None
+    """Why it is not."""
     points: int
+    """Of the string's height that it gave."""
     fitness: float | None
+    """The share of them where another view measured the same surface."""
     rms_m: float | None
+    """How far apart these are."""
     correction_m: float | None
+    """How far the view was moved from where arm and hand-eye calibration put it."""
     correction_rad: float | None
+    """How far it was turned."""
 
 
 class QualityDocument(_Document):
     """How far the model can be trusted."""
 
     views: list[ViewQualityDocument]
+    """All of them, in the order of their numbers."""
     ambiguities: list[str]
+    """What could not be decided, in words: the model may be wrong there."""
     warnings: list[str]
+    """What was left out, and what speaks against what was told, in words."""
 
 
 class ModelDocument(_Document):
@@ -152,10 +187,15 @@ class ModelDocument(_Document):
 
     schema_: Literal["pointchain/1"] = Field(alias="schema")
     frame: Literal["base"]
+    """The robot's base, in which all points and poses are."""
     method: str
+    """By which it was recognised."""
     parameters: dict[str, float]
+    """The paper's symbols; r_m is the string's radius."""
     chains: list[ChainDocument]
+    """The strings."""
     crossings: list[CrossingDocument]
+    """Where strands lie over one another."""
     topology: TopologyDocument
     grasps: list[GraspDocument]
     """The best first."""

@@ -1,11 +1,13 @@
 """A plan of viewpoints as it goes over HTTP: what `ViewpointPlan.to_json` writes. Metres, radians, seconds."""
 
-from pydantic import BaseModel, Field
+from pydantic import Field
+
+from service.described import Described
 
 Matrix = list[list[float]]
 
 
-class PlannedViewpoint(BaseModel):
+class PlannedViewpoint(Described):
     """A place from which the camera would look."""
 
     index: int
@@ -23,7 +25,7 @@ class PlannedViewpoint(BaseModel):
     """What was given way in for it to be reached."""
 
 
-class Leg(BaseModel):
+class Leg(Described):
     """The way to a viewpoint, or home."""
 
     view: int | None
@@ -33,7 +35,7 @@ class Leg(BaseModel):
     travel_rad: float
 
 
-class PlanCoverage(BaseModel):
+class PlanCoverage(Described):
     """Of the workspace, by the pictures."""
 
     share: float = Field(ge=0, le=1)
@@ -41,7 +43,7 @@ class PlanCoverage(BaseModel):
     """What part of the workspace they do not show well, if any."""
 
 
-class PlanDocument(BaseModel):
+class PlanDocument(Described):
     """All viewpoints, and the way through those that can be reached."""
 
     reached: int

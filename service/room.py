@@ -2,7 +2,6 @@
 shape, what is set. Metres, base frame."""
 
 import numpy as np
-from pydantic import BaseModel
 
 from calibration.storage import HandEye
 from cell.arm_settings import ArmModelName
@@ -12,11 +11,12 @@ from cell.optics import camera_optics
 from recognition.parameters import R_MAX, R_MIN
 from service.config import ServiceConfig
 from service.config_sections import GripperConfig
+from service.described import Described
 
 Matrix = list[list[float]]
 
 
-class PartResource(BaseModel):
+class PartResource(Described):
     """A capsule of the arm: all that lies within a radius of a straight piece."""
 
     part: str
@@ -26,7 +26,7 @@ class PartResource(BaseModel):
     radius_m: float
 
 
-class ArmShape(BaseModel):
+class ArmShape(Described):
     """The arm with its camera, as collisions are avoided: a little thicker than it is."""
 
     model: ArmModelName
@@ -39,7 +39,7 @@ class ArmShape(BaseModel):
     parts: list[PartResource]
 
 
-class CameraShape(BaseModel):
+class CameraShape(Described):
     """What viewpoints are planned with; each view of a scan has its own."""
 
     K: Matrix
@@ -47,7 +47,7 @@ class CameraShape(BaseModel):
     height: int
 
 
-class ScanUsual(BaseModel):
+class ScanUsual(Described):
     """What a live scan is, where it is not told otherwise."""
 
     views: int
@@ -59,7 +59,7 @@ class ScanUsual(BaseModel):
     """Only these are taken."""
 
 
-class RoomResource(BaseModel):
+class RoomResource(Described):
     """The cell around the strings."""
 
     workspace_m: list[tuple[float, float]]

@@ -5,10 +5,11 @@ The point chain model's own document is described in `service.model_schema`.
 
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, StrictBool
+from pydantic import BeforeValidator, ConfigDict, Field, StrictBool
 
 from recognition.model import Method
 from recognition.parameters import R_MAX, R_MIN
+from service.described import Described
 
 ID_PATTERN = r"^[0-9a-z-]{1,64}$"
 Id = Annotated[str, Field(pattern=ID_PATTERN, examples=["20260102t030405-678901-9f86d081"])]
@@ -42,7 +43,7 @@ WHOLE = BeforeValidator(_whole)
 """Makes an int a whole number as JSON has it: 3.0 is one, "3" and true are not."""
 
 
-class Problem(BaseModel):
+class Problem(Described):
     """An error, as RFC 9457 describes it. `type` is what programs decide on."""
 
     model_config = ConfigDict(extra="allow")
@@ -54,7 +55,7 @@ class Problem(BaseModel):
     instance: str | None = None
 
 
-class _Request(BaseModel):
+class _Request(Described):
     model_config = ConfigDict(extra="forbid")
 
     string_radius_m: Radius | None = None
@@ -77,7 +78,7 @@ class LiveScan(_Request):
     """How many viewpoints; null takes the cell's."""
 
 
-class Reprocess(BaseModel):
+class Reprocess(Described):
     """The same views, recognised again. What is left out is as in the scan that it is of."""
 
     model_config = ConfigDict(extra="forbid")
@@ -87,7 +88,7 @@ class Reprocess(BaseModel):
     method: Method | None = None
 
 
-class Keep(BaseModel):
+class Keep(Described):
     """Whether a scan is kept for ever."""
 
     model_config = ConfigDict(extra="forbid")
@@ -98,14 +99,14 @@ class Keep(BaseModel):
 ScanRequest = Annotated[ReplayScan | LiveScan, Field(discriminator="mode")]
 
 
-class RecordingLinks(BaseModel):
+class RecordingLinks(Described):
     """Addresses of a recording."""
 
     self: str
     file: str
 
 
-class RecordingResource(BaseModel):
+class RecordingResource(Described):
     """A stored recording: what its header says and what is in it."""
 
     id: Id
@@ -126,7 +127,7 @@ class RecordingResource(BaseModel):
     links: RecordingLinks
 
 
-class RecordingList(BaseModel):
+class RecordingList(Described):
     """Recordings, the newest first."""
 
     recordings: list[RecordingResource]
@@ -134,7 +135,7 @@ class RecordingList(BaseModel):
     """Where the list goes on; null: it ends here."""
 
 
-class ViewProgress(BaseModel):
+class ViewProgress(Described):
     """One viewpoint of a live scan."""
 
     index: int
@@ -144,7 +145,7 @@ class ViewProgress(BaseModel):
     """Why it is missing."""
 
 
-class Progress(BaseModel):
+class Progress(Described):
     """How far a scan has come."""
 
     stage: str | None
@@ -155,7 +156,7 @@ class Progress(BaseModel):
     """Of a live scan: the viewpoints come to so far, by their numbers."""
 
 
-class ScanSummary(BaseModel):
+class ScanSummary(Described):
     """A result in short."""
 
     chains: int
@@ -163,7 +164,7 @@ class ScanSummary(BaseModel):
     warnings: list[str]
 
 
-class ScanLinks(BaseModel):
+class ScanLinks(Described):
     """Addresses of a scan; those of results are null until it has them."""
 
     self: str
@@ -184,7 +185,7 @@ class ScanLinks(BaseModel):
     """From where each view was taken; of a live scan from its beginning on."""
 
 
-class ScanResource(BaseModel):
+class ScanResource(Described):
     """One scan, running or ended."""
 
     id: Id
@@ -212,7 +213,7 @@ class ScanResource(BaseModel):
     links: ScanLinks
 
 
-class ScanList(BaseModel):
+class ScanList(Described):
     """Scans, the newest first."""
 
     scans: list[ScanResource]

@@ -2,19 +2,18 @@
 
 from typing import Any
 
-from pydantic import BaseModel
-
 from calibration.hand_eye_result import Verdict
+from service.described import Described
 
 
-class TransformResource(BaseModel):
+class TransformResource(Described):
     """A rigid transform."""
 
     xyz_m: list[float]
     quat_xyzw: list[float]
 
 
-class CovarianceResource(BaseModel):
+class CovarianceResource(Described):
     """Of the error of the camera's pose."""
 
     matrix: list[list[float | None]]
@@ -25,7 +24,7 @@ class CovarianceResource(BaseModel):
     units: list[str]
 
 
-class FindingResource(BaseModel):
+class FindingResource(Described):
     """Something that speaks against a calibration."""
 
     code: str
@@ -34,7 +33,7 @@ class FindingResource(BaseModel):
     """Whether the calibration must not be used for it; else it is a warning."""
 
 
-class SolvedView(BaseModel):
+class SolvedView(Described):
     """What became of one view in solving; null: it could not be worked out."""
 
     name: str
@@ -50,7 +49,7 @@ class SolvedView(BaseModel):
     distance_m: float | None
 
 
-class CalibrationMetrics(BaseModel):
+class CalibrationMetrics(Described):
     """How sure a calibration is; null: it has no solution."""
 
     sigma_m: float | None
@@ -65,7 +64,7 @@ class CalibrationMetrics(BaseModel):
     views_used: int
 
 
-class CalibrationResult(BaseModel):
+class CalibrationResult(Described):
     """A solved calibration."""
 
     verdict: Verdict
@@ -82,7 +81,7 @@ class CalibrationResult(BaseModel):
     views: list[SolvedView]
 
 
-class VerifiedView(BaseModel):
+class VerifiedView(Described):
     """Where one view puts the board."""
 
     name: str
@@ -96,7 +95,7 @@ class VerifiedView(BaseModel):
     """The same of `off_rad`; null in verifications of before it was told."""
 
 
-class VerificationResource(BaseModel):
+class VerificationResource(Described):
     """A calibration on views that it was not solved from."""
 
     passed: bool

@@ -2,18 +2,19 @@
 
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, JsonValue
+from pydantic import ConfigDict, Field, JsonValue
 
 from calibration.board import FEWEST, LARGEST_PITCH_M, MARKERS, MOST, SMALLEST_PITCH_M, Board, BoardKind, usual_board
 from calibration.hand_eye_result import Verdict
 from cell.board_seen import ACROSS, DOWN
 from service.calibrations.result_schema import CalibrationResult, FindingResource, VerificationResource
+from service.described import Described
 from service.schemas import WHOLE, Id, Problem, ScanState, ViewState
 
 Matrix = list[list[float]]
 
 
-class CellWarning(BaseModel):
+class CellWarning(Described):
     """Something that does not keep the cell from scanning, but should be seen to."""
 
     code: str = Field(examples=["calibration-drift"])
@@ -27,7 +28,7 @@ COUNT: dict[str, JsonValue] = {"minimum": min(FEWEST.values()), "maximum": MOST}
 LENGTH: dict[str, JsonValue] = {"minimum": SMALLEST_PITCH_M, "maximum": LARGEST_PITCH_M}
 
 
-class BoardRequest(BaseModel):
+class BoardRequest(Described):
     """A calibration board, as printed; the usual one where nothing is told."""
 
     model_config = ConfigDict(extra="forbid", allow_inf_nan=False, strict=True)
@@ -49,7 +50,7 @@ class BoardRequest(BaseModel):
         return usual_board(self.model_dump(exclude_none=True))
 
 
-class CalibrationRequest(BaseModel):
+class CalibrationRequest(Described):
     """A calibration by the cell."""
 
     model_config = ConfigDict(extra="forbid")
@@ -60,7 +61,7 @@ class CalibrationRequest(BaseModel):
     """To solve from; two more verify the result."""
 
 
-class CalibrationView(BaseModel):
+class CalibrationView(Described):
     """One view of a run."""
 
     index: int
@@ -82,7 +83,7 @@ class CalibrationView(BaseModel):
     """Address of the picture."""
 
 
-class CalibrationProgress(BaseModel):
+class CalibrationProgress(Described):
     """How far a run has come."""
 
     stage: str | None
@@ -93,7 +94,7 @@ class CalibrationProgress(BaseModel):
     """Those come to so far, by their numbers."""
 
 
-class RunLinks(BaseModel):
+class RunLinks(Described):
     """Addresses of a run; null where there is nothing to be done."""
 
     self: str
@@ -101,7 +102,7 @@ class RunLinks(BaseModel):
     activate: str | None
 
 
-class RunResource(BaseModel):
+class RunResource(Described):
     """One calibration by the cell, or verification of the one in use, running or ended."""
 
     id: Id
@@ -129,13 +130,13 @@ class RunResource(BaseModel):
     links: RunLinks
 
 
-class RunList(BaseModel):
+class RunList(Described):
     """Runs, the newest first."""
 
     runs: list[RunResource]
 
 
-class DriftResource(BaseModel):
+class DriftResource(Described):
     """What recent live scans tell of the calibration."""
 
     scans: int
@@ -152,7 +153,7 @@ class DriftResource(BaseModel):
     words: str
 
 
-class CalibrationInUse(BaseModel):
+class CalibrationInUse(Described):
     """The hand-eye calibration in use. What its file does not tell is null."""
 
     T_flange_camera: Matrix
@@ -173,7 +174,7 @@ class CalibrationInUse(BaseModel):
     drift: DriftResource
 
 
-class CalibrationStatus(BaseModel):
+class CalibrationStatus(Described):
     """Hand-eye calibration: the one in use, and what is under way."""
 
     calibration: CalibrationInUse | None

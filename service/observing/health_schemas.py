@@ -2,18 +2,17 @@
 
 from typing import Literal
 
-from pydantic import BaseModel
-
 from cell.cell_status import State
+from service.described import Described
 
 
-class Health(BaseModel):
+class Health(Described):
     """The service answers."""
 
     status: Literal["ok"] = "ok"
 
 
-class ReadinessCheck(BaseModel):
+class ReadinessCheck(Described):
     """One thing that the service takes."""
 
     ok: bool
@@ -21,7 +20,7 @@ class ReadinessCheck(BaseModel):
     """How it is, for people."""
 
 
-class ReadinessChecks(BaseModel):
+class ReadinessChecks(Described):
     """Each thing that the service takes."""
 
     store: ReadinessCheck
@@ -33,7 +32,7 @@ class ReadinessChecks(BaseModel):
     """Told only: a service whose cell is not ready is, since it connects the cell."""
 
 
-class Readiness(BaseModel):
+class Readiness(Described):
     """The service can do a scan."""
 
     status: Literal["ready"] = "ready"

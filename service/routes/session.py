@@ -3,8 +3,9 @@
 from typing import Annotated
 
 from fastapi import APIRouter, Request, Response
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import ConfigDict, Field
 
+from service.described import Described
 from service.problems import problem_responses
 from service.security.caller import Caller, Role
 from service.security.callers import Callers
@@ -15,7 +16,7 @@ router = APIRouter(prefix="/api/session", tags=["session"])
 COOKIE = {200: {"headers": {"Set-Cookie": {"schema": {"type": "string"}}}}}
 
 
-class CallerResource(BaseModel):
+class CallerResource(Described):
     """Who is signed in."""
 
     name: str
@@ -25,14 +26,14 @@ class CallerResource(BaseModel):
     """Nobody had to say who he is."""
 
 
-class SessionResource(BaseModel):
+class SessionResource(Described):
     """Who the service takes this browser for."""
 
     caller: CallerResource | None
     """Null: nobody is signed in, and a token is needed."""
 
 
-class SignIn(BaseModel):
+class SignIn(Described):
     """What signs in."""
 
     model_config = ConfigDict(extra="forbid")

@@ -5,11 +5,11 @@ from typing import Annotated, Any
 
 from fastapi import APIRouter, Response
 from fastapi import Path as InPath
-from pydantic import BaseModel
 
 from cell.view_reader import read_poses, read_view
 from service.context import Context, Id, Service, find_scan
 from service.depth_picture import draw_depth
+from service.described import Described
 from service.problems import ProblemError, problem_responses
 from service.reading import json_answer
 from service.routes.files import NOT_MODIFIED, IfNoneMatch
@@ -21,7 +21,7 @@ router = APIRouter(prefix=SCANS, tags=["scans"])
 Matrix = list[list[float]]
 
 
-class SeenView(BaseModel):
+class SeenView(Described):
     """A view that was taken."""
 
     index: int
@@ -33,7 +33,7 @@ class SeenView(BaseModel):
     """Address of its depth image, coloured by height above the table."""
 
 
-class SeenViews(BaseModel):
+class SeenViews(Described):
     """The views of a scan, by their indices."""
 
     views: list[SeenView]
