@@ -1,5 +1,6 @@
 """The devices that the settings name: made here, and only here."""
 
+import logging
 import threading
 from functools import partial
 
@@ -18,6 +19,8 @@ from cell.simulation.controller.process import ControllerStartError, RunningCont
 from cell.simulation.flange import controller_pose, reported_pose
 from cell.simulation.world import SimulatedWorld, simulated_world
 from cell.viewpoints import home_posture
+
+log = logging.getLogger(__name__)
 
 
 class Equipment:
@@ -131,6 +134,7 @@ class Equipment:
                         self.controller = start_controller(model, host, time_factor, self._home())
                     except ControllerStartError as error:
                         raise RobotUnreachableError(str(error)) from error
+                    log.info("the simulated arm's controller listens at %s", self.controller.host)
                 return self.controller.host
 
     def _home(self) -> NDArray[np.float64] | None:

@@ -58,12 +58,16 @@ def _parser() -> argparse.ArgumentParser:
     simulate.add_argument("--radius", type=float, default=0.0042, metavar="M", help="of the string (%(default)s)")
     simulate.add_argument("--length", type=float, default=0.4, metavar="M", help="of each string (%(default)s)")
     simulate.add_argument(
-        "--softness", type=float, default=1.0, metavar="S", help="height gap at crossings / 2 r (%(default)s)"
+        "--softness", type=float, default=1.0, metavar="S", help="height gap at crossings / 2 r, 0.6 to 1 (%(default)s)"
     )
     simulate.add_argument("--crossings", type=int, metavar="N", help="for coil, several and random")
     simulate.add_argument("--strings", type=int, metavar="N", help="for several and random")
     simulate.add_argument(
-        "--clearance", type=float, default=4.5, metavar="R", help="least distance of strands / r (%(default)s)"
+        "--clearance",
+        type=float,
+        default=4.5,
+        metavar="R",
+        help="least distance of strands / r, 2.4 to 20 (%(default)s)",
     )
     simulate.add_argument("--clutter", type=int, default=0, metavar="N", help="boxes beside the strings (%(default)s)")
     simulate.add_argument("--views", type=int, default=8, metavar="N", help="default: %(default)s")

@@ -1,5 +1,6 @@
 """`pointchain serve`: the HTTP service in front of a socket."""
 
+import errno
 import logging
 import os
 import signal
@@ -43,7 +44,7 @@ def serve(config: ServiceConfig, line: int | None = None) -> int:
         listening = _listen(config.host, config.port)
     except OSError as error:
         where = f"{config.host}:{config.port}"
-        print(f"pointchain serve: cannot listen on {where}: {error.strerror or error}", file=sys.stderr)
+        print(f"pointchain serve: cannot listen on {where}: {error.strerror or error}{_remedy(error)}", file=sys.stderr)
         return 1
     as_log = start_log(config.log.format, config.log.level) == "json"
     if binding.note is not None:
@@ -72,6 +73,13 @@ def _tell(words: str, as_log: bool) -> None:
 def _where(host: str, port: int, data_dir: Path) -> str:
     name = called_by(host)
     return f"pointchain: http://{f'[{name}]' if ':' in name else name}:{port}/docs, data in {data_dir}"
+
+
+def _remedy(error: OSError) -> str:
+    """What to do where another program has the port."""
+    if error.errno != errno.EADDRINUSE:
+        return ""
+    return ": end what listens there, or take another port, as by --port 8001 or POINTCHAIN_PORT=8001"
 
 
 def _listen(host: str, port: int) -> socket.socket:

@@ -1,4 +1,4 @@
-"""What the README says of the configuration is so."""
+"""What the README says of the configuration and of refusals is so."""
 
 import json
 import re
@@ -7,8 +7,11 @@ from pathlib import Path
 from calibration.storage import load_hand_eye
 from cell.arm_settings import URArm
 from cell.camera_settings import OakCamera
+from cell.recording_errors import RecordingError
 from cell.settings import CellSettings, HandEyeSettings
+from recognition.errors import RecognitionError
 from service.config import ServiceConfig, load_config
+from service.problems import TITLES
 
 README = (Path(__file__).parents[1] / "README.md").read_text()
 
@@ -47,3 +50,19 @@ def test_the_hand_eye_file_can_be_read(tmp_path: Path) -> None:
     hand_eye = load_hand_eye(file, max_age_days=1e5)
     assert hand_eye.camera_id == json.loads(example)["camera_id"]
     assert hand_eye.warnings == ()
+
+
+def test_what_to_do_is_told_for_each_type_of_problem() -> None:
+    (table,) = re.findall(r"^\| do this \|.*?\n\n", README, re.MULTILINE | re.DOTALL)
+    rows = [set(re.findall(r"`([a-z-]+)`", row)) - {"urn:pointchain:"} for row in table.splitlines()[2:]]
+    told = set().union(*rows)
+    assert set(TITLES) - told == set()
+    elsewhere = {
+        "bag",  # of a command
+        "recording-exists",  # of a file that a command would write
+        "recording-unreadable",  # a file that the service cannot read is `damaged`
+        "invalid-scene",
+        "invalid-gripper",  # both of the configuration, which is refused at the start
+    }
+    errors = (*RecordingError.__subclasses__(), *RecognitionError.__subclasses__())
+    assert {error.slug for error in errors} - told - elsewhere == set()

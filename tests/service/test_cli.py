@@ -277,7 +277,9 @@ def test_serve_says_why_it_cannot_start(capsys: pytest.CaptureFixture[str], tmp_
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = taken.getsockname()[1]
         assert main(["serve", "--unsupervised", "--data-dir", str(tmp_path / "data"), "--port", str(port)]) == 1
-    assert f"cannot listen on 127.0.0.1:{port}: " in capsys.readouterr().err
+    told = capsys.readouterr().err
+    assert f"cannot listen on 127.0.0.1:{port}: " in told
+    assert "--port" in told
     config = tmp_path / "cell.toml"
     config.write_text("prot = 8000\n")
     assert main(["serve", "--unsupervised", "--config", str(config)]) == 1
