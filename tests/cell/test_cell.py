@@ -2,7 +2,6 @@
 
 import os
 import signal
-import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager
@@ -259,19 +258,14 @@ def test_what_was_asked_for_before_a_stop_is_refused_and_changes_nothing(cell: C
 
 def test_a_robot_lost_on_the_way_home_is_a_fault_though_too_few_views_came_first(tmp_path: Path) -> None:
     """With too few views the arm goes home all the same; what happens on that way is the worse news."""
-    with opened(simulated(time_factor=2.0)) as cell:
+    with opened(simulated()) as cell:
         plan = cell.prepare()
         cell.camera.fault("zero")
         with closing(controller(cell)) as admin:
 
             def lost(_: int) -> None:
                 if len(told.reasons) == len(plan.viewpoints):
-                    threading.Thread(target=lose).start()
-
-            def lose() -> None:
-                while not admin.state().moving:
-                    time.sleep(0.005)
-                admin.protective_stop()
+                    admin.protective_stop(at_share=0.5)  # of the next move
 
             told = Told(on_missing=lost)
             with pytest.raises(MissingViewsError):
