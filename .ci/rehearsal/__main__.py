@@ -24,6 +24,14 @@ SERVICE = "pointchain"
 """Of compose.yaml: the one that starts unless told otherwise."""
 START_S = 90.0
 
+INSTALLED = """
+PATH=$PWD/.uv/bin:/root/.local/bin:$PATH
+uv tool install --quiet --python '>=3.11,<3.13' --constraints requirements.lock dist/*.whl
+cd /root
+pointchain --version
+pointchain simulate knot.mcap --scene overhand-knot --seed 3
+pointchain recognise knot.mcap > knot.json
+"""
 USE = """
 import os, subprocess
 from pathlib import Path
@@ -76,7 +84,7 @@ def timed(what: str, do: Callable[[], object]) -> None:
     print(f"--- {what}: {time.monotonic() - began_s:.0f} s", flush=True)
 
 
-def on_a_bare_machine(command: str) -> Callable[[Path, Path], None]:
+def on_a_bare_machine(command: str, then: str = "") -> Callable[[Path, Path], None]:
     """The README's command on a machine that has git and make, and nothing else, in a fresh clone."""
 
     def part(bare: Path, work: Path) -> None:
@@ -93,6 +101,8 @@ def on_a_bare_machine(command: str) -> Callable[[Path, Path], None]:
         )
         timed(f"make {command}", lambda: bare_root.run(machine, ["make", command], variables, "/root/pointchain"))
         print(f"{bare_root.megabytes(machine) - bare_root.megabytes(bare)} MB more on disk than before")
+        if then:
+            timed(then, lambda: bare_root.run(machine, ["sh", "-euc", then], variables, "/root/pointchain"))
 
     return part
 
@@ -141,7 +151,12 @@ def use(container: Container, log: Path, grace_s: float) -> None:
     print(f"ended in order after {took_s:.1f} s")
 
 
-PARTS = {"demo": on_a_bare_machine("demo"), "test": on_a_bare_machine("test"), "image": image}
+PARTS = {
+    "demo": on_a_bare_machine("demo"),
+    "test": on_a_bare_machine("test"),
+    "wheel": on_a_bare_machine("wheel", INSTALLED),
+    "image": image,
+}
 
 if __name__ == "__main__":
     sys.exit(main())
