@@ -1,6 +1,7 @@
 """A model by itself as an MCAP file that viewers open: what a live scan's recording has of it, without the views."""
 
 import json
+import os
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -17,7 +18,7 @@ from cell.result_scene import scene_of_model
 def write_result_file(path: Path, model: Mapping[str, Any]) -> None:
     """Writes the new file `path` with a model document (schema `pointchain/1`) and its scene.
 
-    The same model gives the same bytes; `cell.recording.read_result` reads it back.
+    The same model gives the same bytes; `cell.recording.read_result` reads it back. On return it is on the disk.
 
     Raises:
         OSError: it is there already, or cannot be written.
@@ -31,3 +32,5 @@ def write_result_file(path: Path, model: Mapping[str, Any]) -> None:
             data = message if isinstance(message, bytes) else message.SerializeToString(deterministic=True)
             writer.add_message(register_channel(writer, topic, message), 0, data, 0)
         writer.finish()
+        file.flush()
+        os.fsync(file.fileno())

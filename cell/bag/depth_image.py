@@ -11,6 +11,8 @@ from cell.recording_limits import DEFAULT_LIMITS
 
 COUNTS, METRES = ("16UC1", "mono16"), ("32FC1",)
 ENCODINGS = (*COUNTS, *METRES)
+SURELY_DEPTH = ("16UC1", "32FC1")
+"""Infrared images are mono16 as well."""
 MILLIMETRE_M = 0.001
 """Of 16UC1, as REP 118 has it."""
 FINE_M = 0.0001
@@ -66,7 +68,7 @@ def depth_counts(image: Any, unit_m: float, where: str) -> NDArray[np.uint16]:
 
 
 def lens_of(info: Any, rectified: bool, where: str) -> Lens:
-    """The lens of a sensor_msgs/CameraInfo: K of an image without distortion, P of a `rectified` one.
+    """The lens of a sensor_msgs/CameraInfo: P of a `rectified` image, where it is told, K of one without distortion.
 
     Raises:
         BagError: the images are distorted, or turned or shifted by rectification, or no camera's.
@@ -78,22 +80,24 @@ def lens_of(info: Any, rectified: bool, where: str) -> Lens:
     if K.size != 9 or P.size != 12 or R.size != 9:
         raise BagError(f"{where}: K, R and P have {K.size}, {R.size} and {P.size} values; 9, 9 and 12 are needed")
     K, R, P = K.reshape(3, 3), R.reshape(3, 3), P.reshape(3, 4)
-    if np.any(D != 0):
-        if not rectified:
-            raise BagError(
-                f"{where}: the lens has distortion ({', '.join(f'{d:.3g}' for d in D[:5])}): have the images "
-                "rectified, by the nearest pixel (image_proc, interpolation 0), and name that topic; or say "
-                "--rectified if they are"
-            )
+    if rectified and P[0, 0] != 0:
         if np.any(R[~np.eye(3, dtype=bool)] != 0) or np.any(P[:, 3] != 0):
             raise BagError(
                 f"{where}: rectification turned or shifted the camera (R is not the identity, or P has a baseline), so "
                 "that its frame in /tf is not the image's: take the images of the left, or the unrectified camera"
             )
         K = P[:, :3]
+    elif np.any(D != 0):
+        if not rectified:
+            raise BagError(
+                f"{where}: the lens has distortion ({', '.join(f'{d:.3g}' for d in D[:5])}): have the images "
+                "rectified, by the nearest pixel (image_proc, interpolation 0), and name that topic; or say "
+                "--rectified if they are"
+            )
+        raise BagError(f"{where}: the images are rectified, but P, which tells their lens, is not told (0)")
     return Lens(K, int(info.width), int(info.height), str(info.header.frame_id).removeprefix("/"))
 
 
 def is_rectified(topic: str) -> bool:
     """By the names that ROS's drivers give: image_rect, image_rect_raw."""
-    return "rect" in topic.rsplit("/", 1)[-1]
+    return any(word.startswith("rect") for word in topic.rsplit("/", 1)[-1].split("_"))

@@ -6,14 +6,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cell.bag.errors import BagError, listed, shown
-from cell.bag.transforms_tree import UNKNOWN, TransformsTree
+from cell.bag.transforms_tree import LOOSE_M, LOOSE_RAD, UNKNOWN, TransformsTree
 
 BASES = ("base", "base_link")
 """`base` first: UR's controller and all of this program mean it; ROS's `base_link` is turned by 180 degrees about z."""
 FLANGES = ("tool0", "flange")
 """`tool0` first: it is the flange as UR's controller has it, with z away from the arm; ROS's `flange` has x there."""
-LOOSE_M, LOOSE_RAD = 2e-4, 5e-4
-"""A camera that moves more on its flange is not fixed to it; no hand-eye calibration knows it better."""
 
 
 @dataclass(frozen=True)

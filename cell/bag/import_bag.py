@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration.disk import sync_folder
 from cell.bag.bag_file import Bag, open_bag
 from cell.bag.depth_image import depth_counts, depth_unit, is_rectified
 from cell.bag.errors import BagError, shown
@@ -162,3 +163,4 @@ def _write(out: Path, header: RecordingHeader, views: Iterator[View]) -> None:
         unfinished.replace(out)
     finally:
         unfinished.unlink(missing_ok=True)
+    sync_folder(out.parent)

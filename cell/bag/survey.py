@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cell.bag.bag_file import CAMERA_INFO, COMPRESSED_IMAGE, IMAGE, TRANSFORMS, Bag
-from cell.bag.depth_image import ENCODINGS, Lens, lens_of
+from cell.bag.depth_image import SURELY_DEPTH, Lens, lens_of
 from cell.bag.errors import BagError, listed, shown
 from cell.bag.transforms_tree import TransformsTree, frame_name, nanoseconds
 
@@ -108,7 +108,7 @@ def survey(bag: Bag, topics: Topics, rectified: bool) -> Survey:
 def _only_depth(bag: Bag) -> str:
     """The one topic whose first image is of depth. Raises BagError."""
     images = bag.topics_of(IMAGE)
-    found = [topic for topic in images if _first_encoding(bag, topic) in ENCODINGS]
+    found = [topic for topic in images if _first_encoding(bag, topic) in SURELY_DEPTH]
     if len(found) == 1:
         return found[0]
     if found:

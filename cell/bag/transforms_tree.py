@@ -18,9 +18,13 @@ MOST_M = 1e6
 MOST_SAMPLES = 5_000_000
 """Ten minutes of ten joints at 500 Hz are 3 million; they take 60 bytes each."""
 GAP_S = 0.2
-"""Between samples farther apart an arm may have gone anywhere: it is interpolated only where both ends agree."""
+"""Between samples farther apart an arm may have gone anywhere: it is interpolated only where both ends agree ..."""
+BRIDGED_S = 2.0
+"""... and no longer than this: in a minute an arm goes elsewhere, and comes back."""
 NEAR_S = 0.1
 """Across such a gap, and beyond the first and last sample, the nearest sample holds for so long."""
+LOOSE_M, LOOSE_RAD = 2e-4, 5e-4
+"""What differs by more is not fixed; no hand-eye calibration knows it better."""
 SAME_M, SAME_RAD = 5e-4, 1e-3
 """Two poses that differ by no more are of an arm at rest: below the noise of depth, above that of joint encoders."""
 
@@ -61,7 +65,8 @@ class Edge:
         nearest = np.where(stamps_ns - t0 <= t1 - stamps_ns, before, after)
         away_s = np.abs(stamps_ns - self.stamps_ns[nearest]) / 1e9
         inside = (t0 <= stamps_ns) & (stamps_ns <= t1)
-        between = inside & (((t1 - t0) / 1e9 <= GAP_S) | same)
+        gap_s = (t1 - t0) / 1e9
+        between = inside & ((gap_s <= GAP_S) | (same & (gap_s <= BRIDGED_S)))
         known = np.where(between, KNOWN, np.where(away_s <= NEAR_S, ALONE, UNKNOWN))
         return self._interpolated(stamps_ns, nearest, between & (away_s > 0)), known
 
@@ -149,9 +154,12 @@ class TransformsTree:
 
     def _edge(self, child: str, parent: str) -> Edge:
         if (child, parent) not in self._edges:
-            moving = self._samples.get((child, parent, False))
-            samples = moving or self._samples[child, parent, True]
-            self._edges[child, parent] = _edge(samples, moving is None, f"{shown(child)!r} in {shown(parent)!r}")
+            where = f"{shown(child)!r} in {shown(parent)!r}"
+            moving, fixed = (self._samples.get((child, parent, static)) for static in (False, True))
+            edge = _edge(moving or self._samples[child, parent, True], moving is None, where)
+            if fixed is not None:
+                _check_fixed(edge, _poses(fixed, where), where)
+            self._edges[child, parent] = edge
         return self._edges[child, parent]
 
 
@@ -202,7 +210,15 @@ def _pairs(line: Sequence[str], common: str) -> list[tuple[str, str]]:
 
 def _edge(samples: _Samples, static: bool, where: str) -> Edge:
     """The samples in the order of their stamps; of a static one the last that was told."""
-    stamps_ns = np.frombuffer(samples.stamps_ns, dtype=np.int64)
+    stamps_ns, poses = np.frombuffer(samples.stamps_ns, dtype=np.int64), _poses(samples, where)
+    if static:
+        return Edge(stamps_ns[-1:], poses[-1:])
+    stamps_ns, first = np.unique(stamps_ns, return_index=True)  # what is sent twice is there once
+    return Edge(stamps_ns, poses[first])
+
+
+def _poses(samples: _Samples, where: str) -> Poses:
+    """As they were told, one after the other."""
     values = np.frombuffer(samples.values, dtype=np.float64).reshape(-1, 7)
     if not np.abs(values).max() <= MOST_M:  # NaN is neither
         raise BagError(
@@ -212,7 +228,16 @@ def _edge(samples: _Samples, static: bool, where: str) -> Edge:
     if np.abs(lengths - 1).max() > 1e-3:
         worst = lengths[np.abs(lengths - 1).argmax()]
         raise BagError(f"/tf: the pose of {where} has a quaternion of length {worst:.4g}; it must be 1")
-    if static:
-        stamps_ns, values = stamps_ns[-1:], values[-1:]
-    stamps_ns, first = np.unique(stamps_ns, return_index=True)  # what is sent twice is there once
-    return Edge(stamps_ns, Poses(values[first, :3], Rotation.from_quat(values[first, 3:])))
+    return Poses(values[:, :3], Rotation.from_quat(values[:, 3:]))
+
+
+def _check_fixed(edge: Edge, fixed: Poses, where: str) -> None:
+    """What is told on /tf_static must be the same each time, and on /tf too: which of two is right nobody can tell."""
+    apart = [edge.poses.distance(0, others) for others in (fixed, edge.poses)]
+    apart_m, apart_rad = (max(values) for values in zip(*apart, strict=True))
+    if apart_m > LOOSE_M or apart_rad > LOOSE_RAD:
+        raise BagError(
+            f"the pose of {where}, which /tf_static has as fixed, is told in several ways, {apart_m * 1000:.1f} mm and "
+            f"{np.degrees(apart_rad):.2f} degrees apart: record the bag without the publisher that is wrong, or, where "
+            "it is of the camera on the flange, name a file by --hand-eye"
+        )

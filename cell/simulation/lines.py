@@ -59,12 +59,15 @@ class Nearest:
         dense = [line.dense() for line in lines]
         self._samples = np.vstack(dense)
         self._tree = KDTree(self._samples)
-        # Before and after each sample along its own line; a line's first and last have one neighbour.
+        # Before and after each sample along its own line; an open line's first and last have one neighbour, a closed
+        # one's are the same point.
         number = np.arange(len(self._samples))
-        first = np.cumsum([0, *(len(points) for points in dense)])
+        ends = np.cumsum([0, *(len(points) for points in dense)])
+        first, last = ends[:-1], ends[1:] - 1
+        closed = np.array([line.closed for line in lines])
         self._before, self._after = number - 1, number + 1
-        self._before[first[:-1]] = first[:-1]
-        self._after[first[1:] - 1] = first[1:] - 1
+        self._before[first] = np.where(closed, last - 1, first)
+        self._after[last] = np.where(closed, first + 1, last)
 
     def points(self, points: Points) -> Points:
         """(M, 3) the nearest point on the lines for each of `points` (M, 3)."""

@@ -16,7 +16,9 @@ from tests.cell.bag.bags import (
     INFO,
     KINDS,
     START_NS,
+    TF_STATIC,
     Kind,
+    Matrix,
     Moment,
     Recorded,
     one_image_each,
@@ -99,6 +101,28 @@ def test_a_rectified_lens_is_taken_from_p(tmp_path: Path) -> None:
     how = Recorded(info={"D": np.array([0.1, -0.2, 0, 0, 0]), "P": P.ravel()})
     _, got = imported(tmp_path, one_image_each(made_views(2), how))
     np.testing.assert_array_equal(got.views[0].K, P[:, :3])
+
+
+def test_a_place_told_twice_alike_is_one_and_a_file_goes_before_two_that_differ(tmp_path: Path) -> None:
+    views = made_views(2)
+    again, off = views[0].T_flange_camera.copy(), views[0].T_flange_camera.copy()
+    again[0, 3] += 5e-5  # as rounded by another publisher
+    off[0, 3] += 0.02
+
+    def moments(T: Matrix) -> Iterator[Moment]:
+        yield Moment(TF_STATIC, START_NS, lambda ros: ros.tf(START_NS, {("tool0", CAMERA): T}))
+        yield from one_image_each(views, Recorded())
+
+    for name, T, wanted in (("a", again, FINE), ("b", off, replace(FINE, T_flange_camera=views[0].T_flange_camera))):
+        (tmp_path / name).mkdir()
+        _, got = imported(tmp_path / name, moments(T), wanted)
+        assert_same_views(got, views)
+
+
+def test_infrared_is_depth_when_it_is_named(tmp_path: Path) -> None:
+    how = Recorded("mono16")
+    _, got = imported(tmp_path, one_image_each(made_views(2), how), replace(FINE, depth_topic=DEPTH))
+    assert_same_views(got, made_views(2))
 
 
 def test_of_several_camera_infos_the_one_beside_the_images(tmp_path: Path) -> None:

@@ -18,6 +18,7 @@ from tests.cell.bag.bags import (
     KINDS,
     START_NS,
     TF,
+    TF_STATIC,
     Kind,
     Matrix,
     Moment,
@@ -86,7 +87,18 @@ NOWHERE[0, 3] = np.nan
             Wanted(),
             r"rectification turned or shifted the camera",
         ),
-        (Recorded(info={"K": np.zeros(9)}), Wanted(), r"view 0: K has focal lengths 0, 0; not a camera's"),
+        (Recorded(info={"D": np.full(5, 0.1), "P": np.zeros(12)}), Wanted(), r"are rectified, but P.* is not told"),
+        (
+            # Without distortion too: a pair of cameras that were turned to be parallel.
+            Recorded(info={"P": np.array([20.0, 0, 7.5, -1.5, 0, 21, 5.5, 0, 0, 0, 1, 0])}),
+            Wanted(),
+            r"rectification turned or shifted the camera",
+        ),
+        (
+            Recorded(info={"K": np.zeros(9), "P": np.zeros(12)}),
+            Wanted(),
+            r"view 0: K has focal lengths 0, 0; not a camera's",
+        ),
         (Recorded(), Wanted(depth_unit_m=1.0), r"depth_unit_m is 1; from 1e-6 to 0.01 metres a count are taken"),
         (Recorded(), Wanted(workspace_m=((1, 0), (0, 1), (0, 1))), r"workspace_m is .* with x0 < x1"),
     ],
@@ -124,6 +136,21 @@ def compressed() -> list[Moment]:
     return [*without(DEPTH), Moment(f"{DEPTH}/compressedDepth", START_NS, make)]
 
 
+def told_otherwise(topic: str) -> list[Moment]:
+    """Somebody else publishes the camera's nominal place, 20 mm from the calibrated one."""
+    nominal = T_FLANGE_CAMERA.copy()
+    nominal[0, 3] += 0.02
+    more = Moment(topic, START_NS, lambda ros: ros.tf(START_NS, {("tool0", CAMERA): nominal}))
+    return [more, *without("")]
+
+
+def infrared() -> list[Moment]:
+    """Beside depth that is compressed."""
+    grey = np.zeros((12, 16), np.uint16)
+    image = Moment("/infra/image_rect", START_NS, lambda ros: ros.image(START_NS, grey, "mono16", CAMERA, {}))
+    return [*compressed(), image]
+
+
 def another_lens() -> list[Moment]:
     view = made_views(1)[0]
     return [*without(""), Recorded().lens(replace(view, K=view.K * [[2], [2], [1]]), START_NS + 10**9)]
@@ -142,6 +169,12 @@ def another_lens() -> list[Moment]:
         ),
         (shifted(3600.0), r"none of the 3 depth images .*times in /tf lie 3594\.0 s beside the images' \(two clocks"),
         (without("")[:4], r"the arm stands still at 1 places \(of 1 depth images 0 were taken in motion"),
+        (
+            told_otherwise(TF),
+            r"'camera_.*' in 'tool0', which /tf_static has as fixed, is told in several ways, 20.0 mm",
+        ),
+        (told_otherwise(TF_STATIC), r"is told in several ways, 20.0 mm and 0.00 degrees apart: record the bag without"),
+        (infrared(), r"depth images are compressed"),
         (compressed(), r"depth images are compressed \(.*compressedDepth\), which is not read: .*republish"),
         (another_lens(), r"camera_info: the lens changes within the bag"),
         (list(one_image_each(made_views(65), Recorded())), r"stands still at 65 places .*; 64 at most are taken"),

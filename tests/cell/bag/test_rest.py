@@ -126,6 +126,28 @@ def test_an_arm_that_never_rests_gives_no_view(tmp_path: Path) -> None:
         import_bag(bag, tmp_path / "out.mcap", FINE)
 
 
+@pytest.mark.parametrize("away_s", [1, 60])
+def test_what_was_seen_while_nothing_was_told_is_of_no_place(tmp_path: Path, away_s: int) -> None:
+    """The transforms stop, and come again with the arm where it was: after a minute it may have been anywhere."""
+    views, how = made_views(2), Recorded()
+    elsewhere = np.full((12, 16), 777, np.uint16)
+
+    def moments() -> Iterator[Moment]:
+        yield from how.beginning(views[0])
+        for k, view in enumerate(views):
+            begin = START_NS + k * 100 * 10**9
+            for after in (0, away_s * 10**9):
+                for tenth in range(6):
+                    at_ns = begin + after + tenth * 10**8
+                    yield how.pose(view.T_base_flange, at_ns)
+                    yield how.depth(view.depth, at_ns)
+            for share in np.linspace(0.4, 0.6, 20) if away_s > 1 else ():
+                yield how.depth(elsewhere, begin + round(share * away_s * 1e9))
+
+    _, got = imported(tmp_path, sorted(moments(), key=lambda moment: moment.stamp_ns))
+    assert_same_views(got, views)
+
+
 def test_poses_too_rare_for_a_film_are_no_rest(tmp_path: Path) -> None:
     """Ten images a second of a moving arm, a pose a second: the images at the poses must not pass for views."""
     how, view = Recorded(), made_views(1)[0]
