@@ -1,5 +1,7 @@
 """What changed in the model of one recording from one run to another."""
 
+import re
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
@@ -10,10 +12,10 @@ from cell.simulation.lines import Line, Nearest
 from cell.simulation.scoring import score
 from service.archive.errors import ArchiveError
 
-Kind = Literal["lost", "topology", "doubts", "moved", "error", "gained", "same"]
-"""Most serious first: no model any more; other strings, order, or over and under; other ambiguities; lines elsewhere;
-another error; a model where there was none; nothing."""
-KINDS: tuple[Kind, ...] = ("lost", "topology", "doubts", "moved", "error", "gained", "same")
+Kind = Literal["lost", "topology", "doubts", "radius", "moved", "error", "gained", "same"]
+"""Most serious first: no model any more; other strings, order, or over and under; other ambiguities; another radius;
+lines elsewhere; another error; a model where there was none; nothing."""
+KINDS: tuple[Kind, ...] = ("lost", "topology", "doubts", "radius", "moved", "error", "gained", "same")
 
 
 @dataclass(frozen=True)
@@ -31,8 +33,8 @@ class Change:
 
 
 def change(recording: str, before: Mapping[str, Any], after: Mapping[str, Any], tolerance_m: float) -> Change:
-    """Compares two documents of schema `pointchain/1`, models or errors. Lines that moved by less than `tolerance_m`
-    count as the same.
+    """Compares two documents of schema `pointchain/1`, models or errors. Lines that moved, and radii that differ, by
+    less than `tolerance_m` count as the same.
 
     Raises:
         ArchiveError: one is no such document.
@@ -47,12 +49,15 @@ def change(recording: str, before: Mapping[str, Any], after: Mapping[str, Any], 
             mean, worst = _moved(before, after)
             topology = _topology(before, after)
         doubts = _doubts(before["quality"]["ambiguities"], after["quality"]["ambiguities"])
+        radius = _radii(before["chains"], after["chains"], tolerance_m)
     except (KeyError, TypeError, ValueError, AttributeError) as error:  # ScoringError is a ValueError
         raise ArchiveError(f"{recording}: one of the documents is not of schema pointchain/1: {error!r}") from error
     moved = "" if worst is None or worst <= tolerance_m else f"{_mm(worst)} at most, {_mm(mean)} on average"
-    found = {"topology": topology, "doubts": doubts, "moved": moved}
-    kind: Kind = "topology" if topology else "doubts" if doubts else "moved" if moved else "same"
-    return Change(recording, kind, "; ".join(what for what in found.values() if what), mean, worst)
+    found: dict[Kind, str] = {"topology": topology, "doubts": doubts, "radius": radius, "moved": moved}
+    kinds: list[Kind] = [kind for kind, what in found.items() if what]
+    return Change(
+        recording, kinds[0] if kinds else "same", "; ".join(what for what in found.values() if what), mean, worst
+    )
 
 
 def _of_errors(recording: str, before: Mapping[str, Any] | None, after: Mapping[str, Any] | None) -> Change:
@@ -118,10 +123,22 @@ def _as_truth(model: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _doubts(before: Sequence[str], after: Sequence[str]) -> str:
-    """By number: their words have figures in them, which change by themselves."""
-    return "" if len(before) == len(after) else f"{len(before)} ambiguities became {len(after)}"
+    """By their words, but for the figures in them, which change by themselves."""
+    if len(before) != len(after):
+        return f"{len(before)} ambiguities became {len(after)}"
+    old, new = (Counter(re.sub(r"[-\d.]+", "#", words) for words in several) for several in (before, after))
+    return f"{(new - old).total()} of {len(after)} ambiguities are others" if old != new else ""
+
+
+def _radii(before: Sequence[Mapping[str, Any]], after: Sequence[Mapping[str, Any]], tolerance_m: float) -> str:
+    """Of as many strings, smallest first; that there are more or fewer is told already."""
+    old, new = (sorted(chain["radius_m"] for chain in chains) for chains in (before, after))
+    pairs = [(a, b) for a, b in zip(old, new, strict=False) if abs(a - b) > tolerance_m]
+    if len(old) != len(new) or not pairs:
+        return ""
+    return "radius " + ", ".join(f"{_mm(a)} became {_mm(b)}" for a, b in pairs)
 
 
 def _mm(distance_m: float | None) -> str:
     assert distance_m is not None
-    return f"{distance_m * 1e3:.2g} mm"
+    return f"{distance_m * 1e3:.3g} mm"

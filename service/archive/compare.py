@@ -2,11 +2,10 @@
 
 import json
 import sys
-from collections import Counter
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict
+from collections import Counter, deque
+from collections.abc import Callable, Hashable, Sequence
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
 
 from service.archive.changes import KINDS, Change, change
 from service.archive.errors import ArchiveError
@@ -20,19 +19,17 @@ def compare(before: Path, after: Path, tolerance_m: float, as_json: bool) -> int
     """Says on stdout what changed from `before` to `after`, outputs of `recognise`. The exit code: 0 nothing, 1
     something, 2 it cannot be told, which is said on stderr."""
     try:
-        old, new = _by_recording(before), _by_recording(after)
-        both = [key for key in old if key in new]
-        if not both:
+        pairs, gone, added = _paired(_runs(before), _runs(after))
+        if not pairs:
             raise ArchiveError(f"{before} and {after} have no recording in common")
-        changes = [change(_name(new[key], key), old[key], new[key], tolerance_m) for key in both]
+        changes = [change(b.name, json.loads(a.text), json.loads(b.text), tolerance_m) for a, b in pairs]
     except ArchiveError as error:
         print(f"pointchain compare: {error}", file=sys.stderr)
         return UNKNOWN
     except OSError as error:
-        print(f"pointchain compare: {error.filename} cannot be read: {error.strerror}", file=sys.stderr)
+        print(f"pointchain compare: {error.filename or error} cannot be read", file=sys.stderr)
         return UNKNOWN
     changes.sort(key=lambda one: (KINDS.index(one.kind), -(one.worst_m or 0.0)))
-    gone, added = ([_name(a[key], key) for key in a if key not in b] for a, b in ((old, new), (new, old)))
     counts = Counter(one.kind for one in changes)
     if as_json:
         document = {"counts": {kind: counts[kind] for kind in KINDS}, "only_before": gone, "only_after": added}
@@ -42,21 +39,55 @@ def compare(before: Path, after: Path, tolerance_m: float, as_json: bool) -> int
     return 0 if counts["same"] == len(changes) and not gone and not added else 1
 
 
-def _by_recording(path: Path) -> dict[str, dict[str, Any]]:
-    """The documents of a run by the recording's content, else by its name, else by the number of the line."""
-    documents = {}
+@dataclass(frozen=True)
+class _Run:
+    """A line, of which the text alone is kept: an archive's models are many."""
+
+    name: str
+    """Of the recording; where it is not told, of the line."""
+    sha256: str | None
+    """Of the recording's content."""
+    text: str
+
+
+def _runs(path: Path) -> list[_Run]:
+    """Raises ArchiveError, OSError."""
+    runs = []
     for number, line in enumerate(lines_of(path), 1):
         try:
-            document = json.loads(line)
-            recording = document.get("recording") or {}
+            recording = json.loads(line).get("recording") or {}
+            runs.append(_Run(recording.get("file") or f"line {number}", recording.get("sha256"), line))
         except (ValueError, AttributeError) as error:
             raise ArchiveError(f"{path}, line {number}: no JSON document of a model: {error}") from error
-        documents[recording.get("sha256") or recording.get("file") or f"line {number}"] = document
-    return documents
+    return runs
 
 
-def _name(document: Mapping[str, Any], key: str) -> str:
-    return document["recording"]["file"] if "recording" in document else key
+def _paired(before: Sequence[_Run], after: Sequence[_Run]) -> tuple[list[tuple[_Run, _Run]], list[str], list[str]]:
+    """What belongs together: same name and content; else same content; else same name, where one could not be read.
+
+    And the names of those that are in one of them only.
+    """
+    pairs: list[tuple[_Run, _Run]] = []
+    gone, added = list(before), list(after)
+    rules: tuple[tuple[Callable[[_Run], Hashable], Callable[[_Run, _Run], bool]], ...] = (
+        (lambda run: (run.name, run.sha256), lambda _a, _b: True),
+        (lambda run: run.sha256, lambda a, _: a.sha256 is not None),
+        (lambda run: run.name, lambda a, b: None in (a.sha256, b.sha256)),
+    )
+    for key, fits in rules:
+        waiting: dict[Hashable, deque[_Run]] = {}
+        for run in added:
+            waiting.setdefault(key(run), deque()).append(run)
+        left = []
+        for run in gone:
+            others = waiting.get(key(run))
+            if others and fits(run, others[0]):
+                pairs.append((run, others.popleft()))
+            else:
+                left.append(run)
+        taken = {id(run) for _, run in pairs}
+        gone, added = left, [run for run in added if id(run) not in taken]
+    return pairs, [run.name for run in gone], [run.name for run in added]
 
 
 def _tell(changes: Sequence[Change], counts: Counter[str], gone: Sequence[str], added: Sequence[str]) -> None:
@@ -64,6 +95,7 @@ def _tell(changes: Sequence[Change], counts: Counter[str], gone: Sequence[str], 
         "lost": "no model any more",
         "topology": "other topology",
         "doubts": "other doubts",
+        "radius": "another radius",
         "moved": "moved",
         "error": "another error",
         "gained": "a model now",

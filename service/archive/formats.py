@@ -95,18 +95,24 @@ def _write_parquet(path: Path, lines: Iterator[str]) -> None:
 def _row(line: str) -> dict[str, Any]:
     """What is asked for most in columns of their own; None where there is no model."""
     document = json.loads(line)
-    row = {**document["recording"], "method": document["asked"]["method"], "document": line}
+    recording, method = document["recording"], document["asked"]["method"]
+    row = {"file": _utf8(recording["file"]), "sha256": recording["sha256"], "method": method, "document": line}
     if "error" in document:
         error = document["error"]
-        return row | {"error": error["type"].removeprefix("urn:pointchain:"), "detail": error["detail"]}
+        return row | {"error": error["type"].removeprefix("urn:pointchain:"), "detail": _utf8(error["detail"])}
     return row | {
         "chains": len(document["chains"]),
         "length_m": sum(chain["length_m"] for chain in document["chains"]),
         "crossings": len(document["crossings"]),
         "grasps": len(document["grasps"]),
         "ambiguities": document["quality"]["ambiguities"],
-        "warnings": document["quality"]["warnings"],
+        "warnings": [_utf8(warning) for warning in document["quality"]["warnings"]],
     }
+
+
+def _utf8(text: str) -> str:
+    """A file's name, or what tells of it, may hold bytes that are no text: Parquet takes none."""
+    return text.encode("utf-8", "backslashreplace").decode()
 
 
 def _parquet_lines(path: Path) -> Iterator[str]:

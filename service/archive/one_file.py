@@ -12,6 +12,7 @@ from typing import Any
 
 from recognition.gripper import Gripper
 from recognition.model import SCHEMA, Method
+from recognition.pipeline import Recognition
 from service.problems import INPUT_ERRORS, problem_document
 from service.trace import write_trace
 from service.workflow import OnStage, recognise_recording
@@ -29,9 +30,9 @@ class Asked:
     version: str = field(default_factory=lambda: version("pointchain"))
 
     def to_json(self) -> dict[str, Any]:
-        """As it is in a line. A radius that no number of JSON is, which is refused anyway, is left out."""
-        told = self.radius_m is not None and math.isfinite(self.radius_m)
-        return asdict(self) | {"radius_m": self.radius_m if told else None}
+        """As it is in a line. A radius that no number of JSON is, which is refused anyway, is a word."""
+        told = self.radius_m is None or math.isfinite(self.radius_m)
+        return asdict(self) | {"radius_m": self.radius_m if told else str(self.radius_m)}
 
 
 @dataclass(frozen=True)
@@ -56,16 +57,20 @@ def recognise_file(
     path = Path(file) if path is None else path
     try:
         recognition = recognise_recording(path, asked.radius_m, asked.method, on_stage, asked.gripper)
-        if trace is not None:
-            write_trace(recognition, trace / path.stem, truth_beside(path))
+        line = _line(file, asked, recognition.model.to_json(), path)
     except INPUT_ERRORS as error:
         return failed(file, asked, error.slug, str(error), path)
     except OSError as error:
         return failed(file, asked, "file", f"{error.filename or file}: {error.strerror or error}", path)
-    except Exception as error:  # noqa: BLE001 -- a fault of ours is told, with all that helps to mend it
+    except BaseException as error:  # a panic of native code is no Exception
+        if isinstance(error, KeyboardInterrupt | SystemExit | GeneratorExit):
+            raise
+        # A fault of ours is told, with all that helps to mend it.
         traceback.print_exc(file=sys.stderr)
         return failed(file, asked, "internal", f"unexpected error, please report it: {error!r}", path)
-    return _line(file, asked, recognition.model.to_json(), path)
+    if trace is not None:
+        _write_trace(recognition, trace / path.stem, path)
+    return line
 
 
 def failed(file: str, asked: Asked, slug: str, reason: str, path: Path) -> Line:
@@ -83,6 +88,14 @@ def sha256_of(path: Path) -> str | None:
             return hashlib.file_digest(content, "sha256").hexdigest()
     except OSError:
         return None
+
+
+def _write_trace(recognition: Recognition, folder: Path, recording: Path) -> None:
+    """The pictures, or why there are none: the model is worth more."""
+    try:
+        write_trace(recognition, folder, truth_beside(recording))
+    except (OSError, ValueError, KeyError) as error:
+        print(f"pointchain recognise: {recording}: no pictures: {error!r}", file=sys.stderr)
 
 
 def truth_beside(recording: Path) -> dict[str, Any] | None:

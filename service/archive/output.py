@@ -53,28 +53,52 @@ class Output:
     def left(self, files: Sequence[str]) -> list[str]:
         """Which of them have no line yet, or one of another content, or one that is worth another trial.
 
-        A model of a file that is gone stays.
+        A model of a file that is gone stays. What was done under another name has its line under this one too, on the
+        disk on return. Raises OSError.
         """
-        return [file for file in files if not self._is_done(file)]
+        name_of = {known.sha256: name for name, known in self._known.items() if known.error not in TRIED_AGAIN}
+        left = []
+        for file in files:
+            sha256 = sha256_of(Path(file))
+            known = self._known.get(file)
+            if known is not None and known.error not in TRIED_AGAIN and sha256 in (known.sha256, None):
+                continue
+            if sha256 is not None and sha256 in name_of:
+                self._take_over(name_of[sha256], file)
+            else:
+                left.append(file)
+        self._sync()
+        return left
 
     def add(self, line: Line) -> None:
         """Keeps a line: on the disk on return. Raises OSError."""
         self._take(line.text.encode(), json.loads(line.text))
-        self._part.flush()
-        os.fsync(self._part.fileno())
+        self._sync()
 
     def finish(self, files: Sequence[str]) -> None:
         """Writes the lines to their place: what was there of other files, then `files`. Raises OSError."""
-        wanted = set(files)
-        order = [*(file for file in self._known if file not in wanted), *files]
+        wanted = {file: self._known[file].sha256 for file in files}
+        under = {sha256: file for file, sha256 in wanted.items()}
+        others = [
+            name
+            for name, known in self._known.items()
+            if name not in wanted and not (known.sha256 in under and _same_or_gone(name, under[known.sha256]))
+        ]
+        order = [*others, *files]
         write_lines(self._path, (self._line(file) for file in order))
         self.finished = True
 
-    def _is_done(self, file: str) -> bool:
-        known = self._known.get(file)
-        if known is None or known.error in TRIED_AGAIN:
-            return False
-        return sha256_of(Path(file)) in (known.sha256, None)
+    def _sync(self) -> None:
+        self._part.flush()
+        os.fsync(self._part.fileno())
+
+    def _take_over(self, name: str, file: str) -> None:
+        """The line of `name` as one of `file`, which has the same content."""
+        document = json.loads(self._line(name))
+        document["recording"]["file"] = file
+        if "error" in document:
+            document["error"]["file"] = file
+        self._take(json.dumps(document, allow_nan=False).encode(), document)
 
     def _take(self, text: bytes, document: dict[str, Any]) -> None:
         offset = self._part.seek(0, os.SEEK_END)
@@ -135,8 +159,7 @@ def output(path: Path, asked: Asked) -> Iterator[Output]:
     """
     part_path = path.with_name(f"{path.name}.part")
     try:
-        with part_path.open("a+b") as part:
-            _lock(part, path)
+        with _locked(part_path, path) as part:
             lines = Output(path, part, asked)
             try:
                 lines.load()
@@ -146,6 +169,28 @@ def output(path: Path, asked: Asked) -> Iterator[Output]:
                     part_path.unlink()
     except OSError as error:
         raise ArchiveError(f"{error.filename or path} cannot be written: {error.strerror or error}") from error
+
+
+def _same_or_gone(name: str, file: str) -> bool:
+    """Whether `name` is only another way to `file`, or where it was before."""
+    try:
+        return Path(name).samefile(file)
+    except OSError:
+        return not Path(name).exists()
+
+
+def _locked(part_path: Path, path: Path) -> IO[bytes]:
+    """The part file, open, for this run alone. Raises ArchiveError, OSError."""
+    while True:
+        part = part_path.open("a+b")
+        try:
+            _lock(part, path)
+            if os.fstat(part.fileno()).st_nlink:
+                return part
+        except BaseException:
+            part.close()
+            raise
+        part.close()  # another run has just ended, and removed it
 
 
 def _lock(part: IO[bytes], path: Path) -> None:

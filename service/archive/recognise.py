@@ -1,11 +1,13 @@
 """`pointchain recognise`: recordings in, one JSON document a line out."""
 
+import os
 import sys
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NoReturn
 
 from service.archive.cluster import local_cluster, on_cluster
 from service.archive.errors import ArchiveError
@@ -37,6 +39,8 @@ def recognise(files: Sequence[Path], asked: Asked, where: Where) -> int:
     try:
         names = [str(name) for file in files for name in _recordings(file)]
         once = list(dict.fromkeys(names))
+        if where.trace is not None:
+            _require_names_of_their_own(once)
         if where.out is not None:
             return _kept(once, asked, where, where.out)
         failed = 0
@@ -52,10 +56,32 @@ def recognise(files: Sequence[Path], asked: Asked, where: Where) -> int:
 def _recordings(file: Path) -> list[Path]:
     if not file.is_dir():
         return [file]
-    found = sorted(file.rglob("*.mcap"))
+    found, been = [], set()
+    for folder, folders, names in os.walk(file, followlinks=True, onerror=_tell_unreadable):
+        there = Path(folder).resolve()
+        if there in been:  # by a link, maybe to a folder above it
+            folders.clear()
+            continue
+        been.add(there)
+        found += [Path(folder, name) for name in names if name.endswith(".mcap")]
     if not found:
         raise ArchiveError(f"the folder {file} has no recordings (*.mcap)")
-    return found
+    return sorted(found)
+
+
+def _tell_unreadable(error: OSError) -> NoReturn:
+    raise ArchiveError(f"the folder {error.filename} cannot be read: {error.strerror or error}") from error
+
+
+def _require_names_of_their_own(names: Sequence[str]) -> None:
+    """Raises ArchiveError: the pictures of two recordings would be in one folder."""
+    count = Counter(Path(name).stem for name in names)
+    twice = sorted(stem for stem in count if count[stem] > 1)
+    if twice:
+        raise ArchiveError(
+            f"{count[twice[0]]} recordings are called {twice[0]}, and their pictures would be in one folder: give them "
+            "one by one, each with a --trace of its own"
+        )
 
 
 def _kept(names: Sequence[str], asked: Asked, where: Where, out: Path) -> int:

@@ -1,6 +1,7 @@
 """The model in a file: what `recognise` prints, or what a live scan's recording keeps."""
 
 import json
+import math
 import sys
 from pathlib import Path
 from typing import Any, NoReturn
@@ -64,7 +65,7 @@ def _content(path: Path) -> bytes:
 
 def _parsed(content: bytes, name: str) -> Any:
     try:
-        return json.loads(content, parse_constant=_refuse_constant)
+        return json.loads(content, parse_constant=_refuse_constant, parse_float=_finite)
     except (ValueError, RecursionError) as error:
         lines = [line for line in content.splitlines() if line.strip()]
         if len(lines) > 1 and all(line.startswith(b"{") for line in lines):
@@ -98,3 +99,10 @@ def _checked(document: Any, name: str) -> dict[str, Any]:
 
 def _refuse_constant(name: str) -> NoReturn:
     raise ValueError(f"it holds {name}")
+
+
+def _finite(number: str) -> float:
+    value = float(number)
+    if not math.isfinite(value):
+        _refuse_constant(number)
+    return value

@@ -3,6 +3,7 @@
 import json
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 from distributed import LocalCluster
@@ -74,12 +75,49 @@ def test_no_worker_is_told(recording_file: Path, capsys: pytest.CaptureFixture[s
     assert "has no worker" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize("error", [RuntimeError("odd"), BaseException("a panic of native code")])
+def test_whatever_goes_wrong_with_one_costs_only_itself(
+    error: BaseException,
+    address: str,
+    recording_file: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+):
+    real = one_file.recognise_recording
+
+    def recognise_recording(path: Path, *more: Any) -> Any:
+        if path.name == "odd.mcap":
+            raise error
+        return real(path, *more)
+
+    monkeypatch.setattr(one_file, "recognise_recording", recognise_recording)
+    assert main(["recognise", "odd.mcap", str(recording_file)]) == 1
+    first, second = (json.loads(line) for line in capsys.readouterr().out.splitlines())
+    assert first["error"]["type"] == "urn:pointchain:internal"
+    assert len(second["chains"]) == 1
+    # On a cluster too, where what a worker raises may be anything.
+    monkeypatch.setattr(archive_cluster, "work_on", unfit)
+    assert main(["recognise", "--cluster", address, str(recording_file), "other.mcap"]) == 1
+    first, second = (json.loads(line) for line in capsys.readouterr().out.splitlines())
+    assert "unfit" in first["error"]["detail"]
+    assert second["error"]["type"] == "urn:pointchain:internal"
+
+
+def unfit(*_: object, **__: object) -> None:
+    """As a worker that cannot give back what it made."""
+    raise ValueError("unfit")
+
+
 @pytest.mark.soak  # each worker needs seconds to start
 def test_a_recording_that_ends_every_worker_costs_only_itself(
     recording_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
     killer = tmp_path / "killer.mcap"
     killer.write_bytes(recording_file.read_bytes())
+    # A worker is given the next ones as well, which its death takes with it.
+    others = [tmp_path / f"{k}.mcap" for k in range(3)]
+    for other in others:
+        other.write_bytes(recording_file.read_bytes())
     out = tmp_path / "lines.jsonl"
     # Inherited by the workers: what would be a fault of native code.
     (tmp_path / "sitecustomize.py").write_text(
@@ -88,7 +126,7 @@ def test_a_recording_that_ends_every_worker_costs_only_itself(
         "r.read_recording = lambda path: os._exit(11) if path.name == 'killer.mcap' else real(path)\n"
     )
     monkeypatch.setenv("PYTHONPATH", str(tmp_path), prepend=":")
-    assert main(["recognise", "--jobs", "1", "--out", str(out), str(recording_file), str(killer)]) == 1
-    first, second = (json.loads(line) for line in out.read_text().splitlines())
-    assert len(first["chains"]) == 1
-    assert second["error"]["type"] == "urn:pointchain:recognition-crashed"
+    assert main(["recognise", "--jobs", "1", "--out", str(out), str(killer), *map(str, others)]) == 1
+    killed, *rest = (json.loads(line) for line in out.read_text().splitlines())
+    assert killed["error"]["type"] == "urn:pointchain:recognition-crashed"
+    assert [len(document["chains"]) for document in rest] == [1, 1, 1]

@@ -69,6 +69,10 @@ def doubt(document: Document) -> None:
     document["quality"]["ambiguities"].append("which of the two")
 
 
+def thicken(document: Document) -> None:
+    document["chains"][0]["radius_m"] = 0.006
+
+
 @pytest.mark.parametrize(
     ("how", "kind", "said"),
     [
@@ -77,6 +81,7 @@ def doubt(document: Document) -> None:
         (exchange, "topology", "over and under exchanged at 1"),
         (lose_crossing, "topology", "3 crossings became 2"),
         (doubt, "doubts", "0 ambiguities became 1"),
+        (thicken, "radius", "radius 4.2 mm became 6 mm"),
         (lambda document: document["chains"].clear() or document["crossings"].clear(), "topology", "1 chains became 0"),
     ],
 )
@@ -84,6 +89,30 @@ def test_each_change_has_its_name(knot: Document, how: Callable[[Document], None
     found = change("knot", knot, changed(knot, how), 1e-5)
     assert found.kind == kind
     assert said in found.what
+
+
+def test_another_ambiguity_is_a_change_and_another_figure_in_it_is_none(knot: Document):
+    def doubting(words: str) -> Document:
+        return changed(knot, lambda document: document["quality"]["ambiguities"].append(words))
+
+    before = doubting("chain 0 at 92 mm: over or under? (0.61)")
+    assert change("knot", before, doubting("chain 0 at 93 mm: over or under? (0.58)"), 1e-5).kind == "same"
+    found = change("knot", before, doubting("chain 0 at 92 mm: a bar?"), 1e-5)
+    assert (found.kind, found.what) == ("doubts", "1 of 1 ambiguities are others")
+
+
+@pytest.mark.parametrize("radius_m", [0.03, 0.06, 0.1])
+def test_a_ring_that_begins_elsewhere_or_goes_the_other_way_is_the_same(knot: Document, radius_m: float):
+    """The chord of two samples, half a millimetre apart, is off the arc by 1 micrometre at 30 mm."""
+    turn = np.linspace(0, 2 * np.pi, 100, endpoint=False)
+    points = np.column_stack([radius_m * np.cos(turn), radius_m * np.sin(turn), np.full(100, 0.004)])
+
+    def ring(points: Any) -> Document:
+        chain = knot["chains"][0] | {"closed": True, "points": points.tolist(), "length_m": 2 * np.pi * radius_m}
+        return knot | {"chains": [chain], "crossings": []}
+
+    for other in (np.roll(points, 37, axis=0), points[::-1]):
+        assert change("ring", ring(points), ring(other), 1e-5).kind == "same"
 
 
 def test_distances_are_those_between_the_lines(knot: Document):
@@ -141,6 +170,22 @@ def test_runs_are_compared_by_the_recordings_content(
     document = json.loads(capsys.readouterr().out)
     assert (document["counts"]["lost"], document["counts"]["moved"], document["counts"]["same"]) == (1, 1, 1)
     assert document["only_after"] == ["d.mcap"]
+
+
+def test_what_could_not_be_read_any_more_is_a_loss_and_copies_are_told_apart(
+    knot: Document, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):
+    unread = ERROR | {"recording": {"file": "a.mcap", "sha256": None}}
+    copy = named(knot, "b") | {"recording": {"file": "copy of b.mcap", "sha256": "b" * 8}}
+    lost = ERROR | {"recording": copy["recording"]}
+    before = write(tmp_path / "a.jsonl", [named(knot, "a"), copy, named(knot, "b")])
+    after = write(tmp_path / "b.jsonl", [named(knot, "b"), unread, lost])
+    for first, second, kind in ((before, after, "lost"), (after, before, "gained")):
+        assert main(["compare", str(first), str(second), "--json"]) == 1
+        document = json.loads(capsys.readouterr().out)
+        assert (document["counts"][kind], document["counts"]["same"]) == (2, 1)
+        assert {one["recording"] for one in document["changes"] if one["kind"] == kind} == {"a.mcap", "copy of b.mcap"}
+        assert document["only_before"] == document["only_after"] == []
 
 
 def test_nothing_changed_is_said_by_the_exit_code(knot: Document, tmp_path: Path, capsys: pytest.CaptureFixture[str]):

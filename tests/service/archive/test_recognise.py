@@ -124,6 +124,65 @@ def test_only_what_is_new_changed_or_worth_another_trial_is_recognised_again(
     assert "chains" in second[-1]
 
 
+def test_what_was_done_under_another_name_is_not_done_again(
+    archive: Path, one_by_one: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    out, folder = tmp_path / "lines.parquet", tmp_path / "recordings"
+    folder.mkdir()
+    for seed in (1, 2):
+        (folder / f"{seed}.mcap").write_bytes((archive / f"random-{seed}.mcap").read_bytes())
+    monkeypatch.chdir(tmp_path)
+    assert main(["recognise", "recordings", "--out", str(out)]) == 0
+    first = pq.read_table(out).to_pylist()
+
+    begun = counting(monkeypatch)
+    assert main(["recognise", str(folder), "--out", str(out)]) == 0, "the same, told otherwise"
+    folder.rename(tmp_path / "moved")
+    (tmp_path / "moved" / "copy.mcap").write_bytes((tmp_path / "moved" / "1.mcap").read_bytes())
+    assert main(["recognise", "moved", "--out", str(out)]) == 0
+    assert begun == []
+    last = pq.read_table(out).to_pylist()
+    assert [row["file"] for row in last] == ["moved/1.mcap", "moved/2.mcap", "moved/copy.mcap"]
+    assert [json.loads(row["document"])["recording"]["file"] for row in last] == [row["file"] for row in last]
+    assert [row["length_m"] for row in last] == [first[k]["length_m"] for k in (0, 1, 0)]
+
+
+def test_a_name_that_is_no_text_has_its_row(archive: Path, tmp_path: Path):
+    odd = tmp_path / os.fsdecode(b"caf\xe9.mcap")
+    odd.write_bytes((archive / "damaged.mcap").read_bytes())
+    out = tmp_path / "lines.parquet"
+    assert main(["recognise", str(odd), "--out", str(out)]) == 1
+    (row,) = pq.read_table(out).to_pylist()
+    assert row["file"].endswith("caf\\udce9.mcap")
+    assert row["error"] == "recording-empty"
+
+
+def test_linked_folders_are_looked_into_once(archive: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    (tmp_path / "damaged").mkdir()
+    (tmp_path / "damaged" / "one.mcap").write_bytes((archive / "damaged.mcap").read_bytes())
+    asked = tmp_path / "asked"
+    asked.mkdir()
+    (asked / "linked").symlink_to(tmp_path / "damaged")
+    (asked / "round").symlink_to(asked)
+    assert main(["recognise", str(asked)]) == 1
+    (line,) = capsys.readouterr().out.splitlines()
+    assert json.loads(line)["recording"]["file"] == str(asked / "linked" / "one.mcap")
+
+
+def test_pictures_cost_no_model_and_overwrite_none(archive: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    for name in ("a", "b"):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "scan.mcap").write_bytes((archive / "random-1.mcap").read_bytes())
+    trace = ["--trace", str(tmp_path / "pictures")]
+    assert main(["recognise", str(tmp_path / "a"), str(tmp_path / "b"), *trace]) == 1
+    assert "2 recordings are called scan" in capsys.readouterr().err
+    (tmp_path / "a" / "scan.truth.json").write_text("{")
+    assert main(["recognise", str(tmp_path / "a"), *trace]) == 0
+    out, err = capsys.readouterr()
+    assert "chains" in json.loads(out)
+    assert "no pictures: JSONDecodeError" in err
+
+
 def test_a_run_that_was_killed_is_gone_on_with(archive: Path, one_by_one: Path, tmp_path: Path):
     out = tmp_path / "lines.jsonl"
     part = tmp_path / "lines.jsonl.part"
@@ -184,6 +243,7 @@ def test_several_processes_print_the_same_in_the_same_order_though_one_is_killed
     [
         (["--method", "enhanced"], "method graph, now enhanced"),
         (["--radius", "0.004"], "radius_m None, now 0.004"),
+        (["--radius", "nan"], "radius_m None, now nan"),
     ],
 )
 def test_other_questions_do_not_go_into_the_same_file(
