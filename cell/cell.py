@@ -195,18 +195,22 @@ class Cell:
         """Returns when the arm has ended what it was at, as behind a stop, or after so long."""
         self._status.wait_while_busy(seconds)
 
-    def release(self) -> None:
+    def release(self, asked_s: float | None = None) -> None:
         """Ends our program on the robot, so that another can move it; the camera stays connected. Nothing moves.
 
-        The next `connect` or `prepare` takes the arm again.
+        Waits for an arm that is on its way home. The next `connect` or `prepare` takes the arm again. `asked_s` is when
+        it was asked for, by `time.monotonic()`, if not now.
 
         Raises:
             AcknowledgeRequiredError: there was a fault that nobody has acknowledged.
             CellBusyError: a scan is under way.
+            StoppedError: a stop came since it was asked for: the arm is not where it was expected, nor wanted to move.
         """
+        asked_s = time.monotonic() if asked_s is None else asked_s
         with self._using(HOME_S):
             if self._status.now.state == "fault":
                 raise AcknowledgeRequiredError(self._status.now.reason)
+            self._stops.refuse_handing_over(asked_s)
             self._equipment.release_arm()
             reason = "the arm was let go for other programs: connect, or start a live scan"
             self._status.change(state="not_ready", slug="released", reason=reason)

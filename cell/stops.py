@@ -9,6 +9,10 @@ from cell.errors import STOPPED, StoppedError
 
 TOO_LATE = "the arm was stopped after this was asked for, so it has not moved: ask again if it is still wanted"
 
+NOT_HOME = (
+    "the arm was stopped after this was asked for, and may not be home: look why and where it stands, and ask again"
+)
+
 
 class Stops:
     """The stops that somebody asked for. Safe to use from any thread; nothing here waits."""
@@ -37,6 +41,11 @@ class Stops:
         if self.since(asked_s):
             self.told()
             raise StoppedError(TOO_LATE)
+
+    def refuse_handing_over(self, asked_s: float) -> None:
+        """Raises StoppedError when one came: who waits for the arm would move it behind the stop."""
+        if self.since(asked_s):
+            raise StoppedError(NOT_HOME)
 
     def refuse_stale(self, asked_s: float) -> None:
         """The same, but whoever has connected since finds the cell as it was: it may have been long ago."""

@@ -16,9 +16,9 @@ from recognition.wording import in_mm
 FLOATING = 0.4
 """A string rests on the table somewhere; where there is more room below all of it, as a share of its radius, that is
 told."""
-OTHER_RADIUS = 0.25
-"""A measured radius that differs by more than this share from the told one is told. Of strings much thinner than told,
-parts are taken for table or noise, while thicker ones are found whole."""
+MUCH_THINNER = 0.25
+"""Of strings thinner than told by more than this share, parts are taken for table or noise, while thicker ones are
+found whole."""
 
 
 def fitted_chains(
@@ -29,14 +29,14 @@ def fitted_chains(
 
     `cover` looks down on the registered surface.
     """
-    strands, warnings = select_strings(refinement, registration.points, parameters, scene.table_z_m)
+    strands, doubts, warnings = select_strings(refinement, registration.points, parameters, scene.table_z_m)
     if not strands:
         warnings.insert(
             0,
             f"no string of radius {parameters.r * 1000:.1f} mm found: nothing above the table is long, round and about "
             "as thick; check the radius",
         )
-    chains, doubts = [], []
+    chains: list[Chain] = []
     for number, strand in enumerate(strands):
         sigma_m, views = evidence(strand, registration, refinement.scatter_m)
         ends = end_kinds(strand, cover, scene, parameters)
@@ -52,16 +52,17 @@ def fitted_chains(
                 f"chain {number} lies {below * 1000:.1f} mm above the table nearly all along: it rests on something, "
                 "or is no string but the edge of a thing"
             )
-        more = strand.measured_radius_m / parameters.r - 1
-        if abs(more) > OTHER_RADIUS:
+        if strand.radius_m != parameters.r:  # the told one is contradicted
             said = (
                 f"chain {number} measures {strand.measured_radius_m * 1000:.1f} mm in radius, not the "
-                f"{parameters.r * 1000:.1f} mm told"
+                f"{parameters.r * 1000:.1f} mm that was looked for"
             )
-            if more > 0:
-                warnings.append(said)
-            else:
+            if strand.measured_radius_m < (1 - MUCH_THINNER) * parameters.r:
                 doubts.append(f"{said}: of thinner strings, parts and ends are overlooked; tell the thinnest's radius")
+            elif strand.measured_radius_m < parameters.r:
+                warnings.append(f"{said}: thinner strings beside it may be overlooked; tell the thinnest's radius")
+            else:
+                warnings.append(said)
     return tuple(chains), doubts, warnings
 
 

@@ -34,6 +34,7 @@ from recognition.refinement import Refinement, refine
 from recognition.registration import Registration, register
 from recognition.string_radius import measured_parameters
 from recognition.thinning import thin
+from recognition.torn_ends import torn_ends
 from recognition.unexplained import left_over, unexplained
 
 STAGES = ("preprocess", "registration", "centre_line", "matching", "reconstruction", "refinement", "topology", "grasps")
@@ -156,7 +157,7 @@ def recognise(
     else:
         found = _by_sequences(method, registration, centre_line, parameters, scene, clock)
     rest = left_over(registration.points, found.chains, parameters)
-    chains = without_missed_ends(found.chains, rest, parameters)
+    chains, torn = torn_ends(without_missed_ends(found.chains, rest, parameters))
     unseen = unseen_parts(arrivals.targets, [view.index for view in registration.views if view.used], scene)
 
     clock.begin("grasps")
@@ -168,7 +169,7 @@ def recognise(
     views_told = tuple(sorted(registration.views + arrivals.left_out, key=lambda view: view.index))
     # What is wrong with the strings themselves comes before what was in the way of seeing them.
     warnings = (*found.warnings, *registration.warnings, *unseen, *unexplained(rest), *ungraspable)
-    quality = Quality(views_told, tuple(found.ambiguities), warnings)
+    quality = Quality(views_told, (*found.ambiguities, *torn), warnings)
     model = PointChainModel(method, parameters, chains, tuple(found.crossings), quality, clock.timing_s, grasps=grasps)
     return Recognition(model, arrivals.targets, arrivals.clouds, registration, centre_line, **found.stages)
 

@@ -44,7 +44,7 @@ def measured_parameters(views: Sequence[DepthView], scene: Scene) -> ChainParame
     registration = register(arrivals.clouds, rough, arrivals.pairs)
     graph = trace_strands(registration.points - rough.r * registration.normals, Cover(registration.points), rough)
     refinement = refine(graph.strands, registration.points, registration.normals, rough, scene.table_z_m)
-    strings, _ = select_strings(refinement, registration.points, rough, scene.table_z_m)
+    strings, _, _ = select_strings(refinement, registration.points, rough, scene.table_z_m)
     if not strings:
         return rough
     order = sorted(strings, key=lambda string: string.measured_radius_m)

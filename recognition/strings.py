@@ -33,6 +33,8 @@ SUNK = 0.6
 like the edge of a leaning plate, ..."""
 SUNK_PERCENTILE = 15.0
 """... if so much of it does, in per cent: ends are known worst."""
+LONG = 40.0
+"""Of a piece of so many radii that is hardly seen, nobody can tell that it is no string."""
 BORNE_SHARE = 0.5
 """Least share of a strand's points that the surface bears as well as `BORNE`."""
 BORNE = 0.25
@@ -41,8 +43,9 @@ BORNE = 0.25
 
 def select_strings(
     refinement: Refinement, surface: NDArray[np.float64], parameters: ChainParameters, table_z_m: float = 0.0
-) -> tuple[list[FittedStrand], list[str]]:
-    """The fitted strands that are strings, in the model's order and direction, and in words what the others are.
+) -> tuple[list[FittedStrand], list[str], list[str]]:
+    """The fitted strands that are strings, in the model's order and direction; in words which others may be strings
+    too, and what is left out.
 
     A string is round: the surface beside it lies on its tube and has no flat top with edges. It lies on the table, not
     in it. The longest comes first.
@@ -50,7 +53,7 @@ def select_strings(
     strands = refinement.strands
     on_tube = _on_tube(refinement, surface, parameters.r)
     kept: list[int] = []
-    left_out = []
+    doubts, left_out = [], []
     lengths = [float(arc_length(closed_up(strand.points, strand.closed))[-1]) for strand in strands]
     for k in np.argsort(-np.array(lengths), kind="stable").tolist():
         strand, length = strands[k], lengths[k]
@@ -72,8 +75,12 @@ def select_strings(
             if not round_
             else "its tube would reach into the table"
         )
-        left_out.append(f"left out a piece of {length * 1000:.0f} mm at {in_mm(strand.points.mean(axis=0))}: {why}")
-    return [_directed(strands[k]) for k in kept], left_out
+        maybe = length >= LONG * parameters.r and not borne
+        (doubts if maybe else left_out).append(
+            f"left out a piece of {length * 1000:.0f} mm at {in_mm(strand.points.mean(axis=0))}: {why}"
+            + (", so it may be a string" if maybe else "")
+        )
+    return [_directed(strands[k]) for k in kept], doubts, left_out
 
 
 def perhaps_square(strand: FittedStrand) -> bool:

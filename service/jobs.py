@@ -188,7 +188,7 @@ class Jobs:
             CellError: as `Cell.release`.
         """
         with self._place.taken():
-            self._cell.release()
+            self._cell.release(arrived_s())
 
     @property
     def closed(self) -> bool:

@@ -215,6 +215,7 @@ class Client:
         Raises:
             UnreachableError: the service cannot be reached, use the robot's own stop; or it was sent and not confirmed,
                 look whether the arm moves.
+            ProblemError: the service refused it, as for a wrong token, and nothing was stopped: use the robot's own.
         """
         lost: list[Exception] = []
         for _ in range(STOP_TRIES):
@@ -233,7 +234,8 @@ class Client:
         raise UnreachableError(text) from lost[-1]
 
     def cancel(self, scan: ScanResource) -> ScanResource:
-        """Stops this scan, the arm first. Raises ProblemError `not-cancellable` when it has ended already."""
+        """Stops this scan, the arm first. Raises ProblemError `not-cancellable` when it has ended already, unless a stop
+        ended it."""
         return ScanResource.model_validate(self._do(f"{scan.links.self}/cancel").json())
 
     def connect(self) -> Mapping[str, Any]:
@@ -241,7 +243,12 @@ class Client:
         return self._do("/api/cell/connect").json()
 
     def release(self) -> None:
-        """Waits for the arm to be home, then lets it go, so that another program can move it. Raises ProblemError."""
+        """Waits for the arm to be home, then lets it go, so that another program can move it.
+
+        Raises:
+            ProblemError: `stopped` when somebody stopped the arm meanwhile: it is not home, nor wanted to move. When it
+                was stopped before, it is let go where it stands.
+        """
         self._do("/api/cell/release")
 
     def acknowledge(self) -> None:

@@ -59,7 +59,8 @@ async def stop_cell(request: Request, service: Service) -> CellResource:
 @router.post("/cell/release", responses=problem_responses(409, 503))
 def release_arm(service: Service) -> CellResource:
     """Ends our program on the robot, so that another can move it, as to grasp. Waits for the arm of a scan to come home
-    first. The next live scan, or connect, takes the arm again. Nothing moves."""
+    first; refused as `stopped` when somebody stops it meanwhile. Asked for behind a stop, it leaves the arm where it
+    stands. The next live scan, or connect, takes the arm again. Nothing moves."""
     service.jobs.release_arm()
     return _resource(service)
 

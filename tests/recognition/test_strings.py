@@ -20,7 +20,17 @@ def fitted(points: np.ndarray) -> FittedStrand:
 
 
 def selected(surface: np.ndarray, *strands: FittedStrand, owned: float = 1.0) -> tuple[list[FittedStrand], list[str]]:
-    """The strings among the strands; this share of the surface nearest to each lies on its tube, the rest on none."""
+    """The strings among the strands, and what is left out; this share of the surface nearest to each lies on its tube,
+    the rest on none."""
+    kept, doubts, left_out = judged(surface, *strands, owned=owned)
+    assert doubts == []
+    return kept, left_out
+
+
+def judged(
+    surface: np.ndarray, *strands: FittedStrand, owned: float = 1.0
+) -> tuple[list[FittedStrand], list[str], list[str]]:
+    """With what may be a string too."""
     distance = np.array([np.linalg.norm(surface[:, None] - s.points, axis=2).min(axis=1) for s in strands])
     on = np.arange(len(surface)) % 100 < 100 * owned
     return select_strings(
@@ -50,20 +60,20 @@ def test_the_profile_of_a_square_bar_is_no_strings_unless_it_may_be_either(seen:
     line = straight((0, 0, R), (0.1, 0, R), 0.003)
     surface, _ = seen([line])
 
-    def judged(squareness: float, sigma: float) -> tuple[bool, bool]:
+    def kept_and_doubted(squareness: float, sigma: float) -> tuple[bool, bool]:
         strand = replace(fitted(line), squareness=squareness, squareness_sigma=sigma)
         kept, told = selected(surface, strand)
         assert told == ([] if kept else NOT_ROUND)
         return len(kept) == 1, perhaps_square(strand)
 
     # Kept, doubted.
-    assert judged(0.1, 0.05) == (True, False)
-    assert judged(-0.3, 0.05) == (True, False)
-    assert judged(0.4, 0.05) == (False, True)
+    assert kept_and_doubted(0.1, 0.05) == (True, False)
+    assert kept_and_doubted(-0.3, 0.05) == (True, False)
+    assert kept_and_doubted(0.4, 0.05) == (False, True)
     # Two sigmas to either side.
-    assert judged(0.1, 0.1) == (True, True)
-    assert judged(0.4, 0.25) == (True, True)
-    assert judged(0.0, np.inf) == (True, True)
+    assert kept_and_doubted(0.1, 0.1) == (True, True)
+    assert kept_and_doubted(0.4, 0.25) == (True, True)
+    assert kept_and_doubted(0.0, np.inf) == (True, True)
 
 
 def test_what_is_hardly_borne_or_short_is_none(seen: Callable, straight: Callable) -> None:
@@ -79,6 +89,16 @@ def test_what_is_hardly_borne_or_short_is_none(seen: Callable, straight: Callabl
     assert told == ["left out a piece of 18 mm at (9, 0, 4) mm: too short to be told from noise"]
 
 
+def test_a_long_piece_that_is_hardly_borne_may_be_a_string(seen: Callable, straight: Callable) -> None:
+    line, longer = straight((0, 0, R), (0.2, 0, R), 0.003), straight((0, 0.04, R), (0.22, 0.04, R), 0.003)
+    surface, _ = seen([line, longer])
+    hardly = replace(fitted(line), support=np.where(np.arange(len(line)) < 10, 40.0, 4.0))
+    (kept,), doubts, left_out = judged(surface, hardly, fitted(longer))
+    np.testing.assert_array_equal(kept.points, longer)
+    assert doubts == ["left out a piece of 200 mm at (100, 0, 4) mm: hardly seen, so it may be a string"]
+    assert left_out == []
+
+
 def test_what_lies_on_another_ones_tube_speaks_for_none(seen: Callable, straight: Callable) -> None:
     # A string, and a rim beside it: half of what is nearest to the rim lies on no tube, or on the string's.
     line, rim = straight((0, 0, R), (0.12, 0, R), 0.003), straight((0, 2 * R, R), (0.1, 2 * R, R), 0.003)
@@ -88,7 +108,7 @@ def test_what_lies_on_another_ones_tube_speaks_for_none(seen: Callable, straight
     for elsewhere in (-1, 0):
         owner = np.where(half, elsewhere, beside_rim.astype(np.int64))
         found = Refinement([fitted(line), fitted(rim)], owner, 0.0002)
-        (kept,), told = select_strings(found, surface, PARAMETERS)
+        (kept,), _, told = select_strings(found, surface, PARAMETERS)
         np.testing.assert_array_equal(kept.points, line)
         assert len(told) == 1
 
@@ -111,7 +131,11 @@ def test_turning_a_strand_round_turns_all_that_goes_with_its_points(seen: Callab
 
 
 def test_no_strands_no_strings() -> None:
-    assert select_strings(Refinement([], np.empty(0, dtype=np.int64), 0.0), np.empty((0, 3)), PARAMETERS) == ([], [])
+    assert select_strings(Refinement([], np.empty(0, dtype=np.int64), 0.0), np.empty((0, 3)), PARAMETERS) == (
+        [],
+        [],
+        [],
+    )
 
 
 def test_a_tube_that_reaches_into_the_table_is_no_string(seen: Callable, straight: Callable) -> None:

@@ -11,10 +11,12 @@ from typing import Any
 import httpx
 import pytest
 
+from cell import scan
 from cell.cell import Cell
 from service.jobs import Jobs
 from service.submissions import Submissions
 from service.worker import RecognitionWorker
+from tests.cell.virtual_arm import stops
 from tests.service.conftest import PATIENCE_S, Serve, wait_until
 from tests.service.faults.moves import now_in, seen
 from tests.service.live_cell import SCAN, LiveCell, live_cell
@@ -36,7 +38,7 @@ def cell(serve: Serve, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Liv
 class Gate:
     """Where a method of ours is held until it is let go; nothing else of it is changed."""
 
-    def __init__(self, monkeypatch: pytest.MonkeyPatch, owner: type, name: str, *, hold: bool = True) -> None:
+    def __init__(self, monkeypatch: pytest.MonkeyPatch, owner: object, name: str, *, hold: bool = True) -> None:
         self.come, self.go_on = threading.Semaphore(0), threading.Event()
         method = getattr(owner, name)
         if not hold:
@@ -92,6 +94,29 @@ def test_whoever_waited_for_the_place_when_the_arm_was_stopped_does_not_get_it(
     assert seen(cell, begin, "motion_start") == []
     assert cell.state()["problem"] == STOPPED
     assert finished(cell.client, cell.start(views=2))["state"] == "succeeded"  # one that is asked for behind it moves
+
+
+def test_whoever_waits_for_the_arm_to_come_home_does_not_get_it_behind_a_stop(
+    cell: LiveCell, finished: Finished, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    cell.is_well()
+    with ThreadPoolExecutor() as pool, monkeypatch.context() as patched:
+        way_home, releasing = Gate(patched, scan, "go_home"), Gate(patched, Cell, "release", hold=False)
+        try:
+            assert finished(cell.client, cell.start(views=4))["state"] == "succeeded"
+            way_home.wait_for_one()
+            released = pool.submit(cell.client.post, "/api/cell/release")
+            releasing.wait_for_one()
+            begin = now_in(cell)
+            stopped = pool.submit(cell.client.post, "/api/cell/stop")
+            wait_until(lambda: stops(seen(cell, begin)))
+        finally:
+            way_home.go_on.set()
+        assert stopped.result(PATIENCE_S).json()["problem"] == STOPPED
+    assert_refused(released.result(PATIENCE_S))
+    assert cell.state()["problem"] == STOPPED, "it is still told"
+    assert cell.client.post("/api/cell/release").status_code == 200  # whoever asks behind it knows
+    cell.is_well()
 
 
 def test_a_wish_from_before_the_stop_is_none_behind_it_when_it_is_sent_again(
