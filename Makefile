@@ -65,6 +65,7 @@ bench: .venv/.ready
 wheel: setup
 	@.ci/setup uv
 	@PATH=".uv/bin:$$PATH" uv build --quiet --no-build-isolation --python .venv --out-dir dist
+	@ls dist/*.whl
 
 licences: .venv/.ready
 	@.venv/bin/python .ci/licences > LICENCES.md

@@ -131,7 +131,11 @@ class Quality:
 
 @dataclass(frozen=True, eq=False)
 class PointChainModel:
-    """All strings of a scene, with their crossings."""
+    """All strings of a scene, with their crossings.
+
+    The fields are those of the JSON document, whose `topology` is `gauss_code()` and `p_data()` here, and whose
+    `parameters` have no unit in their names here (`parameters.r`).
+    """
 
     method: Method
     parameters: ChainParameters

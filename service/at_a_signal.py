@@ -2,8 +2,10 @@
 
 import asyncio
 import signal
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
+from types import FrameType
 from typing import TypeVar
 
 STOPPED_CODE = 130
@@ -40,3 +42,31 @@ def with_signals(work: Callable[[], Result], at_signal: Callable[[], None]) -> R
 
     with ThreadPoolExecutor(1) as pool:
         return asyncio.run(wait())
+
+
+@contextmanager
+def ctrl_c_is_ours() -> Iterator[None]:
+    """Processes and threads that are started in the block do not hear of Ctrl-C, which reaches all processes of a
+    terminal: this one ends them. Not from their first import on only, as what they could do themselves."""
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+@contextmanager
+def ctrl_c_later() -> Iterator[None]:
+    """Ctrl-C takes effect behind the block, for what cannot be broken off. For the main thread."""
+    pressed: list[int] = []
+
+    def note(number: int, _: FrameType | None) -> None:
+        pressed.append(number)
+
+    before = signal.signal(signal.SIGINT, note)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
+    if pressed:
+        raise KeyboardInterrupt

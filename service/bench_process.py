@@ -100,7 +100,7 @@ def served(data_dir: Path, controller_host: str) -> Iterator[BenchedService]:
 
 def _port(running: "subprocess.Popen[bytes]", log: Path) -> int:
     deadline = time.monotonic() + START_S
-    while not (found := re.search(r"pointchain: http://[\d.]+:(\d+)/docs", log.read_text())) or not _listens(found[1]):
+    while not (found := re.search(r"pointchain: http://[\d.]+:(\d+) ", log.read_text())) or not _listens(found[1]):
         if running.poll() is not None or time.monotonic() > deadline:
             raise RuntimeError(f"the service did not start; its log is\n{log.read_text()}")
         time.sleep(0.05)

@@ -13,7 +13,8 @@ from typing import Any
 
 from cell.cell import Cell
 from cell.errors import StoppedError
-from cell.recording import RecordingExistsError, RecordingWriter
+from cell.recording import RecordingExistsError, RecordingWriter, read_recording
+from cell.recording_errors import RecordingEmptyError
 from cell.scan import missing_view
 from cell.settings import CellSettings
 from cell.viewpoints import ViewpointPlan
@@ -130,7 +131,7 @@ def scan_once(settings: CellSettings, wanted: Wanted) -> int:
         except EndedEarlyError as error:
             problem, code = error.problem, error.code
             if code == STOPPED_CODE and wanted.recording and wanted.recording.exists():
-                problem["detail"] += f"; the views taken until then are in {wanted.recording}"
+                problem["detail"] += _kept(wanted.recording)
             document = {"schema": SCHEMA, "error": problem}
     print(json.dumps(document, allow_nan=False), flush=True)
     if code != 0:
@@ -140,6 +141,16 @@ def scan_once(settings: CellSettings, wanted: Wanted) -> int:
     for told in (*document["quality"]["ambiguities"], *document["quality"]["warnings"]):
         _say(told)
     return code
+
+
+def _kept(recording: Path) -> str:
+    """What there is of a scan that was stopped; a recording without any view is removed, so that its name is free."""
+    try:
+        count = len(read_recording(recording).views)
+    except RecordingEmptyError:
+        recording.unlink()
+        return "; no view had been taken"
+    return f"; the views taken until then are in {recording}: {count}"
 
 
 def _say(words: str) -> None:

@@ -15,6 +15,7 @@ from pathlib import Path
 
 from cell.child_log import child_set_up
 from cell.devices import View
+from service.at_a_signal import ctrl_c_is_ours
 from service.problems import problem_document
 from service.worker_process import BrokenOff, LastView, PreviewEnded, Refused, Stage, Task, work
 from service.workflow import OnStage, Outcome
@@ -88,7 +89,7 @@ class RecognitionWorker:
         try:
             self._pipe, theirs = context.Pipe()
             process = context.Process(target=work, args=(theirs, child_set_up()), name="recognition", daemon=True)
-            with theirs, self._starting:
+            with theirs, self._starting, ctrl_c_is_ours():
                 process.start()
                 self._process, self._killed = process, False
             self.starts += 1
@@ -184,7 +185,7 @@ class RecognitionWorker:
                 pass
             self._waits = True
         except TaskFailedError as error:  # it is dead; the next task starts another
-            log.warning("the recognition process did not drop its task: %s", error)
+            log.info("the recognition process did not drop its task: %s", error)
 
     def _send(self, message: object, limit_s: float) -> None:
         """A process that hangs takes nothing: without an end, sending would wait for ever once the pipe is full."""

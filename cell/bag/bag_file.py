@@ -59,7 +59,9 @@ def open_bag(path: Path) -> Iterator[Bag]:
         from rosbags.highlevel import AnyReader
         from rosbags.typesys import Stores, get_typestore
     except ImportError as error:
-        raise BagError("reading bags needs one more package: pip install 'pointchain[bag]'") from error
+        raise BagError(
+            "reading bags needs the extra `bag`: install the package with it, as 'WHEEL[bag]' in place of WHEEL"
+        ) from error
     with ExitStack() as stack:
         with _telling(path):
             # ROS 2 tells the types in the bag since Iron only; those that are read here are the same in all of them.

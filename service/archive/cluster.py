@@ -7,9 +7,10 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from service.archive.errors import ArchiveError
+from service.archive.errors import EXTRA, ArchiveError
 from service.archive.one_file import Asked, Line, failed
 from service.archive.worker import OtherVersionError, work_on
+from service.at_a_signal import ctrl_c_later
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -31,16 +32,17 @@ def local_cluster(jobs: int) -> Iterator[str]:
     with dask.config.set({"distributed.deploy.lost-worker-timeout": "1 day"}):
         # One thread a process: recognition holds the interpreter, and how sums are rounded depends on their threads.
         try:
-            cluster = LocalCluster(
-                n_workers=jobs,
-                threads_per_worker=1,
-                # Else each has its part of the machine's, and waits for ever where that is less than imports take.
-                memory_limit=None,
-                host="127.0.0.1",
-                dashboard_address=None,  # pyright: ignore[reportArgumentType] -- None is its word for none
-                silence_logs=logging.CRITICAL,
-                preload="service.archive.worker",
-            )
+            with ctrl_c_later():
+                cluster = LocalCluster(
+                    n_workers=jobs,
+                    threads_per_worker=1,
+                    # Else each has its part of the machine's, and waits for ever where that is less than imports take.
+                    memory_limit=None,
+                    host="127.0.0.1",
+                    dashboard_address=None,  # pyright: ignore[reportArgumentType] -- None is its word for none
+                    silence_logs=logging.CRITICAL,
+                    preload="service.archive.worker",
+                )
         except (RuntimeError, OSError) as error:
             raise ArchiveError(f"{jobs} processes cannot be started here: {error}; ask for fewer") from error
         with cluster:
@@ -128,4 +130,4 @@ def _require_dask() -> None:
     try:
         import distributed  # noqa: F401 -- only whether it is there
     except ImportError as error:
-        raise ArchiveError("--jobs and --cluster need more packages: pip install 'pointchain[archive]'") from error
+        raise ArchiveError(f"--jobs and --cluster need the extra `archive`: {EXTRA}") from error

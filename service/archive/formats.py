@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from calibration.disk import sync_folder
-from service.archive.errors import ArchiveError
+from service.archive.errors import EXTRA, ArchiveError
 
 PARQUET = ".parquet"
 SUFFIXES = (".jsonl", PARQUET)
@@ -63,7 +63,7 @@ def require_parquet() -> None:
     try:
         import pyarrow.parquet  # noqa: F401 -- only whether it is there
     except ImportError as error:
-        raise ArchiveError("Parquet needs more packages: pip install 'pointchain[archive]'") from error
+        raise ArchiveError(f"Parquet needs the extra `archive`: {EXTRA}") from error
 
 
 def _write_parquet(path: Path, lines: Iterator[str]) -> None:

@@ -46,6 +46,10 @@ class Output:
         """There are lines that would be lost without the part file."""
         return self._part.seek(0, os.SEEK_END) > 0
 
+    def others(self, files: Sequence[str]) -> int:
+        """How many lines there are of recordings that were not asked for now."""
+        return len(self._known.keys() - set(files))
+
     def failures(self, files: Sequence[str]) -> int:
         """How many of them have no model."""
         return sum(self._known[file].error is not None for file in files)
@@ -79,12 +83,10 @@ class Output:
         """Writes the lines to their place: what was there of other files, then `files`. Raises OSError."""
         wanted = {file: self._known[file].sha256 for file in files}
         under = {sha256: file for file, sha256 in wanted.items()}
-        others = [
-            name
-            for name, known in self._known.items()
-            if name not in wanted and not (known.sha256 in under and _same_or_gone(name, under[known.sha256]))
-        ]
-        order = [*others, *files]
+        for name, known in list(self._known.items()):
+            if name not in wanted and known.sha256 in under and _same_or_gone(name, under[known.sha256]):
+                del self._known[name]
+        order = [*(name for name in self._known if name not in wanted), *files]
         write_lines(self._path, (self._line(file) for file in order))
         self.finished = True
 

@@ -93,10 +93,11 @@ def _kept(names: Sequence[str], asked: Asked, where: Where, out: Path) -> int:
         for line in _lines(left, asked, where):
             lines.add(line)
         lines.finish(names)
-        failed = lines.failures(names)
+        failed, others = lines.failures(names), lines.others(names)
     print(
         f"{out}: {len(names) - failed} of {len(names)} recordings have a model, "
-        f"{len(names) - len(left)} had their line already",
+        f"{len(names) - len(left)} had their line already"
+        + (f"; {others} more lines, of recordings not asked for now, stay" if others else ""),
         file=sys.stderr,
     )
     return 1 if failed else 0

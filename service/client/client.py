@@ -173,7 +173,7 @@ class Client:
         return ended
 
     def get(self, scan_id: str) -> ScanResource:
-        """A scan as it is now. Raises ProblemError, UnreachableError."""
+        """A scan as it is now. Raises ProblemError, UnreachableError; ValueError: a text that is no id."""
         return ScanResource.model_validate(self._get(_address(scan_id)).json())
 
     def scans(self, **filters: Any) -> Iterator[ScanResource]:
@@ -185,8 +185,12 @@ class Client:
                 return
             page = self._get(page["next"]).json()
 
-    def model(self, scan: ScanResource) -> PointChainModel:
-        """The model of a scan, as arrays. Raises ProblemError, UnreachableError; ModelError when it is none."""
+    def model(self, scan: ScanResource | str) -> PointChainModel:
+        """The model of a scan, or of that of an id, as arrays.
+
+        Raises: ScanFailedError when it has none; ProblemError, UnreachableError; ModelError when it is none.
+        """
+        scan = self.get(scan) if isinstance(scan, str) else scan
         if scan.links.model is None:
             raise ScanFailedError(scan)
         return model_from_json(self._get(scan.links.model).json())
@@ -234,8 +238,7 @@ class Client:
         raise UnreachableError(text) from lost[-1]
 
     def cancel(self, scan: ScanResource) -> ScanResource:
-        """Stops this scan, the arm first. Raises ProblemError `not-cancellable` when it has ended already, unless a stop
-        ended it."""
+        """Stops this scan, the arm first. ProblemError: `not-cancellable`, it has ended already and was not stopped."""
         return ScanResource.model_validate(self._do(f"{scan.links.self}/cancel").json())
 
     def connect(self) -> Mapping[str, Any]:
@@ -275,4 +278,6 @@ class Client:
 
 
 def _address(scan_id: str) -> str:
+    if not re.fullmatch(ID_PATTERN, scan_id):
+        raise ValueError(f"{scan_id!r} is not the id of a scan")
     return f"/api/scans/{scan_id}"

@@ -15,7 +15,7 @@ def add_interchange_commands(commands: "argparse._SubParsersAction[argparse.Argu
         help="a ROS 1 or ROS 2 bag: depth images, their CameraInfo, and /tf",
         description="Writes a recording of a bag: a view for each place where the arm stood still, the median of the "
         "images there, with the pose that /tf tells at their stamp. What is not told is found, and said on stderr. "
-        "Needs `pip install 'pointchain[bag]'`.",
+        "Needs the package's extra `bag`.",
     )
     bag.add_argument("bag", type=Path, metavar="BAG", help="a .bag file, or the folder of a ROS 2 bag, or its file")
     bag.add_argument("out", type=Path, metavar="OUT.mcap", help="recording to write; it must not exist")

@@ -56,7 +56,8 @@ def _add(options: argparse.Namespace) -> int:
         return _failed("add", error)
     print(token, flush=True)  # whatever comes of the entry
     print(
-        f"{options.name} is {options.role}. The token is kept nowhere: store it now, and send it in each request as\n"
+        f"{options.name} is {options.role} of the service with its data in {data_dir}. The token is kept nowhere:\n"
+        "store it now, and send it in each request as\n"
         "  Authorization: Bearer TOKEN",
         file=sys.stderr,
     )

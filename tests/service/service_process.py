@@ -24,7 +24,7 @@ def process(data_dir: Path, log: Path, **variables: str) -> Iterator[tuple[subpr
             [sys.executable, "-c", SERVE], cwd=ROOT, env=environment, stdout=output, stderr=output
         )
     try:
-        while not (address := re.search(r"pointchain: (http://\S+)/docs", log.read_text())):
+        while not (address := re.search(r"pointchain: (http://\S+) \(API", log.read_text())):
             assert running.poll() is None, log.read_text()
             time.sleep(0.02)
         with httpx.Client(base_url=address[1], timeout=60) as client:

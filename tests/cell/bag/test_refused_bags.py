@@ -243,5 +243,5 @@ def test_nothing_is_overwritten(tmp_path: Path) -> None:
 
 def test_without_the_package_it_says_how_to_get_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "rosbags.highlevel", None)
-    with pytest.raises(BagError, match=r"pip install 'pointchain\[bag\]'"):
+    with pytest.raises(BagError, match=r"needs the extra `bag`: install .*'WHEEL\[bag\]'"):
         import_bag(tmp_path / "scan.bag", tmp_path / "out.mcap", FINE)

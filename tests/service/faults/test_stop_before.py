@@ -109,7 +109,7 @@ def test_whoever_waits_for_the_arm_to_come_home_does_not_get_it_behind_a_stop(
             releasing.wait_for_one()
             begin = now_in(cell)
             stopped = pool.submit(cell.client.post, "/api/cell/stop")
-            wait_until(lambda: stops(seen(cell, begin)))
+            wait_until(lambda: bool(stops(seen(cell, begin))))
         finally:
             way_home.go_on.set()
         assert stopped.result(PATIENCE_S).json()["problem"] == STOPPED

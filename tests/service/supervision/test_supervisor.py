@@ -145,7 +145,7 @@ def test_the_real_service_is_started_again_at_its_address(tmp_path: Path) -> Non
         supervisor = subprocess.Popen([sys.executable, "-c", serve], cwd=ROOT, env=environment, stderr=output)
     try:
         wait_until(lambda: "/docs" in (tmp_path / "log").read_text() or supervisor.poll() is not None)
-        found = re.search(r"pointchain: (http://\S+)/docs", log := (tmp_path / "log").read_text())
+        found = re.search(r"pointchain: (http://\S+) \(API", log := (tmp_path / "log").read_text())
         assert found is not None, log
         with httpx.Client(base_url=found[1], timeout=PATIENCE_S) as client:
             wait_until(lambda: answers(client))
