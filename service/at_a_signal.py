@@ -5,6 +5,7 @@ import signal
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
+from multiprocessing import resource_tracker
 from types import FrameType
 from typing import TypeVar
 
@@ -46,8 +47,9 @@ def with_signals(work: Callable[[], Result], at_signal: Callable[[], None]) -> R
 
 @contextmanager
 def ctrl_c_is_ours() -> Iterator[None]:
-    """Processes and threads that are started in the block do not hear of Ctrl-C, which reaches all processes of a
-    terminal: this one ends them. Not from their first import on only, as what they could do themselves."""
+    """Processes that are started in the block by this thread do not hear of Ctrl-C, which reaches all processes of a
+    terminal: this one ends them. Not even while they import, before they could see to it themselves."""
+    resource_tracker.ensure_running()  # started with the first process, it would have the thread hear of it again
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         yield
