@@ -60,15 +60,15 @@ class Output:
         A model of a file that is gone stays. What was done under another name has its line under this one too, on the
         disk on return. Raises OSError.
         """
-        name_of = {known.sha256: name for name, known in self._known.items() if known.error not in TRIED_AGAIN}
+        done = {known.sha256: known for known in self._known.values() if known.error not in TRIED_AGAIN}
         left = []
         for file in files:
             sha256 = sha256_of(Path(file))
             known = self._known.get(file)
             if known is not None and known.error not in TRIED_AGAIN and sha256 in (known.sha256, None):
                 continue
-            if sha256 is not None and sha256 in name_of:
-                self._take_over(name_of[sha256], file)
+            if sha256 is not None and sha256 in done:
+                self._take_over(done[sha256], file)
             else:
                 left.append(file)
         self._sync()
@@ -87,16 +87,16 @@ class Output:
             if name not in wanted and known.sha256 in under and _same_or_gone(name, under[known.sha256]):
                 del self._known[name]
         order = [*(name for name in self._known if name not in wanted), *files]
-        write_lines(self._path, (self._line(file) for file in order))
+        write_lines(self._path, (self._line(self._known[file]) for file in order))
         self.finished = True
 
     def _sync(self) -> None:
         self._part.flush()
         os.fsync(self._part.fileno())
 
-    def _take_over(self, name: str, file: str) -> None:
-        """The line of `name` as one of `file`, which has the same content."""
-        document = json.loads(self._line(name))
+    def _take_over(self, known: _Known, file: str) -> None:
+        """The line as one of `file`, which has the same content."""
+        document = json.loads(self._line(known))
         document["recording"]["file"] = file
         if "error" in document:
             document["error"]["file"] = file
@@ -125,8 +125,7 @@ class Output:
         slug = None if error is None else error["type"].removeprefix("urn:pointchain:")
         self._known[recording["file"]] = _Known(offset, size, recording["sha256"], slug)
 
-    def _line(self, file: str) -> str:
-        known = self._known[file]
+    def _line(self, known: _Known) -> str:
         self._part.seek(known.offset_bytes)
         return self._part.read(known.size_bytes).decode()
 

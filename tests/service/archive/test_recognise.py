@@ -146,6 +146,16 @@ def test_what_was_done_under_another_name_is_not_done_again(
     assert [json.loads(row["document"])["recording"]["file"] for row in last] == [row["file"] for row in last]
     assert [row["length_m"] for row in last] == [first[k]["length_m"] for k in (0, 1, 0)]
 
+    one, two, kept = (tmp_path / "moved" / f"{name}.mcap" for name in (1, 2, "copy"))
+    kept.unlink()
+    for old, new in ((one, kept), (two, one), (kept, two)):
+        old.rename(new)
+    assert main(["recognise", "moved", "--out", str(out)]) == 0
+    assert begun == []
+    last = pq.read_table(out).to_pylist()
+    assert [row["sha256"] for row in last[-2:]] == [first[1]["sha256"], first[0]["sha256"]], "they have changed places"
+    assert [row["length_m"] for row in last[-2:]] == [first[1]["length_m"], first[0]["length_m"]]
+
 
 def test_a_name_that_is_no_text_has_its_row(archive: Path, tmp_path: Path):
     odd = tmp_path / os.fsdecode(b"caf\xe9.mcap")
