@@ -69,12 +69,7 @@ class Place:
                 raise _busy()
             self._refuse_if_closed()
             if self._running is not None:
-                raise ProblemError(
-                    409,
-                    "cell-busy",
-                    f"{self._running.words} is under way; wait for its end or cancel it",
-                    {"Location": self._running.location},
-                )
+                raise _taken_by(self._running)
             if self._preparing:
                 raise ProblemError(
                     409,
@@ -122,6 +117,14 @@ class Place:
     def _refuse_if_closed(self) -> None:
         if self._closed:
             raise ProblemError(503, "not-ready", "the service is stopping")
+
+
+def _taken_by(running: Running[Any]) -> ProblemError:
+    where = {"Location": running.location}
+    if running.stop is None:
+        return ProblemError(409, "cell-busy", f"{running.words} is under way; wait for its end or cancel it", where)
+    detail = f"{running.words} was stopped and is just ending; try again"
+    return ProblemError(409, "cell-busy", detail, where | {"Retry-After": "1"})
 
 
 def _busy() -> ProblemError:

@@ -41,6 +41,10 @@ def test_whoever_comes_second_is_told_of_the_first(
     told = refusal(place)
     assert told.headers == {"Location": f"{address}{running.row.id}"}
     assert running.words in told.detail
+    assert running.ask_to_stop("aborted", "it was stopped")
+    told = refusal(place)
+    assert told.headers == {"Location": running.location, "Retry-After": "1"}
+    assert f"{running.words} was stopped and is just ending" in told.detail
     with place.leaving(running):
         assert place.running is running
     assert place.running is None
