@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from recognition.model import Chain
 from recognition.parameters import ChainParameters
+from recognition.polyline import way_out
 
 LOOKED_AT = 2.0
 """Length of a chain, in radii, from which its direction at an end is taken."""
@@ -44,9 +45,7 @@ def _without_missed_ends(chain: Chain, rest: NDArray[np.float64], parameters: Ch
 
 def _goes_on(line: NDArray[np.float64], rest: NDArray[np.float64], r: float) -> bool:
     """Whether some of `rest` (M, 3) is ahead of the first point of `line` (N, 3) and near it."""
-    away = np.linalg.norm(line - line[0], axis=1) > LOOKED_AT * r
-    way = line[0] - line[np.argmax(away) if away.any() else -1]
     offset = rest - line[0]
     distance = np.linalg.norm(offset, axis=1)
-    ahead = offset @ way > IN_LINE * distance * np.linalg.norm(way)
+    ahead = offset @ way_out(line, LOOKED_AT * r) > IN_LINE * distance
     return bool((ahead & (distance < NEAR * r)).any())

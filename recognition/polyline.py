@@ -29,3 +29,10 @@ def even_lengths(points: NDArray[np.float64], step: float) -> NDArray[np.float64
 def closed_up(points: NDArray[np.float64], closed: bool) -> NDArray[np.float64]:
     """`points` (N, 3), of a closed line with the first once more behind the last."""
     return np.vstack([points, points[:1]]) if closed else points
+
+
+def way_out(points: NDArray[np.float64], length: float) -> NDArray[np.float64]:
+    """(D,) direction in which the polyline `points` (N, D) ends at its first point, from about `length` within it."""
+    away = np.linalg.norm(points - points[0], axis=1) > length
+    way = points[0] - points[np.argmax(away) if away.any() else -1]
+    return way / max(float(np.linalg.norm(way)), 1e-12)

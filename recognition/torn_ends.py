@@ -4,17 +4,16 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from recognition.meeting_ends import OPPOSITE
+from recognition.missed_ends import LOOKED_AT
 from recognition.model import Chain
+from recognition.polyline import way_out
 from recognition.wording import in_mm
 
 NEAR = 1.5
 """Ends that face one another within so many radii: whole strings end to end are as far apart as their ends are round,
 or are read as one."""
-LOOKED_AT = 2.0
-"""Length of a chain, in radii, from which its direction at an end is taken."""
 
 
 def torn_ends(chains: Sequence[Chain]) -> tuple[tuple[Chain, ...], list[str]]:
@@ -26,7 +25,8 @@ def torn_ends(chains: Sequence[Chain]) -> tuple[tuple[Chain, ...], list[str]]:
     ends = [(k, at) for k, chain in enumerate(chains) if not chain.closed for at in (0, 1)]
     points, ways = np.empty((len(ends), 3)), np.empty((len(ends), 3))
     for n, (k, at) in enumerate(ends):
-        points[n], ways[n] = _end(chains[k].points[:: -1 if at else 1], LOOKED_AT * chains[k].radius_m)
+        line = chains[k].points[:: -1 if at else 1]
+        points[n], ways[n] = line[0], way_out(line, LOOKED_AT * chains[k].radius_m)
     kinds = [list(chain.ends) for chain in chains]
     doubts = []
     for n, (k, at) in enumerate(ends):
@@ -38,10 +38,3 @@ def torn_ends(chains: Sequence[Chain]) -> tuple[tuple[Chain, ...], list[str]]:
                 where = in_mm(points[n])
                 doubts.append(f"{whose} face one another at {where}: they may be one string, torn; check the radius")
     return tuple(replace(chain, ends=(a, b)) for chain, (a, b) in zip(chains, kinds, strict=True)), doubts
-
-
-def _end(line: NDArray[np.float64], length_m: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """The first point of `line` (N, 3), and the direction outwards from about `length_m` before it."""
-    away = np.linalg.norm(line - line[0], axis=1) > length_m
-    way = line[0] - line[np.argmax(away) if away.any() else -1]
-    return line[0], way / max(float(np.linalg.norm(way)), 1e-12)

@@ -28,11 +28,13 @@ def local_cluster(jobs: int) -> Iterator[str]:
     import dask.config
     from distributed import LocalCluster
 
-    # A worker that starts again for the third time, because of one recording, would be taken for lost.
-    with dask.config.set({"distributed.deploy.lost-worker-timeout": "1 day"}):
-        # One thread a process: recognition holds the interpreter, and how sums are rounded depends on their threads.
+    with ExitStack() as stack:
+        # A worker that starts again for the third time, because of one recording, would be taken for lost.
+        stack.enter_context(dask.config.set({"distributed.deploy.lost-worker-timeout": "1 day"}))
         try:
             with ctrl_c_later():
+                # One thread a process: recognition holds the interpreter, and how sums are rounded depends on their
+                # threads.
                 cluster = LocalCluster(
                     n_workers=jobs,
                     threads_per_worker=1,
@@ -43,10 +45,10 @@ def local_cluster(jobs: int) -> Iterator[str]:
                     silence_logs=logging.CRITICAL,
                     preload="service.archive.worker",
                 )
+                stack.enter_context(cluster)
         except (RuntimeError, OSError) as error:
             raise ArchiveError(f"{jobs} processes cannot be started here: {error}; ask for fewer") from error
-        with cluster:
-            yield cluster.scheduler_address
+        yield cluster.scheduler_address
 
 
 def on_cluster(files: Sequence[str], asked: Asked, address: str) -> Iterator[Line]:
