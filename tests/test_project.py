@@ -153,9 +153,11 @@ def test_the_lock_satisfies_the_direct_dependencies(python: str, platform: str) 
 
 
 def test_every_package_may_be_used_commercially_and_is_listed_with_its_licence() -> None:
-    told = (ROOT / "LICENCES.md").read_text()
     made = subprocess.run([sys.executable, str(ROOT / ".ci/licences")], capture_output=True, text=True, check=True)
-    assert made.stdout == told, "make licences"
+    told = made.stdout
+    # For another Python some packages are of another version, and name their licence otherwise.
+    if "{}.{}".format(*sys.version_info) == (ROOT / ".python-version").read_text().strip():
+        assert (ROOT / "LICENCES.md").read_text() == told, "make licences"
     licences = dict(re.findall(r"^\| ([^|]+) \| ([^|]+) \|$", told, flags=re.MULTILINE))
     direct = {canonicalize_name(Requirement(line).name) for line in PYPROJECT["project"]["dependencies"]}
     assert {"numpy", "ik-geo", "distributed", "rosbags", "pytest"} <= set(licences)
