@@ -16,7 +16,7 @@ from tests.cell.loopback import free_host
 from tests.service.conftest import Serve
 from tests.service.live_cell import LiveCell, live_cell
 
-pytestmark = pytest.mark.xdist_group("commands")  # one at a time: several busy processes
+pytestmark = pytest.mark.xdist_group("cell")  # one at a time: several busy processes
 
 ROOT = Path(__file__).resolve().parents[2]
 BLOCKS = re.findall(r"^```sh\n(.*?)^```", (ROOT / "README.md").read_text(), re.MULTILINE | re.DOTALL)
@@ -24,7 +24,7 @@ COMMANDS = list(dict.fromkeys(re.sub(r"\s+# .*", "", line) for block in BLOCKS f
 """In their order; one that is shown again counts once."""
 ELSEWHERE = {
     "make demo": "tests/service/test_cli.py::test_demo_tells_the_truth_and_can_be_repeated",
-    "make test": ".ci/run::make test",
+    "make test": ".ci/run::make --keep-going lint test",
     "pointchain check": "tests/service/test_check.py::test_an_operator_reads_what_is_wrong_and_what_to_do",
     "pointchain calibrate run": "tests/service/calibrate/test_run.py::test_from_nothing_to_a_calibration_in_use",
     "pointchain serve": "tests/service/test_serve.py::test_at_a_terminal_they_are_lines",

@@ -12,7 +12,7 @@ from service.archive import cluster as archive_cluster
 from service.archive import one_file
 from service.cli import main
 
-pytestmark = pytest.mark.xdist_group("commands")  # one at a time: each is several busy processes
+pytestmark = pytest.mark.xdist_group("cell")  # one at a time: each is several busy processes
 
 
 @pytest.fixture(scope="module")

@@ -20,7 +20,7 @@ from cell.simulation.simulate import simulate, write_simulation
 from service.archive import recognise as archive_recognise
 from service.cli import main
 
-pytestmark = pytest.mark.xdist_group("commands")  # one at a time: some are several busy processes
+pytestmark = pytest.mark.xdist_group("cell")  # one at a time: some are several busy processes
 
 RECORDINGS = 6
 POINTCHAIN = (sys.executable, "-c", "import sys; from service.cli import main; sys.exit(main())", "recognise")

@@ -12,7 +12,7 @@ from tests.service.console.conftest import Cell, Open
 
 CHECK_FIRST = json.loads((BUILT.parent / "web/src/words/check_first.json").read_text())
 
-pytestmark = pytest.mark.xdist_group("console")  # one at a time: each is several busy processes
+pytestmark = pytest.mark.xdist_group("cell")  # one at a time: each is several busy processes
 
 
 def test_a_protective_stop_is_acknowledged_by_a_maintainer_who_has_looked(open_console: Open, cell: Cell) -> None:

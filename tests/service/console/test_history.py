@@ -15,7 +15,7 @@ from service.problems import problem_document
 from tests.service.conftest import Serve, ServedClient
 from tests.service.console.conftest import Open
 
-pytestmark = pytest.mark.xdist_group("console")  # one at a time: each is several busy processes
+pytestmark = pytest.mark.xdist_group("cell")  # one at a time: each is several busy processes
 
 Finished = Callable[[httpx.Client, str], dict[str, Any]]
 

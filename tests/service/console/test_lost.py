@@ -10,7 +10,7 @@ from playwright.sync_api import expect
 from tests.service.console.conftest import Open
 from tests.service.service_process import process
 
-pytestmark = pytest.mark.xdist_group("console")  # one at a time: each is several busy processes
+pytestmark = pytest.mark.xdist_group("cell")  # one at a time: each is several busy processes
 
 
 def test_what_is_shown_is_told_to_be_old_until_the_service_is_back(open_console: Open, tmp_path: Path) -> None:

@@ -10,7 +10,7 @@ from playwright.sync_api import expect
 from service.security.tokens import add_token, remove_token
 from tests.service.console.conftest import Cell, Open
 
-pytestmark = pytest.mark.xdist_group("console")  # one at a time: each is several busy processes
+pytestmark = pytest.mark.xdist_group("cell")  # one at a time: each is several busy processes
 
 Finished = Callable[[httpx.Client, str], dict[str, Any]]
 

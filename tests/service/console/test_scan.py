@@ -9,7 +9,7 @@ from playwright.sync_api import expect
 from tests.service.conftest import ServedClient
 from tests.service.console.conftest import Cell, Open, drawn
 
-pytestmark = pytest.mark.xdist_group("console")  # one at a time: each is several busy processes
+pytestmark = pytest.mark.xdist_group("cell")  # one at a time: each is several busy processes
 
 
 def test_first_visit_to_a_finished_scan(open_console: Open, cell: Cell) -> None:
