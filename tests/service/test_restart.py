@@ -15,6 +15,7 @@ from service.data_folder import DataFolder
 from service.store import Store
 from tests.cell.loopback import free_host
 from tests.processes import children, runs
+from tests.service.conftest import wait_until
 from tests.service.service_process import process
 
 
@@ -29,6 +30,8 @@ def test_killed_in_the_middle_of_a_scan(recording_file: Path, tmp_path: Path) ->
             time.sleep(0.02)
         finished = client.get(done).json()
         model = client.get(finished["links"]["model"]).content
+        # Its end is told to clients first, and logged behind that.
+        wait_until(lambda: f"scan {finished['id']} succeeded" in (tmp_path / "first.log").read_text())
         started = children(first.pid)
         # Frozen, the recognition process cannot finish the second scan before the kill.
         for child in started:
