@@ -1,4 +1,4 @@
-"""`make pictures`: the README's pictures of the console, by the simulated cell; and how soon and heavy the page is."""
+"""`make pictures`: take the manual's pictures of the console, and measure when the page appears and what it loads."""
 
 import statistics
 import sys
@@ -7,11 +7,10 @@ from pathlib import Path
 
 from playwright.sync_api import Browser, Page, expect, sync_playwright
 
-from service.routes.console import BUILT
 from tests.service.console.conftest import ARGUMENTS, chromium_path, drawn
 from tests.service.service_process import process
 
-FOLDER = BUILT.parent / "pictures"
+FOLDER = Path(__file__).resolve().parents[3] / "docs/images"
 SCENE = "overhand-knot"
 VISITS = 5
 PATIENCE_MS = 120_000
@@ -20,7 +19,7 @@ PATIENCE_MS = 120_000
 def take(page: Page, name: str) -> None:
     """Saves what is in sight, small enough to be kept."""
     FOLDER.mkdir(exist_ok=True)
-    page.screenshot(path=FOLDER / f"{name}.jpg", type="jpeg", quality=70)
+    page.screenshot(path=FOLDER / f"console-{name}.jpg", type="jpeg", quality=70)
 
 
 def scan(page: Page) -> None:
@@ -82,7 +81,7 @@ def main() -> int:
             scan(page)
             print(f"With a result: {loaded_kb(page) - weight:.0f} kB more")
         browser.close()
-    for picture in sorted(FOLDER.iterdir()):
+    for picture in sorted(FOLDER.glob("console-*.jpg")):
         print(f"{picture.name}: {picture.stat().st_size / 1000:.0f} kB")
     return 0
 

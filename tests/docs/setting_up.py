@@ -1,0 +1,24 @@
+"""What the commands of a page take for granted: files of the reader's own."""
+
+import shutil
+from pathlib import Path
+
+from cell.recording import read_recording
+from tests.cell.bag.bags import Recorded, one_image_each, write_bag
+
+
+def page(name: str, folder: Path) -> None:
+    """Put what a page takes for granted into `folder`."""
+    (folder / "cell.toml").write_text("[gripper]\nstroke_m = 0.085\n")
+
+
+def before(command: str, folder: Path) -> None:
+    """Put what a command needs beside what those before it have made into `folder`."""
+    if "session.bag" in command and not (folder / "session.bag").exists():
+        views = read_recording(folder / "knot.mcap").views
+        write_bag(folder / "session.bag", "ros1", one_image_each(views, Recorded(encoding="32FC1")))
+    if "recognise archive" in command:
+        (folder / "archive").mkdir(exist_ok=True)
+        shutil.copy(folder / "knot.mcap", folder / "archive")
+    if command.startswith("pointchain compare"):
+        shutil.copy(folder / "new.jsonl", folder / "old.jsonl")

@@ -1,0 +1,198 @@
+"""Every command and program that the documents show is run: here, or by the test that is named.
+
+The blocks of a page run in order, in one folder. Where they speak to the service, a simulated cell answers.
+"""
+
+import ast
+import json
+import os
+import re
+import shutil
+import subprocess
+import sys
+import tomllib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from service.config import load_config
+from tests.cell.loopback import free_host
+from tests.docs import setting_up
+from tests.docs.pages import ROOT, Block, blocks, commands, name_of, pages
+from tests.service.conftest import Serve
+from tests.service.live_cell import LiveCell, live_cell
+
+ADDRESS = "http://127.0.0.1:8000"
+ELSEWHERE = {
+    "make demo": "tests/service/test_cli.py::test_demo_tells_the_truth_and_can_be_repeated",
+    "make test": ".ci/run::make --keep-going lint test",
+    "make lint": ".ci/run::make --keep-going lint test",
+    "make serve": "tests/service/test_serve.py::test_at_a_terminal_they_are_lines",
+    "make setup": "Makefile::setup:",
+    "source .venv/bin/activate": ".ci/setup::venv",
+    "pointchain check": "tests/service/test_check.py::test_an_operator_reads_what_is_wrong_and_what_to_do",
+    "pointchain calibrate run": "tests/service/calibrate/test_run.py::test_from_nothing_to_a_calibration_in_use",
+    "pointchain serve": "tests/service/test_serve.py::test_at_a_terminal_they_are_lines",
+    "pointchain audit": "tests/service/security/test_audit.py::main([",
+    "pointchain bench": "tests/service/test_bench.py::test_people_get_tables",
+    "pointchain recognise archive --cluster": "tests/service/archive/test_cluster.py::test_it_recognises_there",
+    "pointchain token remove": "tests/service/security/test_tokens.py::",
+    "docker compose": "tests/docker/test_docker.py::test_the_compose_file_is_as_specified",
+    "curl -H": "tests/service/security/test_binding.py::",
+}
+"""By how a command begins: what takes too long here, or needs what a test machine lacks."""
+CELL_COMMANDS = ("pointchain scan", "pointchain calibrate", "pointchain viewpoints", "curl")
+"""Commands that use the cell: they take turns with other tests that do."""
+
+
+def elsewhere(command: str) -> str | None:
+    """Return the test that runs a command in place of this one."""
+    return next((test for begin, test in ELSEWHERE.items() if command.startswith(begin)), None)
+
+
+def to_run(page: Path) -> list[Block]:
+    """Return the blocks of a page that are run here."""
+    return [
+        block
+        for block in blocks(page)
+        if block.language == "python"
+        or (block.language == "sh" and any(elsewhere(command) is None for command in commands(block)))
+    ]
+
+
+def uses_cell(page: Path) -> bool:
+    """Tell whether a page's blocks need the cell or the service."""
+    return any(ADDRESS in block.text or any(begin in block.text for begin in CELL_COMMANDS) for block in to_run(page))
+
+
+PAGES = [
+    pytest.param(page, id=name_of(page), marks=[pytest.mark.xdist_group("cell")] if uses_cell(page) else [])
+    for page in pages()
+    if to_run(page)
+]
+
+
+class Runner:
+    """Runs the blocks of one page."""
+
+    def __init__(self, folder: Path, cell: LiveCell | None) -> None:
+        self._folder = folder
+        self._address = None if cell is None else str(cell.client.base_url).rstrip("/")
+        self._ids: dict[str, str] = {}
+        self._names: dict[str, Any] = {"__name__": "__main__"}
+        self._environment = os.environ | {
+            "PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}",
+            "POINTCHAIN_DATA_DIR": str(folder / "data"),
+            "POINTCHAIN_ARM__HOST": free_host(),
+            "POINTCHAIN_ARM__TIME_FACTOR": "20",
+            "POINTCHAIN_ARM__WATCHDOG_HZ": "1",
+        }
+
+    def run(self, block: Block) -> None:
+        """Run a block: each command of a `sh` block, or a whole `python` block."""
+        where = f"{block.page}:{block.line}"
+        if block.language == "python":
+            exec(compile(self._addressed(block.text), where, "exec"), self._names)
+            return
+        for command in commands(block):
+            if elsewhere(command) is None:
+                self._run_command(command, where)
+
+    def _addressed(self, text: str) -> str:
+        return text if self._address is None else text.replace(ADDRESS, self._address)
+
+    def _run_command(self, command: str, where: str) -> None:
+        setting_up.before(command, self._folder)
+        asked = self._addressed(command)
+        if command.startswith("curl"):
+            for name, value in self._ids.items():
+                asked = re.sub(rf"\b{name}\b", value, asked)
+            # Without --fail curl would take a refusal for an answer.
+            asked = asked.replace("curl ", "curl --silent --show-error --fail --max-time 100 ", 1)
+        done = subprocess.run(
+            ["bash", "-euc", asked],
+            cwd=self._folder,
+            env=self._environment,
+            capture_output=True,
+            text=True,
+            check=False,
+            timeout=200,
+        )
+        assert done.returncode == 0, f"{where}: {command}\n{done.stdout[-3000:]}{done.stderr[-3000:]}"
+        made = re.search(r'"id": ?"([\w-]+)"', done.stdout)
+        if command.startswith("curl") and made is not None and "/api/scans/" not in command:
+            kind = next((word for word in ("recordings", "runs") if word in command), "scans")
+            self._ids[{"recordings": "REC", "runs": "RUN", "scans": "SCAN"}[kind]] = made[1]
+
+
+@pytest.fixture
+def cell(request: pytest.FixtureRequest, serve: Serve, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
+    """A live cell where the page speaks to the service; else None."""
+    page: Path = request.getfixturevalue("page")
+    if not any(ADDRESS in block.text for block in to_run(page)):
+        yield None
+        return
+    with live_cell(serve, tmp_path_factory.mktemp("data")) as live:
+        yield live
+
+
+@pytest.mark.timeout(600)
+@pytest.mark.skipif(shutil.which("curl") is None, reason="there is no curl")
+@pytest.mark.parametrize("page", PAGES)
+def test_what_a_page_shows_can_be_done(
+    page: Path, cell: LiveCell | None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("MPLBACKEND", "Agg")
+    setting_up.page(name_of(page), tmp_path)
+    runner = Runner(tmp_path, cell)
+    for block in to_run(page):
+        runner.run(block)
+
+
+ALL = [block for page in pages() for block in blocks(page)]
+SHOWN = sorted({command for block in ALL if block.language == "sh" for command in commands(block)})
+
+
+@pytest.mark.parametrize("command", [command for command in SHOWN if elsewhere(command) is not None])
+def test_what_is_not_run_here_is_run_there(command: str) -> None:
+    place = elsewhere(command)
+    assert place is not None
+    file, _, what = place.partition("::")
+    assert what in (ROOT / file).read_text()
+
+
+def test_no_rule_is_left_over() -> None:
+    """A rule that no command needs would hide the next one that begins so."""
+    assert [begin for begin in ELSEWHERE if not any(command.startswith(begin) for command in SHOWN)] == []
+
+
+def test_each_block_says_what_it_is() -> None:
+    known = {"sh", "python", "toml", "json", "text", "typescript", "mermaid", "bibtex", "yaml"}
+    wrong = [f"{b.page}:{b.line}: {b.language!r}" for b in ALL if b.language not in known and b.language[:1] != "{"]
+    assert wrong == []
+
+
+@pytest.mark.parametrize("block", [b for b in ALL if b.language == "json"], ids=lambda b: f"{b.page}:{b.line}")
+def test_json_is_valid(block: Block) -> None:
+    json.loads(block.text)
+
+
+@pytest.mark.parametrize("block", [b for b in ALL if b.language == "toml"], ids=lambda b: f"{b.page}:{b.line}")
+def test_configurations_are_accepted(block: Block, tmp_path: Path) -> None:
+    tomllib.loads(block.text)
+    file = tmp_path / "cell.toml"
+    file.write_text(block.text)
+    load_config(file)
+    # What stands there as a comment is accepted too.
+    file.write_text(re.sub(r"^# (?=\w+ = )", "", block.text, flags=re.MULTILINE))
+    load_config(file)
+
+
+@pytest.mark.parametrize("block", [b for b in ALL if b.language == "python"], ids=lambda b: f"{b.page}:{b.line}")
+def test_programs_are_whole(block: Block) -> None:
+    tree = ast.parse(block.text)
+    dots = [node for node in tree.body if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant)]
+    assert not [node for node in dots if isinstance(node.value, ast.Constant) and node.value.value is Ellipsis]

@@ -1,0 +1,57 @@
+"""Links of the documents lead somewhere: to a file, a picture, a heading."""
+
+from pathlib import Path
+from urllib.parse import unquote
+
+import pytest
+
+from tests.docs.pages import DOCS, ROOT, anchors, links, name_of, pages
+
+PICTURE_BYTES = 300_000
+
+
+def broken(page: Path) -> list[str]:
+    """Return what is wrong with each link of a page that leads nowhere."""
+    wrong = []
+    for line, target in links(page):
+        where = f"{name_of(page)}:{line}: {target}"
+        if target.startswith(("http://127.0.0.1", "mailto:")):
+            continue
+        if "://" in target:
+            # Other sites cannot be asked from here; only https is allowed.
+            if not target.startswith("https://"):
+                wrong.append(f"{where}: not https")
+            continue
+        path, _, anchor = unquote(target).partition("#")
+        file = (page.parent / path).resolve() if path else page
+        if not file.exists():
+            wrong.append(f"{where}: there is no such file")
+        elif not file.is_relative_to(ROOT):
+            wrong.append(f"{where}: outside the project")
+        elif anchor and (file.suffix != ".md" or anchor not in anchors(file)):
+            wrong.append(f"{where}: there is no such heading")
+    return wrong
+
+
+@pytest.mark.parametrize("page", pages(), ids=name_of)
+def test_links_lead_somewhere(page: Path) -> None:
+    assert broken(page) == []
+
+
+def test_a_wrong_link_is_found(tmp_path: Path) -> None:
+    page = DOCS / "index.md"
+    assert "no-such-heading" not in anchors(page)
+    assert links(page), "the first page of the manual links to the others"
+
+
+def test_each_page_is_linked_to() -> None:
+    linked = {(page.parent / target.partition("#")[0]).resolve() for page in pages() for _, target in links(page)}
+    orphans = [name_of(page) for page in pages() if page.is_relative_to(DOCS) and page not in linked]
+    assert orphans == []
+
+
+def test_pictures_are_small_and_used() -> None:
+    linked = {(page.parent / target.partition("#")[0]).resolve() for page in pages() for _, target in links(page)}
+    for picture in (DOCS / "images").iterdir():
+        assert picture.stat().st_size <= PICTURE_BYTES, picture.name
+        assert picture in linked, f"no page shows {picture.name}"
