@@ -1,4 +1,4 @@
-"""Which arm it is, and how it may move."""
+"""Settings of the arm: model, limits of motion, address."""
 
 import ipaddress
 import math
@@ -22,20 +22,22 @@ def _is_loopback(address: str) -> bool:
 
 
 class ArmSettings(StrictSettings):
-    """What holds for any arm."""
+    """Settings that both kinds of arm have."""
 
     model: ArmModelName = "ur5e"
+    """Model of the arm. The planner takes its kinematics and link sizes from it."""
     speed_rad_s: float = Field(default=1.0, gt=0, le=3.14)
-    """Speed of the fastest joint of a move; ur_rtde takes no greater one."""
+    """Speed of the fastest joint in a move."""
     acceleration_rad_s2: float = Field(default=1.4, gt=0, le=14.0)
+    """Acceleration of the fastest joint in a move."""
     flange_speed_m_s: float = Field(default=0.25, gt=0, le=2.0)
-    """The flange never goes faster; moves are slowed down to keep it."""
+    """Speed limit of the flange. A move that would exceed it is slowed down."""
     stop_deceleration_m_s2: float = Field(default=4.0, ge=1.0, le=15.0)
-    """Of the flange, after a stop."""
+    """Deceleration of the flange after a stop."""
     watchdog_hz: float = Field(default=2.5, ge=1.0, le=50.0)
-    """The controller stops the arm by itself when it hears nothing of us for 1 / this, seconds."""
+    """Watchdog rate. The controller stops a moving arm if the service is silent for 1 / `watchdog_hz` seconds."""
     home_q_rad: Vector6 | None = None
-    """Joint angles at which a scan ends; found by the planner unless given."""
+    """Joint angles of the home posture, where a scan ends. Without it, the planner chooses a posture."""
 
     @field_validator("home_q_rad")
     @classmethod
@@ -46,13 +48,15 @@ class ArmSettings(StrictSettings):
 
 
 class SimulatedArm(ArmSettings):
-    """Our virtual UR controller, in a process of its own on this machine."""
+    """The virtual UR controller, which runs as a separate process on this machine."""
 
     kind: Literal["simulated"] = "simulated"
+    """Selects the simulated arm."""
     host: str | None = None
-    """Loopback address that it listens on; the first free one from 127.0.0.2 on unless given."""
+    """Loopback address of the virtual controller, not 127.0.0.1. The default is the first free address from 127.0.0.2
+    on."""
     time_factor: float = Field(default=1.0, ge=0.1, le=100.0)
-    """The simulated arm moves so many times as fast."""
+    """Factor on the speed of the simulated arm. 2 makes it twice as fast."""
 
     @field_validator("host")
     @classmethod
@@ -64,11 +68,12 @@ class SimulatedArm(ArmSettings):
 
 
 class URArm(ArmSettings):
-    """A UR e-Series robot, or URSim."""
+    """A UR e-Series robot, or its simulator URSim."""
 
     kind: Literal["ur"]
+    """Selects a UR arm."""
     host: str
-    """The controller's address."""
+    """IP address or name of the controller."""
 
     @field_validator("host")
     @classmethod

@@ -1,4 +1,4 @@
-"""Which camera it is, and how it looks."""
+"""Settings of the camera: model, exposure, working distance."""
 
 from typing import Literal, Self
 
@@ -12,17 +12,18 @@ OakProduct = Literal["oak-d", "oak-d-pro", "oak-d-sr", "oak4-d"]
 
 
 class CameraSettings(StrictSettings):
-    """What holds for any camera."""
+    """Settings that both kinds of camera have."""
 
     exposures: int = Field(default=5, ge=1, le=25)
-    """The depth of a view is the median of so many."""
+    """Number of depth images per view. The view is their median."""
     fps: float = Field(default=10.0, ge=1.0, le=60.0)
+    """Frame rate of the camera."""
     settle_s: float = Field(default=0.1, ge=0.0, le=5.0)
-    """After the arm is at rest, so long until the first exposure that counts."""
+    """Waiting time between the end of a move and the first exposure."""
     working_m: Range | None = None
-    """Distances (nearest, farthest) from which to look; the camera model's own unless given."""
+    """Nearest and farthest distance between camera and workspace. The default depends on the camera model."""
     body_m: Vector3 = (0.10, 0.04, 0.04)
-    """Size of the camera's body along its own x, y and z, for collisions."""
+    """Size of the camera body along its x, y and z axes, for collision checks."""
 
     @field_validator("working_m")
     @classmethod
@@ -40,17 +41,20 @@ class CameraSettings(StrictSettings):
 
 
 class SimulatedCamera(CameraSettings):
-    """A simulated OAK camera that looks at a simulated string scene."""
+    """A simulated OAK camera, which views a simulated scene."""
 
     kind: Literal["simulated"] = "simulated"
+    """Selects the simulated camera."""
     model: CameraName = "oak-d-pro"
+    """Model of the camera. `ideal` has no depth noise."""
     scene: str = "figure-eight"
-    """As in `pointchain simulate`."""
+    """Name of the scene, as in `pointchain simulate`."""
     seed: int = Field(default=3, ge=0)
-    """Of the scene and of everything random."""
+    """Random seed of the scene, of the noise and of the errors."""
     string_radius_m: float = Field(default=0.0042, ge=R_MIN, le=R_MAX)
+    """Radius of the simulated strings."""
     errors: float = Field(default=1.0, ge=0.0, le=100.0)
-    """Of arm and calibration, times those of a good cell; 0 for a perfect one."""
+    """Factor on the errors of arm and calibration. 1 is a good cell, 0 a perfect one."""
 
     @field_validator("scene")
     @classmethod
@@ -66,20 +70,23 @@ class OakCamera(CameraSettings):
     """A Luxonis OAK depth camera."""
 
     kind: Literal["oak"]
+    """Selects an OAK camera."""
     device: str | None = None
-    """Device id or address; the only one there is unless given."""
+    """Device id, or IP address of a camera on the network. Without it, the only camera on USB is taken."""
     product: OakProduct = "oak-d-pro"
-    """Which it is, as its viewpoints are planned; oak-d-pro also stands for OAK-D S2 and the PoE ones."""
+    """Product. Viewpoints are planned with its optics. `oak-d-pro` also stands for OAK-D S2 and the PoE models."""
     width: int = Field(default=640, ge=320, le=1280)
+    """Width of the depth image."""
     height: int = Field(default=400, ge=200, le=800)
+    """Height of the depth image, at most 10/16 of the width."""
     extended_disparity: bool = False
-    """Measures nearer things; not on every model."""
+    """Extended disparity, which measures shorter distances. `oak-d-sr` does not have it."""
     exposure_us: int | None = Field(default=None, ge=1, le=33_000)
-    """Of each image, microseconds; found by the camera, then locked, unless given."""
+    """Exposure time. Without it, the camera finds the exposure once and locks it."""
     iso: int = Field(default=400, ge=100, le=1600)
-    """With `exposure_us`."""
+    """Sensor gain. It has an effect only together with `exposure_us`."""
     ir_dots: float = Field(default=0.0, ge=0.0, le=1.0)
-    """Power of the dot projector, where there is one."""
+    """Power of the infrared dot projector, as a share of its maximum. Only some products have a projector."""
 
     @model_validator(mode="after")
     def _exists(self) -> Self:

@@ -19,12 +19,14 @@ MOST_M = 5.0
 
 
 class WorkspaceSettings(StrictSettings):
-    """Where the strings lie, in the robot's base frame."""
+    """The box in which the strings lie, in the base frame of the robot."""
 
     x_m: Range = (0.18, 0.54)
+    """Limits of the box along the x axis of the base frame."""
     y_m: Range = (-0.18, 0.18)
+    """Limits of the box along the y axis of the base frame."""
     top_m: float = Field(default=0.12, gt=0, le=2.0)
-    """Height of the workspace above the table."""
+    """Height of the box above the table."""
 
     @field_validator("x_m", "y_m")
     @classmethod
@@ -37,14 +39,14 @@ class WorkspaceSettings(StrictSettings):
 
 
 class MountingSettings(StrictSettings):
-    """How arm and table stand to one another. The base frame's z must point up."""
+    """Table, obstacles and clearance in the base frame of the robot, whose z axis must point up."""
 
     table_z_m: float = Field(default=0.0, ge=-3.0, le=3.0)
-    """Height of the table in the base frame: negative where the arm stands on a pedestal."""
+    """Height of the table in the base frame. It is negative where the arm stands on a pedestal."""
     clearance_m: float = Field(default=0.03, ge=0.0, le=0.5)
-    """Least distance of arm and camera from the table, and of the arm's parts from one another."""
+    """Minimum distance of arm and camera from table and obstacles, and of the links of the arm from one another."""
     obstacles_m: tuple[tuple[Vector3, Vector3], ...] = ()
-    """Boxes that the arm must not touch, each by two opposite corners, base frame."""
+    """Boxes that arm and camera must not touch, each given by two opposite corners in the base frame."""
 
     @field_validator("obstacles_m")
     @classmethod
@@ -58,13 +60,14 @@ class MountingSettings(StrictSettings):
 
 
 class ScanSettings(StrictSettings):
-    """How a live scan goes."""
+    """Default parameters of a live scan."""
 
     views: int = Field(default=8, ge=2, le=32)
+    """Number of viewpoints."""
     min_views: int = Field(default=4, ge=2, le=32)
-    """With fewer, a scan is refused or fails."""
+    """Minimum number of views. With fewer reachable viewpoints the scan is refused; with fewer views it fails."""
     string_radius_m: float | None = Field(default=None, ge=R_MIN, le=R_MAX)
-    """Of the strings that this cell sees; measured in each scan unless given."""
+    """Radius of the strings in this cell. Without it, the radius is measured in each scan."""
 
     @model_validator(mode="after")
     def _possible(self) -> Self:
@@ -74,20 +77,20 @@ class ScanSettings(StrictSettings):
 
 
 class HandEyeSettings(StrictSettings):
-    """The hand-eye calibration."""
+    """The hand-eye calibration: its file, its maximum age and the initial guess for the first one."""
 
     file: Path | None = None
-    """JSON file of the calibration in use, with T_flange_camera; `hand_eye.json` in `folder` unless given."""
+    """File of the active calibration. The default is `hand_eye.json` in `folder`."""
     max_age_days: float = Field(default=90.0, gt=0)
-    """An older one is refused."""
+    """Maximum age of the active calibration. An older one is refused."""
     folder: Path | None = None
-    """Where the calibrations made by this cell are kept."""
+    """Folder of the calibrations that this cell makes. The default is `calibration` in `data_dir`."""
     rough_xyz_m: Vector3 | None = None
-    """Where the camera is on the flange, measured with a ruler: its first calibration needs to know it, to 3 cm. Where
-    told, no calibration is begun from one in use that differs by more."""
+    """Position of the camera in the flange frame, measured with a ruler to 3 cm. The first calibration needs it. If the
+    active calibration differs by more, calibration runs are refused."""
     rough_rotation_rad: Vector3 = (0.0, 0.0, 0.0)
-    """How it is turned: the rotation vector from the flange's axes to the camera's (x right, y down, z forward), to 10
-    degrees."""
+    """Orientation of the camera in the flange frame as a rotation vector, to 10 degrees. Camera axes: x right, y down,
+    z forward."""
 
     @property
     def active_file(self) -> Path | None:

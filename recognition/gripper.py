@@ -1,4 +1,4 @@
-"""A parallel gripper as boxes, and how near to them a point lies while they come down on a string."""
+"""A parallel gripper as boxes, and the distance of a point from them during the approach."""
 
 import math
 from dataclasses import asdict, dataclass
@@ -13,7 +13,7 @@ LARGEST_M = 0.5
 
 
 class InvalidGripperError(RecognitionError):
-    """Dimensions that no gripper has."""
+    """A dimension of the gripper is not valid."""
 
     slug = "invalid-gripper"
 
@@ -22,26 +22,28 @@ class InvalidGripperError(RecognitionError):
 class Gripper:
     """A parallel gripper in its own frame: x = closing direction, z = approach, from the palm to the fingertips.
 
-    The defaults are a common two-finger gripper of 85 mm stroke with slim fingertips.
-    Raises InvalidGripperError when a dimension cannot be.
+    The defaults are those of a common two-finger gripper with 85 mm stroke and slim fingertips. All are metres.
+
+    Raises:
+        InvalidGripperError: A dimension is not valid.
     """
 
     finger_width_m: float = 0.010
-    """Of each finger along the string (y)."""
+    """Width of each finger along the string (y)."""
     finger_thickness_m: float = 0.005
-    """Of each finger in the closing direction (x)."""
+    """Thickness of each finger in the closing direction (x)."""
     finger_depth_m: float = 0.040
-    """From the palm to the fingertips (z)."""
+    """Length of the fingers from the palm to the fingertips (z)."""
     stroke_m: float = 0.085
     """Widest opening between the fingers."""
     palm_width_m: float = 0.075
-    """Of the body behind the fingers, along the string (y); across it is as wide as the open fingers."""
+    """Width of the palm along the string (y). Across the string, the palm is as wide as the open fingers."""
     opening_margin_m: float = 0.004
-    """How much wider than the string the fingers open before they close on it, both sides together."""
+    """Opening beyond the diameter of the string before the fingers close, both sides together."""
     clearance_m: float = 0.001
-    """Least distance that fingers and palm keep from whatever is not gripped, the table aside."""
+    """Minimum distance of fingers and palm from everything that is not gripped, except the table."""
     table_clearance_m: float = 0.001
-    """Least distance that the fingertips keep from the table."""
+    """Minimum distance of the fingertips from the table."""
 
     def __post_init__(self) -> None:
         may_be_zero = ("opening_margin_m", "clearance_m", "table_clearance_m")

@@ -46,29 +46,31 @@ class ConfigError(ValueError):
 
 
 class ServiceConfig(BaseSettings):
-    """All settings of the service and of its cell."""
+    """Hold all settings of the service and of its cell."""
 
     model_config = SettingsConfigDict(
         extra="forbid", frozen=True, env_prefix=PREFIX, env_nested_delimiter="__", env_ignore_empty=True
     )
 
     data_dir: Path = Field(default_factory=lambda: platformdirs.user_data_path("pointchain", appauthor=False))
-    """Folder of recordings, results and the database. Relative to the working directory; the platform's
-    folder for application data unless set."""
+    """Folder of recordings, results, calibrations and the database. A relative path counts from the working directory.
+    The default is the platform's folder for application data."""
     host: str = Field(default="127.0.0.1", min_length=1)
-    """Address to listen on. Loopback unless set; elsewhere only with a token, see `pointchain token`."""
+    """Address on which the service listens. An address other than loopback needs at least one token."""
     port: int = Field(default=8000, ge=0, le=65535)
-    """TCP port; 0 takes a free one."""
+    """TCP port. 0 selects a free port."""
     limits: LimitsConfig = LimitsConfig()
     security: SecurityConfig = SecurityConfig()
     retention: RetentionConfig = RetentionConfig()
     log: LogConfig = LogConfig()
     gripper: GripperConfig = GripperConfig()
+    """The parallel gripper for which grasps are computed. Gripper frame: x closing direction, y along the string,
+    z approach."""
     arm: AnyArm = SimulatedArm()
     camera: AnyCamera = SimulatedCamera()
     hand_eye: HandEyeSettings = HandEyeSettings()
-    """Its paths are relative to the configuration file; to the working directory when a variable names them. Its folder
-    is in `data_dir` unless set."""
+    """Hand-eye calibration. Paths in the file count from the folder of the configuration file; paths in variables count
+    from the working directory."""
     workspace: WorkspaceSettings = WorkspaceSettings()
     mounting: MountingSettings = MountingSettings()
     scan: ScanSettings = ScanSettings()

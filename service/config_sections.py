@@ -8,53 +8,55 @@ from recognition.gripper import Gripper
 
 
 class LimitsConfig(BaseModel):
-    """What one request or one scan may use."""
+    """Limits of requests, recognition, event streams and disk space."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
     upload_bytes: int = Field(default=512 * 2**20, gt=0)
-    """Largest recording that is taken, bytes."""
+    """Largest recording that an upload may have."""
     request_bytes: int = Field(default=64 * 2**10, gt=0)
-    """Largest body of any other request, bytes."""
+    """Largest body of any other request."""
     recognition_s: float = Field(default=120.0, gt=0, allow_inf_nan=False)
-    """Recognition of one scan is stopped after so many seconds."""
+    """Timeout of the recognition of one scan."""
     event_streams: int = Field(default=32, ge=1, le=1000)
-    """So many clients may follow events at a time ..."""
+    """Maximum number of open event streams."""
     event_streams_each: int = Field(default=4, ge=1, le=1000)
-    """... and so many with one token."""
+    """Maximum number of open event streams per token."""
     min_free_bytes: int = Field(default=256 * 2**20, ge=0)
-    """With less free space in the data folder nothing is begun that would take more of it, bytes. A scan takes about
-    10 MB; the database needs room to tell how it ended."""
+    """Minimum free space in the data folder. With less, the service refuses scans, uploads and calibrations. One scan
+    takes about 10 MB."""
 
 
 class SecurityConfig(BaseModel):
-    """Who may speak to the service."""
+    """Names by which clients may address the service."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
     allowed_hosts: tuple[str, ...] = ()
-    """Names and addresses by which the service may be called, besides loopback's and `host`."""
+    """Host names and addresses that the service accepts in the header `Host`, in addition to the loopback names and
+    `host`."""
 
 
 class RetentionConfig(BaseModel):
-    """When old scans and recordings are removed: never unless set, and never to make room."""
+    """Removal of old scans and recordings. Without a setting, nothing is removed."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
     max_age_days: float | None = Field(default=None, gt=0, allow_inf_nan=False)
-    """Older ones are removed; None: none is for its age."""
+    """Scans and recordings older than this are removed."""
     max_bytes: int | None = Field(default=None, gt=0)
-    """The oldest are removed as long as all together have more bytes; None: none is for its size."""
+    """The oldest scans and recordings are removed while all recordings and results together exceed this size."""
 
 
 class LogConfig(BaseModel):
-    """How the log is written, to stderr."""
+    """The log, which goes to stderr."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
     format: Literal["auto", "json", "text"] = "auto"
-    """`auto`: for people on a terminal, one JSON document a line elsewhere."""
+    """`text`: lines for people. `json`: one JSON document per line. `auto`: text on a terminal, JSON elsewhere."""
     level: Literal["debug", "info", "warning", "error"] = "info"
+    """Lowest level that is logged. `debug` includes requests to `/healthz`, `/readyz` and `/metrics`."""
 
 
 class GripperConfig(BaseModel):

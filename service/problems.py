@@ -16,6 +16,7 @@ from cell.errors import CellError, TooEarlyError
 from cell.recording_errors import RecordingError, RecordingTooLargeError
 from recognition.errors import RecognitionError
 from service.data_folder import OutsideError
+from service.problem_types import PROBLEM_TYPES
 from service.security.headers import UNEXPECTED
 from service.storage_errors import is_full, is_held
 
@@ -24,72 +25,8 @@ MEDIA_TYPE = "application/problem+json"
 KEPT = "what was recorded, if anything was, is kept: a scan that has a recording can be worked out again"
 """Of a scan that came to no end of its own."""
 
-TITLES = {
-    "aborted": "It was ended by request",
-    "acknowledge-required": "A person must look at the cell",
-    "bad-frame": "The camera's image shows nothing",
-    "calibration": "The hand-eye calibration cannot be used",
-    "calibration-board": "There is no such board",
-    "camera-lost": "The camera was lost",
-    "camera-unreachable": "The camera does not answer",
-    "damaged": "A file of the store is damaged",
-    "encoded-body": "The body is encoded",
-    "emergency-stop": "The emergency stop is pressed",
-    "motion-failed": "The arm did not move as told",
-    "no-fault": "There is no fault",
-    "protective-stop": "The robot's safety system stopped it",
-    "robot-lost": "The robot was lost",
-    "robot-not-ready": "The robot is not ready",
-    "robot-unreachable": "The robot does not answer",
-    "stopped": "The arm was stopped",
-    "too-early": "Not yet",
-    "viewpoints-unreachable": "Too few viewpoints can be reached",
-    "busy": "The store is busy",
-    "calibration-not-found": "No such calibration",
-    "calibration-refused": "The calibration must not be used",
-    "cell-busy": "The cell is busy",
-    "event-unknown": "No such event",
-    "file": "A file cannot be written",
-    "idempotency-key": "The Idempotency-Key cannot be used",
-    "idempotency-mismatch": "The Idempotency-Key is another request's",
-    "idempotency-pending": "The first such request is not decided yet",
-    "insufficient-views": "There are too few usable views",
-    "internal": "Internal error",
-    "interrupted": "The service stopped meanwhile",
-    "invalid-parameters": "The parameters cannot be used",
-    "invalid-request": "The request is not as described",
-    "no-result": "There is no such result",
-    "console-not-built": "The console is not built",
-    "cross-origin": "Another page asked for it",
-    "forbidden": "The role does not allow it",
-    "headers-too-large": "The headers are too large",
-    "host-not-allowed": "The service may not be called by this name",
-    "outside-data-folder": "It is not in the data folder",
-    "target-too-long": "The address is too long",
-    "token-in-query": "A token is in the address",
-    "too-slow": "It comes too slowly",
-    "unauthorized": "Nobody knows who asks",
-    "not-mcap": "Not an MCAP file",
-    "not-cancellable": "It has ended already",
-    "not-ready": "The service is not ready",
-    "radius-unknown": "The string's radius cannot be measured",
-    "recognition-crashed": "Recognition crashed",
-    "recognition-timeout": "Recognition took too long",
-    "recording-content": "The recording's content is wrong",
-    "recording-corrupt": "The recording is damaged",
-    "recording-empty": "The recording has no complete view",
-    "recording-header": "The recording's header is wrong",
-    "recording-not-found": "No such recording",
-    "recording-refused": "Reading the recording was ended",
-    "recording-too-large": "The recording is too large",
-    "result-not-ready": "It has not ended",
-    "scan-not-found": "No such scan",
-    "storage-full": "The disk is full",
-    "too-crowded": "There is too much above the table",
-    "too-many-streams": "Too many follow events",
-    "too-large": "The request is too large",
-}
-"""Titles do not change from one occurrence to the next; slugs without one are titled by their words."""
+TITLES = {slug: kind.title for slug, kind in PROBLEM_TYPES.items()}
+"""Titles do not change from one occurrence to the next."""
 
 DESCRIPTIONS: dict[int | str, str] = {
     404: "There is no such thing",

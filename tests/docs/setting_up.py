@@ -17,6 +17,8 @@ def before(command: str, folder: Path) -> None:
     if "session.bag" in command and not (folder / "session.bag").exists():
         views = read_recording(folder / "knot.mcap").views
         write_bag(folder / "session.bag", "ros1", one_image_each(views, Recorded(encoding="32FC1")))
+    if command.startswith("pointchain doctor"):
+        (folder / "data").mkdir(exist_ok=True)
     if "recognise archive" in command:
         (folder / "archive").mkdir(exist_ok=True)
         shutil.copy(folder / "knot.mcap", folder / "archive")

@@ -28,18 +28,27 @@ ADDRESS = "http://127.0.0.1:8000"
 ELSEWHERE = {
     "make demo": "tests/service/test_cli.py::test_demo_tells_the_truth_and_can_be_repeated",
     "make test": ".ci/run::make --keep-going lint test",
-    "make lint": ".ci/run::make --keep-going lint test",
     "make serve": "tests/service/test_serve.py::test_at_a_terminal_they_are_lines",
     "make setup": "Makefile::setup:",
     "source .venv/bin/activate": ".ci/setup::venv",
     "pointchain check": "tests/service/test_check.py::test_an_operator_reads_what_is_wrong_and_what_to_do",
     "pointchain calibrate run": "tests/service/calibrate/test_run.py::test_from_nothing_to_a_calibration_in_use",
-    "pointchain serve": "tests/service/test_serve.py::test_at_a_terminal_they_are_lines",
+    "pointchain calibrate verify": "tests/service/calibrate/test_run.py"
+    "::test_from_nothing_to_a_calibration_in_use_that_is_verified",
+    "pointchain calibrate solve": "tests/service/calibrate/test_solve.py::test_a_folder_is_solved_and_solved_again",
+    "pointchain calibrate activate": "tests/service/calibrate/test_solve.py::test_activation",
     "pointchain audit": "tests/service/security/test_audit.py::main([",
     "pointchain bench": "tests/service/test_bench.py::test_people_get_tables",
-    "pointchain recognise archive --cluster": "tests/service/archive/test_cluster.py::test_it_recognises_there",
+    "pointchain recognise recordings --cluster": "tests/service/archive/test_cluster.py::test_it_recognises_there",
     "pointchain token remove": "tests/service/security/test_tokens.py::",
     "docker compose": "tests/docker/test_docker.py::test_the_compose_file_is_as_specified",
+    "docker run --rm -v pointchain_cell": "docker/compose.yaml::name: pointchain",
+    "sudo cp docker/80-oak.rules": "docker/80-oak.rules::sudo cp docker/80-oak.rules",
+    "sudo chown 10001": "docker/Dockerfile::--uid 10001",
+    "python -m cell.simulation.controller": "tests/cell/simulation/controller/test_process.py"
+    "::test_it_takes_connections_when_start_returns",
+    ".venv/bin/python -c 'from cell.simulation": "tests/cell/simulation/controller/test_faults.py::protective_stop",
+    "pytest -m ursim": "pyproject.toml::ursim: any UR controller",
     "curl -H": "tests/service/security/test_binding.py::",
 }
 """By how a command begins: what takes too long here, or needs what a test machine lacks."""

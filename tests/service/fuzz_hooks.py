@@ -8,12 +8,13 @@ from typing import Any
 import schemathesis
 from hypothesis import strategies as st
 
-from service.problems import MEDIA_TYPE, TITLES
+from service.problem_types import PROBLEM_TYPES
+from service.problems import MEDIA_TYPE
 
 RECORDING = "FUZZ_RECORDING"
 """Variable that names a recording that can be used."""
 
-KNOWN = set(TITLES) | {"bad-request", "http-error", "method-not-allowed", "not-found"}
+KNOWN = {slug for slug, kind in PROBLEM_TYPES.items() if kind.statuses}
 """Slugs of all problems."""
 
 # A hundred random bytes are never a recording.

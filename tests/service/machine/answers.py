@@ -8,7 +8,8 @@ import httpx
 from starlette.routing import compile_path
 
 import service
-from service.problems import MEDIA_TYPE, TITLES
+from service.problem_types import PROBLEM_TYPES
+from service.problems import MEDIA_TYPE
 
 DESCRIPTION = json.loads((Path(service.__file__).parent / "openapi.json").read_text())
 OPERATIONS = [
@@ -31,7 +32,9 @@ def check_described(answer: httpx.Response) -> None:
     assert content in told.get("content", {"": {}}), f"{request} as {content!r}"
     if answer.status_code >= 400:
         assert content == MEDIA_TYPE, request
-        assert slug(answer) in TITLES, f"{request}: {answer.text}"
+        name = slug(answer) or ""
+        assert name in PROBLEM_TYPES, f"{request}: {answer.text}"
+        assert PROBLEM_TYPES[name].statuses, f"{request}: {answer.text}"
 
 
 def slug(answer: httpx.Response) -> str | None:

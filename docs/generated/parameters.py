@@ -1,0 +1,132 @@
+"""Generate the page on the parameters from `recognition.parameters`."""
+
+import ast
+import inspect
+import re
+import textwrap
+from dataclasses import fields
+from itertools import pairwise
+
+from recognition.model import METHODS
+from recognition.parameters import R_MAX, R_MIN, USED_BY, ChainParameters
+
+TABLE_I_R = 0.0042
+"""Radius of the string in the paper, metres."""
+RATIOS = ("rho_t", "R_t")
+"""Parameters without a unit, which do not depend on the radius."""
+
+INTRODUCTION = """\
+# Parameters
+
+This page is for people who change the parameters of a method or compare them with the paper. The table is generated
+from the code. [The method](method.md) explains what each parameter does.
+
+All lengths follow the radius $r$ of the string, in the ratios of the paper's Table I. `ChainParameters.for_radius(r)`
+returns them. The third column is for the string of the paper, $r$ = 4.2 mm. The paper gives `z_t`, `r_c`, `r_s` and
+`rho_t` in its text, and the others in Table I. Values that break a condition are refused with `InvalidParametersError`.
+
+`graph` uses `r_n`, `r_f` and `r_cn` in a few places only: for the spacing of the points that bridge a gap, for the
+direction of an end, for sharp bends, for the size of pieces that are in no chain, and for grasps beside crossings.
+"""
+
+USE = """
+## Set a parameter
+
+The option `--set` of `pointchain recognise` replaces single values. It may be repeated, and lengths are in metres:
+
+```sh
+pointchain simulate loop.mcap --scene loop --seed 1
+pointchain recognise loop.mcap --method enhanced --set rho_t=0.85 --set r_cn=0.013 > loop.json
+```
+
+From Python, pass `settings` to `recognise`, or call `with_settings`:
+
+```python
+from recognition.parameters import ChainParameters
+
+parameters = ChainParameters.for_radius(0.0042).with_settings({"rho_t": 0.85, "r_cn": 0.013})
+print(parameters.rho_t, parameters.r_cn)
+```
+
+A parameter that the method does not use is refused. In the JSON document of a model, `parameters` has the same names;
+lengths end in `_m`, such as `r_cn_m`.
+
+## Constants of the graph method
+
+`graph` has further constants, which are not parameters. Each is a module constant in `recognition/`, with a docstring
+that says why it has its value. Lengths are in radii.
+
+| constants | file | examples |
+|---|---|---|
+| directed nodes | `line_nodes.py` | `PCA_SHARE` 1.5, `ALONG_SHARE` 1.6, `ACROSS_SHARE` 0.4, `PASSES` 3 |
+| fragments | `fragments.py` | `REACH_SHARE` 2.2, `ONWARD` 35 degrees, `MIN_RHO` 0.66 |
+| pairing of the ends | `pairing.py` | `LONGEST_GAP` 14, `TIGHTEST_BEND` 2.5, `OPEN_END` 1.5, `SAFE_MARGIN` 2 |
+| tube fit | `tube_fit.py`, `refinement.py` | `BEND_SHARE` 1/38, `STEP_SHARE` 0.7, `SAME_RADIUS` 0.12 |
+| string test | `strings.py` | `SHORTEST` 10, `OUT_OF_ROUND` 0.04, `SQUARE` 0.25 |
+| sigma | `fitted_evidence.py` | `SYSTEMATIC_SHARE` 0.35, `FLOOR_M` 0.1 mm |
+| registration, for all methods | `pose_prior.py`, `alignment.py` | `PoseSigmas`, `INDEPENDENT_SHARE` 0.05 |
+"""
+
+
+def page() -> str:
+    """Return the page as Markdown."""
+    header = ["symbol", "meaning", "at r = 4.2 mm", "ratio to r", "condition", *(f"`{name}`" for name in METHODS)]
+    lines = ["| " + " | ".join(header) + " |", "|" + "---|" * len(header)]
+    lines += ["| " + " | ".join(row) + " |" for row in rows()]
+    return f"{INTRODUCTION}\n" + "\n".join(lines) + "\n" + USE
+
+
+def rows() -> list[list[str]]:
+    """Return the cells of each parameter's row."""
+    paper = ChainParameters.for_radius(TABLE_I_R)
+    meaning, conditions = _docstrings(), _conditions()
+    result = []
+    for field in fields(ChainParameters):
+        name, value = field.name, getattr(paper, field.name)
+        has_unit = name not in RATIOS
+        own = [f"`{text}`" for text in conditions if re.search(rf"\b{name}\b", text)]
+        if name == "r":
+            own = [f"`{R_MIN * 1000:g} mm <= r <= {R_MAX * 1000:g} mm`"]
+        used = USED_BY.get(name, METHODS)
+        result.append(
+            [
+                f"`{name}`",
+                meaning[name].rstrip("."),
+                f"{value * 1000:g} mm" if has_unit else f"{value:g}",
+                f"{value / paper.r:.4g}" if has_unit else "none",
+                ", ".join(own),
+                *("yes" if method in used else "" for method in METHODS),
+            ]
+        )
+    return result
+
+
+def _class() -> ast.ClassDef:
+    tree = ast.parse(textwrap.dedent(inspect.getsource(ChainParameters)))
+    found = tree.body[0]
+    assert isinstance(found, ast.ClassDef)
+    return found
+
+
+def _docstrings() -> dict[str, str]:
+    """Return the docstring under each field."""
+    body = _class().body
+    return {
+        field.target.id: text.value.value
+        for field, text in pairwise(body)
+        if isinstance(field, ast.AnnAssign)
+        and isinstance(field.target, ast.Name)
+        and isinstance(text, ast.Expr)
+        and isinstance(text.value, ast.Constant)
+        and isinstance(text.value.value, str)
+    }
+
+
+def _conditions() -> list[str]:
+    """Return the conditions that `__post_init__` checks, as it spells them."""
+    for node in ast.walk(_class()):
+        if isinstance(node, ast.Assign) and isinstance(node.value, ast.Dict):
+            target = node.targets[0]
+            if isinstance(target, ast.Name) and target.id == "conditions":
+                return [str(key.value) for key in node.value.keys if isinstance(key, ast.Constant)]
+    raise LookupError("ChainParameters.__post_init__ has no dictionary `conditions`")

@@ -1,0 +1,63 @@
+"""The reference of the command line has every command and every argument of the program."""
+
+import argparse
+import re
+import subprocess
+import sys
+from collections.abc import Iterator
+
+import pytest
+
+from service.cli import _parser
+from tests.docs.pages import DOCS, ROOT
+
+PAGE = DOCS / "reference/command-line.md"
+
+
+def leaves(
+    parser: argparse.ArgumentParser, path: tuple[str, ...] = ()
+) -> Iterator[tuple[str, argparse.ArgumentParser]]:
+    """Yield each command that does something, by its name as `calibrate run`."""
+    (below,) = [a for a in parser._actions if isinstance(a, argparse._SubParsersAction)] or [None]
+    if below is None:
+        yield " ".join(path), parser
+        return
+    for name, command in below.choices.items():
+        yield from leaves(command, (*path, name))
+
+
+COMMANDS = dict(leaves(_parser()))
+
+
+def section(name: str) -> str:
+    """Return the text below the heading of a command."""
+    (found,) = re.findall(rf"^##+ {re.escape(name)}\n(.*?)(?=^##|\Z)", PAGE.read_text(), re.MULTILINE | re.DOTALL)
+    return found
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_it_has_each_argument_that_help_has(name: str) -> None:
+    shown = section(name)
+    # argparse's own text: another reader of the same parser.
+    options = set(re.findall(r"(?<![\w-])--[a-z-]+", COMMANDS[name].format_usage())) - {"--help"}
+    assert {option for option in options if f"`{option}" not in shown} == set()
+    assert f"pointchain {name}" in shown
+    assert options == set(re.findall(r"^\| `(--[a-z-]+)", shown, re.MULTILINE))
+
+
+def test_no_hidden_argument_is_shown() -> None:
+    assert "--supervised" not in PAGE.read_text()
+
+
+@pytest.mark.parametrize("columns", ["40", "200"])
+def test_it_does_not_depend_on_the_terminal(columns: str) -> None:
+    program = "from generated.command_line import page; print(page(), end='')"
+    done = subprocess.run(
+        [sys.executable, "-c", program],
+        cwd=ROOT / "docs",
+        env={"COLUMNS": columns, "PYTHONPATH": str(ROOT), "PATH": "/usr/bin:/bin"},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert done.stdout == PAGE.read_text()

@@ -1,0 +1,24 @@
+"""The examples in the docstrings of the main entry points run and print what they show."""
+
+import doctest
+import sys
+from typing import Any
+
+import pytest
+
+from calibration.hand_eye import solve_hand_eye
+from cell.devices import View
+from cell.recording import RecordingWriter
+from recognition.pipeline import recognise
+from service.client import Client
+
+
+@pytest.mark.parametrize("thing", [recognise, Client, View, RecordingWriter, solve_hand_eye], ids=lambda x: x.__name__)
+def test_its_example_runs(thing: Any) -> None:
+    module = sys.modules[thing.__module__]
+    finder = doctest.DocTestFinder(recurse=False)
+    (example,) = finder.find(thing, thing.__name__, module=module, globs=dict(vars(module)))
+    assert len(example.examples) >= 2
+    report: list[str] = []
+    result = doctest.DocTestRunner(verbose=False).run(example, out=report.append)
+    assert result.failed == 0, "".join(report)

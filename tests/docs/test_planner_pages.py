@@ -1,0 +1,83 @@
+"""The planner's pages are complete: every member of the model, every call, every exception of the client."""
+
+import json
+import re
+from typing import Any
+
+from pydantic import TypeAdapter
+
+import service.client
+from service.client.model_arrays import model_from_json
+from service.model_schema import ModelDocument
+from service.security.roles import LEAST_ROLE
+from tests.docs.pages import DOCS, blocks
+
+PLANNER = DOCS / "planner"
+UNLISTED = ("/docs", "/openapi", "/static", "/console", "/manual", "/ ")
+"""Calls that only people and browsers need."""
+
+
+def members(schema: dict[str, Any]) -> set[str]:
+    """Return the names of all members in a JSON schema."""
+    found = set(schema.get("properties", {}))
+    return found.union(*(members(part) for part in schema.get("$defs", {}).values()))
+
+
+def test_each_member_of_the_model_is_explained() -> None:
+    text = (PLANNER / "model.md").read_text()
+    prose = re.sub(r"```.*?```", "", text, flags=re.DOTALL)
+    explained = set(re.findall(r"`([A-Za-z_]+)`", prose))
+    schema = TypeAdapter(ModelDocument).json_schema()
+    assert members(schema) - explained == set()
+
+
+def test_the_example_is_a_model() -> None:
+    (example,) = [block for block in blocks(PLANNER / "model.md") if block.language == "json"]
+    document = json.loads(example.text)
+    model = model_from_json(document)
+    assert model.gauss_code() == document["topology"]["gauss_code"]
+    assert set(document["parameters"]) == set(model.to_json()["parameters"])
+
+
+def test_each_call_is_in_the_table_with_its_role() -> None:
+    table = (PLANNER / "http.md").read_text().split("## All calls")[1]
+    listed: dict[str, str] = {}
+    for line in table.splitlines():
+        cells = [cell.strip() for cell in line.strip("|").split("|")]
+        if len(cells) != 3 or "`" not in cells[0]:
+            continue
+        methods: list[str] = []
+        path = ""
+        for shown in re.findall(r"`([^`]+)`", cells[0]):
+            if shown in ("GET", "POST", "DELETE"):
+                methods.append(shown)
+                continue
+            method, _, rest = shown.rpartition(" ")
+            methods = [*methods, method] if method else methods
+            path = rest if method else base(path) + rest
+            for each in methods if path == "/api/session" else methods[-1:]:
+                listed[f"{each} {path}"] = cells[1]
+    expected = {
+        re.sub(r"\{id\}", name_of(call), call).replace("{index}", "N"): "none" if role == "open" else role
+        for call, role in LEAST_ROLE.items()
+        if not call.startswith("HEAD") and not f"{call.partition(' ')[2]} ".startswith(UNLISTED)
+    }
+    assert listed == expected
+
+
+def base(path: str) -> str:
+    """Return the address of the resource that a path belongs to."""
+    found = re.match(r".*/(SCAN|REC|RUN)", path)
+    assert found is not None, path
+    return found[0]
+
+
+def name_of(call: str) -> str:
+    """Return how the page names the id in a call."""
+    return "REC" if "/recordings/" in call else "RUN" if "/runs/" in call else "SCAN"
+
+
+def test_each_exception_of_the_client_is_in_the_table() -> None:
+    table = (PLANNER / "python-client.md").read_text().split("## Exceptions")[1]
+    errors = {name for name in service.client.__all__ if name.endswith("Error")}
+    assert errors - set(re.findall(r"`(\w+)`", table)) == set()

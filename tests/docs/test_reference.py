@@ -1,0 +1,79 @@
+"""The API reference: what its pages name exists, is documented, and can be imported without a device's library."""
+
+import ast
+import importlib
+import inspect
+import re
+import subprocess
+import sys
+import textwrap
+from dataclasses import is_dataclass
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+REFERENCE = Path(__file__).resolve().parents[2] / "docs" / "reference"
+NAMES = {
+    name: kind
+    for page in sorted(REFERENCE.glob("*.md"))
+    for kind, name in re.findall(r"^\.\. auto(\w+):: ([\w.]+)$", page.read_text(), re.MULTILINE)
+}
+DEVICE_LIBRARIES = ("depthai", "rtde_control", "rtde_receive", "rtde_io", "dashboard_client", "open3d")
+
+
+def found(name: str) -> Any:
+    """Return the object of a dotted name."""
+    module, _, attribute = name.rpartition(".")
+    return getattr(importlib.import_module(module), attribute)
+
+
+def field_docstrings(cls: Any) -> dict[str, str | None]:
+    """Return the string under each annotated field of a class; None where there is none."""
+    body = ast.parse(textwrap.dedent(inspect.getsource(cls))).body[0]
+    assert isinstance(body, ast.ClassDef)
+    docs: dict[str, str | None] = {}
+    for statement, following in zip(body.body, [*body.body[1:], None], strict=True):
+        if isinstance(statement, ast.AnnAssign) and isinstance(statement.target, ast.Name):
+            text = following.value if isinstance(following, ast.Expr) else None
+            constant = text.value if isinstance(text, ast.Constant) else None
+            docs[statement.target.id] = constant if isinstance(constant, str) else None
+    return docs
+
+
+def test_the_pages_name_something() -> None:
+    assert len(NAMES) > 50
+
+
+@pytest.mark.parametrize("name", [name for name, kind in NAMES.items() if kind != "data"])
+def test_each_has_a_docstring(name: str) -> None:
+    own = found(name).__doc__
+    assert own
+    assert own.splitlines()[0].endswith(".")
+
+
+@pytest.mark.parametrize("name", [name for name, kind in NAMES.items() if kind == "class"])
+def test_each_field_has_a_docstring(name: str) -> None:
+    cls: Any = found(name)
+    if is_dataclass(cls):
+        docs = field_docstrings(cls)
+        assert [field for field, text in docs.items() if not text and not field.startswith("_")] == []
+
+
+@pytest.mark.parametrize("name", [name for name, kind in NAMES.items() if kind != "data"])
+def test_no_first_line_is_taken_for_a_type(name: str) -> None:
+    """Napoleon takes what stands before a colon in the first line of a field's or property's docstring for its type."""
+    thing = found(name)
+    if not inspect.isclass(thing):
+        return
+    texts = {field: text or "" for field, text in field_docstrings(thing).items()}
+    texts |= {key: value.__doc__ or "" for key, value in vars(thing).items() if isinstance(value, property)}
+    outside_code = {key: re.sub(r"`[^`]*`", "", text.splitlines()[0]) for key, text in texts.items() if text}
+    assert [key for key, line in outside_code.items() if ":" in line] == []
+
+
+def test_importing_what_the_pages_name_loads_no_device_library() -> None:
+    modules = sorted({name.rpartition(".")[0] for name in NAMES})
+    program = f"import sys, {', '.join(modules)}\nprint([n for n in {DEVICE_LIBRARIES} if n in sys.modules])"
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True, timeout=100)
+    assert done.stdout.strip() == "[]"
