@@ -1,4 +1,4 @@
-"""What is assumed of the cell before its views are looked at."""
+"""Noise levels and priors of the calibration."""
 
 from dataclasses import dataclass
 
@@ -27,26 +27,28 @@ class NoiseLevel:
 
 @dataclass(frozen=True)
 class Assumed:
-    """Standard deviations. Those of the noise are where its estimation starts; the others are priors and stay.
+    """Standard deviations that the solver assumes.
+
+    Those of the noise are the start of its estimation. The others are priors.
 
     Raises:
-        ValueError: one that is not greater than zero.
+        ValueError: A standard deviation is not greater than zero.
     """
 
     pixel_px: float = 0.2
-    """Noise of one corner's coordinate."""
+    """Noise of one coordinate of a corner, pixels."""
     robot_m: float = 1e-4
-    """Error of the robot's pose along one axis of the flange, anew in every pose."""
+    """Position error of a reported flange pose along one axis, metres, independent in each pose."""
     robot_rad: float = float(np.radians(0.02))
-    """The same about one axis."""
+    """Rotation error of a reported flange pose about one axis, radians."""
     focal: float = 0.003
-    """Of the told fx and fy, each, as a share: factory calibration, warming up, focus."""
+    """Prior of fx and of fy, as a share, for factory calibration, temperature and focus."""
     centre: float = 0.0015
-    """Of the told cx and cy, each, as a share of the focal length: about a pixel, as factory calibrations go."""
+    """Prior of cx and of cy, as a share of the focal length. About a pixel, as of a factory calibration."""
     scale: float = 0.002
-    """Of the board's told pitch, as a share: a careful measurement with a ruler."""
+    """Prior of the size of the board, as a share, for a careful measurement with a ruler."""
     estimate_noise: bool = True
-    """Whether the views say how large the noise is; else it is taken as told."""
+    """Whether the noise is estimated from the views. Otherwise, the given values are used."""
 
     def __post_init__(self) -> None:
         for name in ("pixel_px", "robot_m", "robot_rad", "focal", "centre", "scale"):
@@ -59,5 +61,5 @@ class Assumed:
 
     @property
     def noise(self) -> NoiseLevel:
-        """Where the estimation starts."""
+        """The noise levels at which the estimation starts."""
         return NoiseLevel(self.pixel_px, self.robot_m, self.robot_rad)

@@ -1,4 +1,4 @@
-"""Calibration boards: what is printed on them, in the board's own frame."""
+"""Calibration boards: their corners in the board frame."""
 
 import sys
 from collections.abc import Mapping
@@ -38,40 +38,40 @@ FEWEST_CORNERS = 6
 
 
 class BoardError(ValueError):
-    """A board that cannot be."""
+    """The sizes or counts of a board are not valid."""
 
     slug = "calibration-board"
 
 
 @dataclass(frozen=True)
 class Board:
-    """A flat board. Its frame: origin in the first corner (or dot), x along a row of corners, y to the next row,
-    z = x cross y, which on a printed board points away from the viewer, into the paper.
+    """A flat board.
 
-    The first corner is at the top left of the print; OpenCV's own boards have the same axes, a ChArUco board there
-    with its origin one square up and to the left, in the outermost corner. Chessboards begin with a black square at
-    the top left. A circle grid's first dot is the larger one, if there is a larger one.
+    The origin of its frame is the first corner (or dot), at the top left of the print. x points along a row of corners,
+    y to the next row, and z = x cross y into the paper. The boards of OpenCV have the same axes; the origin of its
+    ChArUco boards is one square up and to the left. Chessboards begin with a black square at the top left. The first
+    dot of a circle grid is the larger one, if there is a larger one.
 
-    The board as it is without being told otherwise fits on A4 and letter paper with its white margin. A camera of 640 x
-    400 pixels and 402 px focal length sees all of it from 0.36 m on, and finds all its corners to 0.8 m under 30
-    degrees, or slightly out of focus to 0.6 m. Fewer, larger squares are found farther away still, with fewer corners;
-    smaller ones (25 mm with markers of 18 mm) are not read well from 0.6 m on.
+    The default board fits on A4 and letter paper with its white margin. A camera of 640x400 pixels and 402 px focal
+    length sees all of it from 0.36 m, and finds all corners up to 0.8 m at a tilt of 30 degrees, or up to 0.6 m if
+    slightly out of focus. Smaller squares (25 mm with markers of 18 mm) are hard to read from 0.6 m.
 
     Raises:
-        BoardError: sizes or counts that no board has, or that this one's markers do not allow.
+        BoardError: A size or count is not valid, or the dictionary has too few markers.
     """
 
     kind: BoardKind = "charuco"
+    """`charuco`, `checkerboard` or `circles`."""
     columns: int = 9
-    """Squares in a row of a chessboard (a ChArUco board's too); dots in a row of a circle grid."""
+    """Squares in a row of a chessboard or ChArUco board; dots in a row of a circle grid."""
     rows: int = 7
-    """Rows of squares, or of dots. Odd for ChArUco: OpenCV has two layouts, which differ where it is even."""
+    """Rows of squares, or of dots. Odd for ChArUco, since OpenCV has two layouts that differ if it is even."""
     pitch_m: float = 0.026
-    """Side of a square, or distance of neighbouring dots' centres, as measured on the print."""
+    """Side of a square, or distance of neighbouring dots, measured on the print, metres."""
     marker_m: float = 0.02
-    """Side of a ChArUco board's markers."""
+    """Side of the markers of a ChArUco board, metres."""
     dictionary: str = "DICT_4X4_50"
-    """OpenCV's name of the markers' dictionary."""
+    """Name of the marker dictionary in OpenCV."""
 
     def __post_init__(self) -> None:
         if self.kind not in KINDS:
@@ -119,13 +119,13 @@ class Board:
 
     @property
     def shape(self) -> tuple[int, int]:
-        """Columns and rows of what is detected: inner corners of a chessboard, or dots."""
+        """Columns and rows of the detected points (inner corners of a chessboard, or dots)."""
         inner = 0 if self.kind == "circles" else 1
         return self.columns - inner, self.rows - inner
 
     @property
     def points(self) -> NDArray[np.float64]:
-        """(N, 3) what is detected, by number, board frame: inner corners of a chessboard row by row, or dots."""
+        """(N, 3) detected points by number, row by row, board frame, metres. They are inner corners, or dots."""
         columns, rows = self.shape
         x, y = np.meshgrid(np.arange(columns, dtype=np.float64), np.arange(rows, dtype=np.float64))
         points = np.zeros((x.size, 3))
@@ -135,12 +135,12 @@ class Board:
 
     @property
     def size_m(self) -> tuple[float, float]:
-        """Width and height of what is printed, without a margin; for a circle grid half a pitch around the dots."""
+        """Width and height of the print without a margin, metres. A circle grid includes half a pitch on each side."""
         return self.columns * self.pitch_m, self.rows * self.pitch_m
 
     @property
     def corner_of_print(self) -> tuple[float, float]:
-        """(x, y) of the top left corner of what is printed, board frame, m."""
+        """(x, y) of the top left corner of the print, board frame, metres."""
         before = self.pitch_m / 2 if self.kind == "circles" else self.pitch_m
         return -before, -before
 
@@ -151,7 +151,7 @@ class Board:
         return size
 
     def to_json(self) -> dict[str, Any]:
-        """The board as JSON's values; `marker_m` and `dictionary` only of a ChArUco board."""
+        """Return the board as JSON values. Only a ChArUco board has `marker_m` and `dictionary`."""
         document: dict[str, Any] = {
             "kind": self.kind,
             "columns": self.columns,
@@ -164,10 +164,10 @@ class Board:
 
     @classmethod
     def from_json(cls, document: object) -> "Board":
-        """The board that `to_json` described. Nothing is assumed for what is missing: a wrong size is not noticed.
+        """Return the board of a document that `to_json` made. There are no defaults for missing members.
 
         Raises:
-            BoardError: not an object, something missing or unknown, or not a board.
+            BoardError: Not an object, a member is missing or unknown, or the board is not valid.
         """
         if not isinstance(document, Mapping):
             raise BoardError(f"the board is {str(document)[:40]!r}: an object with kind, columns, rows ... is needed")

@@ -1,8 +1,8 @@
-"""What is refused of a hand-eye calibration, each with a slug that the service and the command line pass on."""
+"""Errors of the hand-eye calibration. Each has a `slug`, which the service and the command line report."""
 
 
 class HandEyeError(ValueError):
-    """A hand-eye calibration that cannot be used."""
+    """Base of the errors of a hand-eye calibration that cannot be used."""
 
     slug = "calibration"
 
@@ -14,49 +14,49 @@ class HandEyeMissingError(HandEyeError):
 
 
 class HandEyeUnreadableError(HandEyeError):
-    """The file is there but cannot be read: no permission, a folder, too large."""
+    """The file cannot be read: no permission, a folder, or too large."""
 
     slug = "calibration-unreadable"
 
 
 class HandEyeInvalidError(HandEyeError):
-    """The content is not a calibration: not JSON, another form, not rigid, millimetres."""
+    """The content is not a calibration: not JSON, another format, not rigid, or millimetres."""
 
     slug = "calibration-invalid"
 
 
 class HandEyeStaleError(HandEyeError):
-    """It is older than allowed."""
+    """The calibration is older than allowed."""
 
     slug = "calibration-stale"
 
 
 class HandEyeOfTheFutureError(HandEyeError):
-    """It claims to have been made later than now: one of two clocks is wrong, and its age is unknown."""
+    """The date of the calibration is in the future, so its age is not known. One of two clocks is wrong."""
 
     slug = "calibration-of-the-future"
 
 
 class HandEyeMismatchError(HandEyeError):
-    """It is of another camera or of another robot."""
+    """The calibration is of another camera or another robot."""
 
     slug = "calibration-mismatch"
 
 
 class HandEyeRefusedError(HandEyeError):
-    """It was solved, and found not good enough to be used."""
+    """The calibration was refused when it was solved."""
 
     slug = "calibration-refused"
 
 
 class CalibrationFolderError(HandEyeError):
-    """A calibration's folder, or the observations in it, cannot be used."""
+    """The folder of a calibration, or the observations in it, cannot be used."""
 
     slug = "calibration-folder"
 
 
 class HandEyeInputError(HandEyeError):
-    """Views that no calibration can be solved from. `slug` says which check they failed, as "parallel-axes"."""
+    """No calibration can be solved from the views. `slug` says which check failed, for example `parallel-axes`."""
 
     def __init__(self, slug: str, words: str) -> None:
         super().__init__(words)
@@ -64,24 +64,24 @@ class HandEyeInputError(HandEyeError):
 
 
 class BoardDetectionError(ValueError):
-    """An image in which the calibration board was not found as it should be."""
+    """The calibration board was not found in an image as it should be."""
 
     slug = "board-detection"
 
 
 class BoardImageError(BoardDetectionError):
-    """No picture: another shape or type of numbers than a camera's image."""
+    """The array is not an image: another shape or type."""
 
     slug = "board-image"
 
 
 class BoardNotSeenError(BoardDetectionError):
-    """The board is not there, or too little of it to tell where it is."""
+    """The board is not in the image, or too little of it."""
 
     slug = "board-not-seen"
 
 
 class BoardMirroredError(BoardDetectionError):
-    """The board is there, but left and right (or top and bottom) are swapped: no pose would fit the robot's."""
+    """The board is mirrored in the image."""
 
     slug = "board-mirrored"

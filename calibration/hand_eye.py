@@ -1,4 +1,4 @@
-"""Hand-eye calibration: from pictures of a board, and where the robot said it was, to where the camera is."""
+"""Hand-eye calibration: the pose of the camera from pictures of a board and the reported poses of the robot."""
 
 from dataclasses import replace
 
@@ -29,14 +29,48 @@ FEWEST_POSES = 3
 
 
 def solve_hand_eye(observations: Observations, assumed: Assumed | None = None) -> HandEyeResult:
-    """Where the camera is on the flange (or in the cell), how surely, and whether to use it: see `verdict`.
+    """Solve the pose of the camera on the flange, or in the cell, from corners of a board.
 
-    Of several pictures from one pose of the arm one is solved from, as `calibration.repeated_poses` says.
+    Several pictures from one pose of the arm count once. Views that do not fit the others are excluded and named in
+    `views` of the result.
+
+    Args:
+        observations: The board, the camera, and at least eight views, better fifteen. Tilt them by 20 to 30 degrees in
+            all directions, roll them, and use two distances.
+        assumed: Standard deviations of the noise and the priors. None: those of a usual cell.
+
+    Returns:
+        The calibration with its covariance, its views and its verdict. Read `verdict` and `findings` before you use
+        it: observations of bad quality give a result with the verdict `"refuse"`.
 
     Raises:
-        HandEyeInputError: observations that no calibration can be solved from, by `check_observations` or because
-            most views do not fit one another at all; bad ones that can be solved give a result with the verdict
-            "refuse".
+        HandEyeInputError: No calibration can be solved from the observations. `slug` says which check failed.
+
+    Example:
+        >>> import numpy as np
+        >>> from calibration.board import Board
+        >>> from calibration.observations import BoardView, Observations
+        >>> from calibration.transforms import from_rotation_vector, inverse, transform_points
+        >>> board, K = Board(), np.array([[805.0, 0, 639.5], [0, 805.0, 399.5], [0, 0, 1]])
+        >>> T_flange_camera = from_rotation_vector((0.03, -0.06, 0.05), (0.1, 0.05, 0.4))
+        >>> T_base_board = from_rotation_vector((0.4, 0.1, 0.0), (np.pi, 0.0, 0.0))
+        >>> middle = from_rotation_vector(board.points.mean(axis=0), (0.0, 0.0, 0.0))
+        >>> views = []
+        >>> for k in range(15):
+        ...     azimuth, tilt = 2 * np.pi * k / 15, 0.3 + 0.2 * (k % 2)
+        ...     lean = from_rotation_vector((0, 0, 0), (tilt * np.cos(azimuth), tilt * np.sin(azimuth), 0))
+        ...     roll = from_rotation_vector((0, 0, 0), (0, 0, (0.4, -1.3, -0.4, 1.3)[k % 4]))
+        ...     away = from_rotation_vector((0, 0, -(0.34, 0.46)[k // 2 % 2]), (0, 0, 0))
+        ...     T_board_camera = middle @ lean @ roll @ away
+        ...     T_base_flange = T_base_board @ T_board_camera @ inverse(T_flange_camera)
+        ...     x, y, z = (K @ transform_points(inverse(T_board_camera), board.points).T)
+        ...     pixels = np.column_stack([x / z, y / z])
+        ...     views.append(BoardView(f"{k:02}", T_base_flange, np.arange(len(pixels)), pixels))
+        >>> result = solve_hand_eye(Observations(board, K, (1280, 800), tuple(views)))
+        >>> result.verdict
+        'accept'
+        >>> bool(np.abs(result.X - T_flange_camera).max() < 1e-6)
+        True
     """
     assumed = assumed or Assumed()
     check_observations(observations)
@@ -79,12 +113,21 @@ def solve_poses(
     names: tuple[str, ...] | None = None,
     assumed: Assumed | None = None,
 ) -> HandEyeResult:
-    """The same from poses (N, 4, 4) alone, where the pictures are not at hand or no pictures of a board of ours.
+    """Solve the pose of the camera from poses of the flange and of a board, without corners.
 
-    What only pictures tell stays as it was: `K` is the identity, the board's scale 1 +- 0, the pixels' noise 0.
+    Args:
+        T_base_flange: (N, 4, 4) flange poses that the robot reported, at rest.
+        T_camera_board: (N, 4, 4) board poses in the camera frame, of the same views.
+        mounting: Whether the camera is on the flange or stands in the cell.
+        names: Names of the views for messages. None: their numbers.
+        assumed: Standard deviations of the noise and the priors. None: those of a usual cell.
+
+    Returns:
+        The calibration. What only corners can give has no value: `K` is the identity, the scale of the board is 1 with
+        sigma 0, and the noise of the pixels is 0.
 
     Raises:
-        HandEyeInputError: poses that no calibration can be solved from, by `check_poses` and `check_mounting`.
+        HandEyeInputError: No calibration can be solved from the poses. `slug` says which check failed.
     """
     assumed = assumed or Assumed()
     check_mounting(mounting)

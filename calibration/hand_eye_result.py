@@ -1,4 +1,4 @@
-"""What a hand-eye calibration gives: the transform, how sure it is, what was left out, and whether to use it."""
+"""Result of a hand-eye calibration: the transform, its covariance, the views, and the verdict."""
 
 from dataclasses import dataclass
 from typing import Literal
@@ -13,84 +13,91 @@ Verdict = Literal["accept", "warn", "refuse"]
 
 @dataclass(frozen=True)
 class Finding:
-    """Something that speaks against a calibration."""
+    """A reason against a calibration."""
 
     code: str
-    """For programs, as "parallel-axes"."""
+    """Code for programs, for example `parallel-axes`."""
     words: str
-    """What was found, where, and after a colon what to do, for a person at the cell."""
+    """Message for people, which says what was found, where, and what to do."""
     refuses: bool
-    """Whether the calibration must not be used; else it is a warning."""
+    """Whether the calibration must not be used. Otherwise, the finding is a warning."""
 
 
 @dataclass(frozen=True)
 class ViewReport:
-    """What became of one view."""
+    """How the solver used one view."""
 
     name: str
+    """Name of the view."""
     used: bool
+    """Whether the calibration was solved from it."""
     reason: str | None
-    """Why it was left out, in words."""
+    """Why the view was excluded; None if it was used."""
     corners: int
+    """Number of corners in the view."""
     rms_px: float | None
-    """Reprojection error with the calibration as solved; None where it could not be worked out."""
+    """Reprojection error with the solved calibration, pixels, root mean square; None if it cannot be computed."""
     robot_error_m: float | None
-    """How far the robot was from where it said, as the solution has it."""
+    """Estimated position error of the reported flange pose, metres."""
     robot_error_rad: float | None
+    """Estimated rotation error of the reported flange pose, radians."""
     left_out_m: float | None
-    """How far off the board appears by the calibration solved without this view."""
+    """Leave-one-out error, the distance of the middle of the board from where the other views predict it, metres."""
     distance_m: float | None
-    """From the camera to the board's middle."""
+    """Distance from the camera to the middle of the board, metres."""
 
 
 @dataclass(frozen=True, eq=False)
 class HandEyeResult:
-    """A solved calibration, be it good or bad: see `verdict` and `findings` before using it."""
+    """A solved calibration, good or bad. Read `verdict` and `findings` before you use it."""
 
     mounting: Mounting
+    """Whether the camera is on the flange or stands in the cell."""
     X: NDArray[np.float64]
-    """(4, 4) `T_flange_camera`; `T_base_camera` where the camera stands in the cell (eye-to-hand)."""
+    """(4, 4) `T_flange_camera`; `T_base_camera` for a camera that stands in the cell (eye-to-hand)."""
     covariance: NDArray[np.float64]
-    """(6, 6) of the error (rx, ry, rz, tx, ty, tz), rad and m, in the camera's frame: `X_true = X @ exp(error)`, the
-    rotation by the rotation vector and the translation added before it (`from_rotation_vector(t, r)`)."""
+    """(6, 6) covariance of the error (rx, ry, rz, tx, ty, tz) of X, radians and metres, in the camera frame.
+    `X_true = X @ from_rotation_vector((tx, ty, tz), (rx, ry, rz))`."""
     Y: NDArray[np.float64]
-    """(4, 4) `T_base_board`; `T_flange_board` where the camera stands in the cell."""
+    """(4, 4) `T_base_board`; `T_flange_board` for a camera that stands in the cell."""
     K: NDArray[np.float64]
-    """(3, 3) as fitted."""
+    """(3, 3) fitted pinhole matrix, pixels."""
     board_scale: float
-    """The board's true size by the views, as a share of the told one."""
+    """Estimated size of the board, as a share of the given size."""
     board_scale_sigma: float
+    """One sigma of `board_scale`."""
     pixel_sigma_px: float
-    """Noise of one corner's coordinate, estimated."""
+    """Estimated noise of one coordinate of a corner, pixels, one sigma."""
     robot_sigma_m: float
-    """Noise of the robot's poses along one axis, estimated."""
+    """Estimated noise of the robot's position along one axis, metres, one sigma."""
     robot_sigma_rad: float
+    """Estimated noise of the robot's rotation about one axis, radians, one sigma."""
     left_out_m: float
-    """Root mean square of the views' `left_out_m`."""
+    """Leave-one-out error, the root mean square of `left_out_m` of the views, metres."""
     eight_views_m: float
-    """Predicted: 95 % of the time, no two of eight views of a scan disagree by more."""
+    """Predicted bound, metres. In 95 % of scans, no two of eight views disagree by more."""
     views: tuple[ViewReport, ...]
-    """In the order given."""
+    """One report per view, in the given order."""
     findings: tuple[Finding, ...]
+    """Reasons against the calibration, the most serious first."""
     joint_covariance: NDArray[np.float64] | None = None
-    """(17, 17) by the views, of the errors of X and, alike, of Y, then of fx, fy, cx and cy as shares of the focal
-    lengths, and of the logarithm of the board's scale; from poses alone of the first 12; None: not known. It tells how
-    surely the board appears where it lay, as these errors hang together: that of a board which is larger than told,
-    seen from one distance, is made up for by the others."""
+    """(17, 17) covariance of the errors of X, of Y, of fx, fy, cx and cy as shares of the focal lengths, and of the
+    logarithm of the scale of the board, in this order; (12, 12) from poses alone; None: not known. Verification uses
+    it, since these errors are correlated."""
 
     @property
     def verdict(self) -> Verdict:
-        """Whether it may be used."""
+        """Whether the calibration may be used (`accept`, `warn` or `refuse`)."""
         if any(finding.refuses for finding in self.findings):
             return "refuse"
         return "warn" if self.findings else "accept"
 
     @property
     def sigma_m(self) -> float:
-        """Root mean square error of the camera's place, all axes together, by the covariance."""
+        """One sigma of the camera position, all axes together, metres."""
         return float(np.sqrt(np.trace(self.covariance[3:, 3:])))
 
     @property
     def sigma_rad(self) -> float:
-        """The same of its direction."""
+        """One sigma of the camera rotation, all axes together, radians."""
         return float(np.sqrt(np.trace(self.covariance[:3, :3])))

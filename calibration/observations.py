@@ -1,4 +1,4 @@
-"""What a hand-eye calibration is solved from: where the robot said it was, and which corners the camera saw there."""
+"""Input of a hand-eye calibration: reported poses of the robot, and the corners that the camera saw."""
 
 from dataclasses import dataclass, field
 from datetime import datetime
@@ -10,40 +10,44 @@ from numpy.typing import NDArray
 from calibration.board import Board
 
 Mounting = Literal["eye-in-hand", "eye-to-hand"]
-"""The camera on the flange and the board fixed in the cell, or the other way round."""
+"""`eye-in-hand`: the camera is on the flange and the board in the cell. `eye-to-hand`: the other way round."""
 
 
 @dataclass(frozen=True, eq=False)
 class BoardView:
-    """One picture of the board."""
+    """The corners in one picture of the board, and the flange pose."""
 
     name: str
-    """By which a person finds it: the file's name, or its number."""
+    """Name for people, for example that of the file."""
     T_base_flange: NDArray[np.float64]
-    """(4, 4) as the robot told it, at rest."""
+    """(4, 4) flange pose that the robot reported, at rest, metres."""
     ids: NDArray[np.int64]
-    """(N,) numbers of the corners seen: rows of `Board.points`."""
+    """(N,) numbers of the corners that were seen, which are rows of `Board.points`."""
     pixels: NDArray[np.float64]
-    """(N, 2) where, x then y; the centre of the first pixel is (0, 0)."""
+    """(N, 2) pixels of these corners, x then y. The centre of the first pixel is (0, 0)."""
     corner_sigma_px: float | None = None
-    """How exactly the detector found them, by its own account; None: not told."""
+    """Accuracy that the detector reports, pixels, or None if not known. The solver does not use it."""
 
 
 @dataclass(frozen=True, eq=False)
 class Observations:
-    """All pictures of one calibration. Not checked here: `calibration.hand_eye.solve_hand_eye` does."""
+    """All views of one calibration. `solve_hand_eye` checks them."""
 
     board: Board
+    """The board, with its size as given."""
     K: NDArray[np.float64]
-    """(3, 3) pinhole matrix as the camera tells it, pixels."""
+    """(3, 3) pinhole matrix that the camera reports, pixels."""
     image_size: tuple[int, int]
-    """Width and height, pixels."""
+    """Width and height of the pictures, pixels."""
     views: tuple[BoardView, ...]
+    """The views, at least eight."""
     distortion: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
-    """OpenCV's coefficients; empty for a rectified image."""
+    """Distortion coefficients in the order of OpenCV; empty for rectified pictures."""
     mounting: Mounting = "eye-in-hand"
+    """Whether the camera is on the flange or stands in the cell."""
     camera_id: str | None = None
-    """Device id; None: not known."""
+    """Device id of the camera, or None if not known."""
     robot_serial: str | None = None
+    """Serial number of the robot, or None if not known."""
     created: datetime | None = None
-    """When the pictures were taken, with a time zone; None: not known."""
+    """Time of the pictures, with a time zone, or None if not known."""

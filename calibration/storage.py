@@ -54,52 +54,61 @@ LARGEST_BYTES = 16 << 20
 
 @dataclass(frozen=True, eq=False)
 class HandEye:
-    """A calibration that was read and may be used."""
+    """A calibration that was read from a file and may be used."""
 
     T_flange_camera: NDArray[np.float64]
-    """(4, 4), maps camera points to the flange."""
+    """(4, 4) camera pose on the flange; maps camera points to the flange frame, metres."""
     created: datetime | None
-    """When it was measured, with a time zone; None: not known."""
+    """Time of the measurement, with a time zone, or None if not known."""
     camera_id: str | None
-    """The camera's device id; None: not known."""
+    """Device id of the camera, or None if not known."""
     robot_serial: str | None
-    """The robot's serial number; None: not known."""
+    """Serial number of the robot, or None if not known."""
     sha256: str
-    """Of the file's content, hexadecimal: another one means that it has changed."""
+    """SHA-256 of the content of the file, hexadecimal."""
     warnings: tuple[str, ...] = ()
     """What could not be checked, and what looks wrong."""
     covariance: NDArray[np.float64] | None = None
-    """(6, 6) as in `calibration.hand_eye_result`; this and what follows is None where the file does not tell it."""
+    """(6, 6) as in `HandEyeResult`. This and the following fields are None if the file does not have them."""
     joint_covariance: NDArray[np.float64] | None = None
-    """(12, 12) or (17, 17) as there."""
+    """(12, 12) or (17, 17) as in `HandEyeResult`."""
     T_base_board: NDArray[np.float64] | None = None
-    """(4, 4) where the board lay."""
+    """(4, 4) pose of the board during the calibration."""
     board: Board | None = None
-    """What it was calibrated with, as told."""
+    """The board of the calibration, with its size as given."""
     board_scale: float | None = None
-    """Its true size by the views, as a share of the told one."""
+    """Estimated size of the board, as a share of the given size."""
     K: NDArray[np.float64] | None = None
-    """(3, 3) as fitted, pixels."""
+    """(3, 3) fitted pinhole matrix, pixels."""
     robot_sigma_m: float | None = None
-    """Noise of the robot's poses along one axis, as estimated."""
+    """Estimated noise of the robot's position along one axis, metres, one sigma."""
     robot_sigma_rad: float | None = None
+    """Estimated noise of the robot's rotation about one axis, radians, one sigma."""
     eight_views_m: float | None = None
-    """Predicted: 95 % of the time, no two of eight views of a scan disagree by more."""
+    """Predicted bound, metres. In 95 % of scans, no two of eight views disagree by more."""
     views_used: int | None = None
-    """It was solved from so many."""
+    """Number of views that it was solved from."""
     verdict: Verdict | None = None
+    """`accept` or `warn`; a refused calibration is not loaded."""
     findings: tuple[Finding, ...] = ()
-    """What speaks against it, though not enough to refuse it; their words are among the warnings."""
+    """Findings that do not refuse the calibration. Their messages are among the warnings."""
 
 
 def load_hand_eye(path: Path, max_age_days: float, now: datetime | None = None) -> HandEye:
-    """The calibration in the file `path`, not older than `max_age_days` at `now` (with a time zone; the clock's).
+    """Read a hand-eye calibration from a file and check that it may be used.
+
+    Args:
+        path: The JSON file.
+        max_age_days: Maximum age. `math.inf` accepts any age.
+        now: Time with a time zone. None: the clock of this machine.
 
     Raises:
-        HandEyeMissingError, HandEyeUnreadableError: the file.
-        HandEyeInvalidError: its content; also when it is of a camera that stands in the cell.
-        HandEyeRefusedError: it was solved and found not good enough.
-        HandEyeStaleError, HandEyeOfTheFutureError: its date.
+        HandEyeMissingError: There is no such file.
+        HandEyeUnreadableError: The file cannot be read.
+        HandEyeInvalidError: The content is not valid, or the camera stands in the cell.
+        HandEyeRefusedError: The calibration was refused when it was solved.
+        HandEyeStaleError: It is too old.
+        HandEyeOfTheFutureError: Its date is in the future.
     """
     content = _read(
         path, "calibrate, or name another file in hand_eye.file", "hand_eye.file names the JSON file itself"

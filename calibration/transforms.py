@@ -18,12 +18,14 @@ class NotRigidError(ValueError):
 
 
 def rigid(T: ArrayLike, name: str) -> NDArray[np.float64]:
-    """`T` as a 4x4 float64 matrix, checked to be a rotation and a translation.
+    """Return `T` as a (4, 4) float64 matrix, checked to be a rotation and a translation.
 
-    `name` says in the error which transform it was.
+    Args:
+        T: The matrix.
+        name: Name of the transform in the error message.
 
     Raises:
-        NotRigidError: wrong shape, not finite, last row not (0, 0, 0, 1), mirrored, scaled or sheared.
+        NotRigidError: Wrong shape, not finite, last row not (0, 0, 0, 1), mirrored, scaled or sheared.
     """
     try:
         matrix = np.array(T, dtype=np.float64)
@@ -51,7 +53,7 @@ def rigid(T: ArrayLike, name: str) -> NDArray[np.float64]:
 
 
 def inverse(T: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The inverse of a rigid transform: `inverse(T_a_b)` is `T_b_a`."""
+    """Return the inverse of a rigid transform (4, 4): `inverse(T_a_b)` is `T_b_a`."""
     result = np.eye(4)
     result[:3, :3] = T[:3, :3].T
     result[:3, 3] = -T[:3, :3].T @ T[:3, 3]
@@ -59,16 +61,21 @@ def inverse(T: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def transform_points(T: NDArray[np.float64], points: NDArray[np.floating]) -> NDArray[np.float64]:
-    """Points (N, 3) mapped by `T`: with `T_base_camera`, camera points become base points."""
+    """Return the points (N, 3) mapped by `T` (4, 4). `T_base_camera` maps camera points to the base frame."""
     # Ten times as fast for a million points as `points @ R.T`.
     return (T[:3, :3] @ points.T).T + T[:3, 3]
 
 
 def from_quaternion(translation: ArrayLike, quaternion_xyzw: ArrayLike, name: str) -> NDArray[np.float64]:
-    """The transform with the given translation (3,) in metres and rotation quaternion (x, y, z, w).
+    """Return the transform (4, 4) with a translation and a rotation quaternion.
+
+    Args:
+        translation: (3,) metres.
+        quaternion_xyzw: (4,) x, y, z, w, with the real part last.
+        name: Name of the transform in the error message.
 
     Raises:
-        NotRigidError: not finite, or a quaternion that is not of unit length (within 1e-3).
+        NotRigidError: Not finite, or the length of the quaternion is not 1 (within 1e-3).
     """
     from scipy.spatial.transform import Rotation
 
@@ -87,21 +94,21 @@ def from_quaternion(translation: ArrayLike, quaternion_xyzw: ArrayLike, name: st
 
 
 def to_quaternion(T: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The rotation of `T` as a quaternion (x, y, z, w)."""
+    """Return the rotation of `T` (4, 4) as a quaternion (4,) x, y, z, w."""
     from scipy.spatial.transform import Rotation
 
     return Rotation.from_matrix(T[:3, :3]).as_quat()
 
 
 def rotation_angle(T: NDArray[np.float64]) -> float:
-    """The angle of the rotation of `T`, radians, 0 to pi."""
+    """Return the angle of the rotation of `T` (4, 4), 0 to pi radians."""
     from scipy.spatial.transform import Rotation
 
     return float(Rotation.from_matrix(T[:3, :3]).magnitude())
 
 
 def from_rotation_vector(translation: ArrayLike, rotation_vector: ArrayLike) -> NDArray[np.float64]:
-    """The transform with the given translation (3,) in metres and axis-angle vector (3,) in radians."""
+    """Return the transform (4, 4) with a translation (3,), metres, and a rotation vector (3,), radians."""
     from scipy.spatial.transform import Rotation
 
     T = np.eye(4)

@@ -35,25 +35,26 @@ SIDES_RAD = np.radians(20.0)
 
 @dataclass(frozen=True)
 class VerifiedView:
-    """Where one view puts the board."""
+    """Where one view sees the board, by the calibration."""
 
     name: str
+    """Name of the view."""
     off_m: float
-    """How far its middle appears from where it lay."""
+    """Distance of the middle of the board from where it lay, metres."""
     off_rad: float
-    """By how much it appears turned."""
+    """Rotation of the board against where it lay, radians."""
     expected_m: float
-    """Root mean square of `off_m` by the calibration's covariance and the robot's and corners' noise."""
+    """Expected root mean square of `off_m`, from the covariance of the calibration and the noise, metres."""
     expected_rad: float
-    """The same of `off_rad`."""
+    """Expected root mean square of `off_rad`, radians."""
 
 
 @dataclass(frozen=True)
 class Verification:
-    """How a calibration did."""
+    """Result of a verification."""
 
     views: tuple[VerifiedView, ...]
-    """Those in which the board was seen."""
+    """The views in which the board was seen."""
     worst_m: float
     """Largest `off_m`; NaN without views."""
     expected_m: float
@@ -63,17 +64,16 @@ class Verification:
     expected_rad: float
     """Largest `expected_rad`; NaN without views."""
     board_moved_m: float | None
-    """The views agree that the board was moved, its middle so far; None where it was not, or where they do not
-    agree."""
+    """Distance by which the board moved, metres, if the views agree that it did; otherwise None."""
     board_turned_rad: float | None
-    """By how much it was turned thereby about its normal; None where `board_moved_m` is."""
+    """Rotation of the board about its normal, radians; None if `board_moved_m` is None."""
     passed: bool
-    """Nothing contradicts where the camera is said to be. A board that was moved does not."""
+    """Whether the calibration still holds. A board that was moved does not contradict it."""
     words: str
-    """For a person at the cell."""
+    """Message for people."""
 
     def to_json(self) -> dict[str, Any]:
-        """As JSON's values; null without views."""
+        """Return the result as JSON values. Values that need views are null without them."""
         return {
             "passed": self.passed,
             "words": self.words,
@@ -88,15 +88,17 @@ class Verification:
 
 
 def verify(hand_eye: HandEye | HandEyeResult, views: Observations) -> Verification:
-    """Where the views put the board by a calibration, and whether that is where it lay when it was solved.
+    """Check with views that a calibration was not solved from whether the board appears where it lay.
 
-    The views must not be those that it was solved from, and be two or more from different sides, to tell a camera that
-    was moved from a board that was. `views` without any, or a calibration without a solution, pass nothing.
+    Args:
+        hand_eye: The calibration.
+        views: Two or more views of the board, from different sides. One view cannot tell a moved camera from a moved
+            board. Without views, nothing passes.
 
     Raises:
-        HandEyeInvalidError: the calibration does not tell where the board lay and how sure it is.
-        HandEyeMismatchError: it is of another camera, robot, board or mounting, or of images of another size.
-        HandEyeInputError: views that cannot be, by `calibration.input_check.check_each`.
+        HandEyeInvalidError: The calibration has no board pose or no covariance.
+        HandEyeMismatchError: It is of another camera, robot, board, mounting or image size.
+        HandEyeInputError: A view is not valid.
     """
     claim = claim_of(hand_eye)
     check_same(hand_eye, views)

@@ -11,38 +11,53 @@ from calibration.transforms import rigid
 
 
 class InvalidViewError(ValueError):
-    """A view whose parts do not fit together."""
+    """The parts of a view are not valid, or do not fit together."""
 
     slug = "invalid-view"
 
 
 @dataclass(frozen=True, eq=False)
 class View:
-    """One depth image and where it was taken. Checked when made.
+    """One depth image with its camera pose. The values are checked when the view is made.
 
     Raises:
-        InvalidViewError: depth, picture or K of the wrong type or shape, or values that no camera has.
-        NotRigidError: a pose that is not a rigid transform.
+        InvalidViewError: The depth, the picture or K has the wrong type or shape, or a value is not valid.
+        NotRigidError: A pose is not a rigid transform.
+
+    Example:
+        >>> import numpy as np
+        >>> from calibration.transforms import from_rotation_vector
+        >>> view = View(
+        ...     index=0,
+        ...     depth=np.full((400, 640), 500, dtype=np.uint16),
+        ...     depth_unit_m=0.001,
+        ...     K=np.array([[400.0, 0.0, 319.5], [0.0, 400.0, 199.5], [0.0, 0.0, 1.0]]),
+        ...     T_base_flange=from_rotation_vector((0.4, 0.0, 0.5), (np.pi, 0.0, 0.0)),
+        ...     T_flange_camera=from_rotation_vector((0.0, 0.0, 0.05), (0.0, 0.0, 0.0)),
+        ... )
+        >>> np.abs(view.T_base_camera[:3, 3]).round(3).tolist()
+        [0.4, 0.0, 0.45]
     """
 
     index: int
-    """Which of the scan's viewpoints, from 0."""
+    """Number of the viewpoint, from 0."""
     depth: NDArray[np.uint16]
-    """(H, W), in units of `depth_unit_m` along the optical axis; 0 = not measured."""
+    """(H, W) depth along the optical axis in units of `depth_unit_m`; 0 = not measured."""
     depth_unit_m: float
-    """Metres per depth count."""
+    """Metres per depth count, from 1e-6 to 0.01."""
     K: NDArray[np.float64]
-    """(3, 3) pinhole matrix of the depth image, pixels."""
+    """(3, 3) pinhole matrix of the rectified depth image, pixels, [[fx, 0, cx], [0, fy, cy], [0, 0, 1]]."""
     T_base_flange: NDArray[np.float64]
-    """Flange pose read while the arm was at rest."""
+    """(4, 4) flange pose, read while the arm was at rest, metres."""
     T_flange_camera: NDArray[np.float64]
-    """Hand-eye calibration. Camera frame: x right, y down, z forward."""
+    """(4, 4) hand-eye calibration, metres. The camera frame has x right, y down, z forward."""
     stamp_s: float = 0.0
-    """When the frame was exposed, seconds since the epoch."""
+    """Time of the exposure, seconds since the epoch."""
     colour_jpeg: bytes | None = field(default=None, repr=False)
-    """Colour image of the same moment, JPEG."""
+    """Colour image of the same moment, JPEG, or None."""
     image: NDArray[np.uint8] | None = field(default=None, repr=False)
-    """(H, W) or (H, W, 3) BGR: what the depth image's camera saw, pixel for pixel of the same size and K."""
+    """(H, W) or (H, W, 3) BGR picture of the camera of the depth image, with the same size and K, or None. It is not
+    part of a recording."""
 
     def __post_init__(self) -> None:
         where = f"view {self.index}"
@@ -83,7 +98,7 @@ class View:
 
     @property
     def T_base_camera(self) -> NDArray[np.float64]:
-        """Maps camera points to base."""
+        """(4, 4) camera pose; maps camera points to the base frame."""
         return self.T_base_flange @ self.T_flange_camera
 
 

@@ -8,13 +8,14 @@ from pathlib import Path
 
 @dataclass(frozen=True)
 class Written:
-    """A piece of a file, as it was written."""
+    """A range of bytes that was written to a file."""
 
     offset_bytes: int
-    """Where it begins."""
+    """Offset of the first byte."""
     size_bytes: int
+    """Number of bytes."""
     sha256: str
-    """Of these bytes alone."""
+    """SHA-256 of these bytes, hexadecimal."""
 
 
 class HashedFile:

@@ -1,7 +1,7 @@
-"""Recordings: one MCAP file a scan, with Foxglove's messages, written view by view.
+"""Recordings: one MCAP file per scan, with Foxglove's messages, written view by view.
 
-A view is on disk when `write_view` returns: a process that is killed afterwards loses nothing of it. Reading
-takes whole, unfinished and cut off files, uses every complete view, and says what is missing.
+A view is on the disk when `write_view` returns, so a process that is killed afterwards does not lose it. Reading
+accepts complete, unfinished and truncated files, returns every complete view, and says what is missing.
 """
 
 import json
@@ -42,18 +42,45 @@ SCENE = "/result/scene"
 
 
 class RecordingWriter:
-    """Writes a recording; use as a context manager.
+    """Write a recording, view by view. Use it as a context manager.
 
-    Nothing of the clock or the machine goes into the file: the same header, views and model give the same
-    bytes. Left by an exception, the file stays without an end record: it says itself that it was cut off.
+    The same header, views and model give the same bytes: the file holds nothing of the clock or the machine. If the
+    context ends by an exception, the file has no end record, and reading reports that it was cut off.
+
+    Example:
+        >>> from pathlib import Path
+        >>> from tempfile import TemporaryDirectory
+        >>> import numpy as np
+        >>> from calibration.transforms import from_rotation_vector
+        >>> T_flange_camera = from_rotation_vector((0.0, 0.0, 0.05), (0.0, 0.0, 0.0))
+        >>> header = RecordingHeader(depth_unit_m=0.001, string_radius_m=0.0042, T_flange_camera=T_flange_camera)
+        >>> view = View(
+        ...     index=0,
+        ...     depth=np.full((400, 640), 500, dtype=np.uint16),
+        ...     depth_unit_m=0.001,
+        ...     K=np.array([[400.0, 0.0, 319.5], [0.0, 400.0, 199.5], [0.0, 0.0, 1.0]]),
+        ...     T_base_flange=from_rotation_vector((0.4, 0.0, 0.55), (np.pi, 0.0, 0.0)),
+        ...     T_flange_camera=T_flange_camera,
+        ... )
+        >>> with TemporaryDirectory() as folder:
+        ...     path = Path(folder) / "table.mcap"
+        ...     with RecordingWriter(path, header) as writer:
+        ...         written = writer.write_view(view)
+        ...     recording = read_recording(path)
+        >>> len(recording.views), recording.header.string_radius_m, recording.missing
+        (1, 0.0042, ())
     """
 
     def __init__(self, path: Path, header: RecordingHeader) -> None:
-        """Creates the file with the metadata and the hand-eye calibration, and syncs it to disk.
+        """Create the file with the metadata and the hand-eye calibration, and sync it to the disk.
+
+        Args:
+            path: File to create.
+            header: The values that hold for all views.
 
         Raises:
-            RecordingExistsError: the file is there; recordings are never overwritten.
-            OSError: the file cannot be created or written. None is left behind.
+            RecordingExistsError: The file exists; recordings are never overwritten.
+            OSError: The file cannot be created or written. No file is left behind.
         """
         self._path, self._header = path, header
         self._channels: dict[str, int] = {}
@@ -81,15 +108,19 @@ class RecordingWriter:
             raise
 
     def write_view(self, view: View) -> View:
-        """Writes one view as a chunk of its own; it is on disk when this returns.
+        """Write one view as a chunk. It is on the disk when this returns.
 
-        Returns the view as a reader will get it: its pose has passed through a quaternion, so that recognition gives
-        the same from either, to the last bit.
+        Args:
+            view: The view. Its depth unit and hand-eye calibration are those of the header.
+
+        Returns:
+            The view as a reader will get it. Its pose has passed through a quaternion, so recognition gives the same
+            result from this view and from the file, to the last bit.
 
         Raises:
-            RecordingError: there already, larger than what is read, or of another depth unit or hand-eye
-                calibration than the header's. The file is as before.
-            OSError: the disk is full or fails. The file keeps the earlier views and takes no more.
+            RecordingError: A view with this index is in the file, the view is too large, or its depth unit or hand-eye
+                calibration differs from the header. The file is unchanged.
+            OSError: The disk is full or fails. The file keeps the earlier views and takes no more.
         """
         where = f"view {view.index}"
         self._check_open()
@@ -122,16 +153,26 @@ class RecordingWriter:
         return replace(view, T_base_flange=T_base_flange)
 
     def written(self, index: int) -> Written:
-        """The bytes that a view added to the file. Raises KeyError: it was not written."""
+        """Return the range of bytes that a view added to the file.
+
+        Args:
+            index: Index of the view.
+
+        Raises:
+            KeyError: The view was not written.
+        """
         return self._written[index]
 
     def write_result(self, model: Mapping[str, Any]) -> None:
-        """Writes a model document (schema `pointchain/1`) as `/result/model`, and as a scene for viewers.
+        """Write a model as `/result/model`, and as a scene for viewers.
+
+        Args:
+            model: Document of schema `pointchain/1`, as `PointChainModel.to_json` returns it.
 
         Raises:
-            RecordingContentError: the model holds NaN or infinity, or what JSON cannot.
-            RecordingTooLargeError: it is larger than what is read.
-            OSError: as for `write_view`.
+            RecordingContentError: The model holds NaN, infinity, or a value that JSON does not have.
+            RecordingTooLargeError: The model is too large.
+            OSError: As for `write_view`.
         """
         self._check_open()
         try:
@@ -148,10 +189,10 @@ class RecordingWriter:
         self._content_bytes += content_bytes
 
     def close(self) -> None:
-        """Ends the recording: index and end record, synced. Harmless when closed already.
+        """End the recording with index and end record, and sync it. A second call does nothing.
 
         Raises:
-            OSError: as for `write_view`; the file is closed all the same.
+            OSError: As for `write_view`. The file is closed anyway.
         """
         try:
             if not (self._failed or self._file.closed):

@@ -1,20 +1,20 @@
-"""What is refused of a recording, each with a slug that the service and the command line pass on."""
+"""Errors of recordings. Each has a `slug`, which the service and the command line report."""
 
 
 class RecordingError(ValueError):
-    """A recording that cannot be written or read."""
+    """Base of all errors of recordings: the recording cannot be written or read."""
 
     slug = "recording"
 
 
 class RecordingExistsError(RecordingError):
-    """The file to be written is there already; recordings are never overwritten."""
+    """The file exists already; recordings are never overwritten."""
 
     slug = "recording-exists"
 
 
 class RecordingUnreadableError(RecordingError):
-    """No such file, not a regular file, or no permission."""
+    """There is no such file, it is not a regular file, or there is no permission."""
 
     slug = "recording-unreadable"
 
@@ -26,30 +26,30 @@ class NotMcapError(RecordingError):
 
 
 class RecordingTooLargeError(RecordingError):
-    """The file, or something that it announces, is beyond a limit."""
+    """The file, or a size in it, exceeds a limit."""
 
     slug = "recording-too-large"
 
 
 class RecordingCorruptError(RecordingError):
-    """The file's records contradict themselves or fail their checksum."""
+    """The records of the file contradict one another or fail their checksum."""
 
     slug = "recording-corrupt"
 
 
 class RecordingHeaderError(RecordingError):
-    """The metadata or the hand-eye calibration is missing or makes no sense."""
+    """The metadata or the hand-eye calibration is missing or not valid."""
 
     slug = "recording-header"
 
 
 class RecordingContentError(RecordingError):
-    """A view's content is wrong: such a recording is not trusted at all."""
+    """The content of a view is wrong, so the whole recording is refused."""
 
     slug = "recording-content"
 
 
 class RecordingEmptyError(RecordingError):
-    """Not one view is complete."""
+    """No view is complete."""
 
     slug = "recording-empty"

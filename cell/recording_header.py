@@ -1,4 +1,4 @@
-"""What a recording says of itself: its `pointchain` metadata and its hand-eye calibration."""
+"""The header of a recording: its `pointchain` metadata and its hand-eye calibration."""
 
 import json
 import math
@@ -26,24 +26,24 @@ Box = tuple[tuple[float, float], tuple[float, float], tuple[float, float]]
 
 @dataclass(frozen=True, eq=False)
 class RecordingHeader:
-    """What holds for every view of a recording. Checked when made.
+    """The values that hold for all views of a recording. They are checked when the header is made.
 
     Raises:
-        RecordingHeaderError: a value that cannot be, with its name.
+        RecordingHeaderError: A value is not valid; the message names it.
     """
 
     depth_unit_m: float
-    """Metres per depth count."""
+    """Metres per depth count, from 1e-6 to 0.01."""
     string_radius_m: float | None
-    """Radius of the string; None: not known."""
+    """Radius of the string, metres, or None if not known."""
     T_flange_camera: NDArray[np.float64]
-    """(4, 4) hand-eye calibration that was used."""
+    """(4, 4) hand-eye calibration, metres."""
     table_z_m: float = 0.0
-    """Height of the table in the base frame."""
+    """Height of the table in the base frame, metres."""
     workspace_m: Box | None = None
-    """Box ((x0, x1), (y0, y1), (z0, z1)) in the base frame; None: everywhere."""
+    """Box ((x0, x1), (y0, y1), (z0, z1)) in the base frame, metres. None means no limit."""
     provenance: Mapping[str, str] = field(default_factory=dict)
-    """Whatever else the metadata say: camera, robot, seed ..."""
+    """Further metadata, for example camera, robot or seed; at most 32 KiB."""
 
     def __post_init__(self) -> None:
         unit = _number("depth_unit_m", self.depth_unit_m)

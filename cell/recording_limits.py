@@ -1,4 +1,4 @@
-"""How much of a recording is read, so that no file can take the machine's memory or time."""
+"""Limits on reading a recording, so that no file can exhaust memory or time."""
 
 from dataclasses import dataclass
 
@@ -7,26 +7,26 @@ MIB = 1 << 20
 
 @dataclass(frozen=True)
 class Limits:
-    """Bounds that a recording is held to. The defaults take 64 views of 1280x800, or ten of 4 megapixels."""
+    """Limits for reading a recording. The defaults take 64 views of 1280x800, or ten of 4 megapixels."""
 
     file_bytes: int = 256 * MIB
-    """Size of the file."""
+    """Size of the file, bytes."""
     content_bytes: int = 160 * MIB
-    """All messages together, decompressed: about the memory that reading takes."""
+    """Size of all messages, decompressed, bytes. Reading needs about this memory."""
     chunk_bytes: int = 32 * MIB
-    """One chunk, decompressed."""
+    """Size of one chunk, decompressed, bytes."""
     record_bytes: int = 32 * MIB
-    """Any one record as it is stored."""
+    """Size of any record as it is stored, bytes."""
     records: int = 100_000
-    """Number of records, those in chunks among them."""
+    """Number of records, including those in chunks."""
     metadata_bytes: int = 64 << 10
-    """One metadata or channel record, one pose or calibration message."""
+    """Size of a metadata or channel record, or of a pose or calibration message, bytes."""
     attachment_bytes: int = 64 << 10
-    """The hand-eye calibration."""
+    """Size of the hand-eye calibration, bytes."""
     views: int = 64
-    """Number of views; their indices lie below it."""
+    """Number of views; all indices are smaller."""
     image_pixels: int = 4 * MIB
-    """Width times height of one depth image."""
+    """Width times height of a depth image, pixels."""
 
 
 DEFAULT_LIMITS = Limits()

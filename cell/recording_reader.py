@@ -1,4 +1,4 @@
-"""From an MCAP file to views: the complete ones in order, and what is missing in words."""
+"""Read the views of an MCAP file: the complete ones in order, and messages about what is missing."""
 
 import json
 from dataclasses import dataclass
@@ -27,23 +27,31 @@ MODEL = "/result/model"
 
 @dataclass(frozen=True, eq=False)
 class Recording:
-    """A recording that was read."""
+    """The content of a recording."""
 
     header: RecordingHeader
+    """The values that hold for all views."""
     views: tuple[View, ...]
-    """The complete views in the order of their indices; one at least."""
+    """The complete views, at least one, in the order in which they were taken."""
     missing: tuple[str, ...]
-    """What is missing, in words; empty when the recording is whole."""
+    """Messages about what is missing; empty if the recording is complete."""
 
 
 def read_recording(path: Path, limits: Limits = DEFAULT_LIMITS) -> Recording:
-    """All complete views of a recording, ours or another writer's, in the order in which they were taken.
+    """Read all complete views of a recording, of ours or of another writer.
 
-    A view that lacks its pose, calibration or depth image is left out and told in `missing`, and so is an end
-    that was cut off. A view whose content is wrong refuses the whole recording: it is not to be trusted.
+    A view without pose, calibration or depth image is left out and named in `missing`. `missing` also says if the file
+    was cut off. A view with wrong content makes the whole recording refused.
+
+    Args:
+        path: The MCAP file.
+        limits: Sizes up to which the file is read.
+
+    Returns:
+        The header and the views, in the order in which they were taken.
 
     Raises:
-        RecordingError: the recording cannot be used; the subclass and the message say why and where.
+        RecordingError: The recording cannot be used. The subclass and the message say why and where.
     """
     contents = collect(path, limits)
     header = header_of(contents, path.name)
@@ -66,10 +74,17 @@ def read_recording(path: Path, limits: Limits = DEFAULT_LIMITS) -> Recording:
 
 
 def read_result(path: Path, limits: Limits = DEFAULT_LIMITS) -> dict[str, Any] | None:
-    """The model document that was stored last in a recording; None when there is none.
+    """Read the model document that was stored last in a recording.
+
+    Args:
+        path: The MCAP file.
+        limits: Sizes up to which the file is read.
+
+    Returns:
+        The document, or None if the recording has none.
 
     Raises:
-        RecordingError: as for `read_recording`, or what is stored is not a JSON object.
+        RecordingError: As for `read_recording`, or the stored document is not a JSON object.
     """
     last = None
     for item in read_contents(path, limits):

@@ -4,7 +4,9 @@ import base64
 import hashlib
 import re
 import tomllib
+from importlib import metadata
 from pathlib import Path
+from typing import Any
 
 from docutils import nodes
 from latex2mathml.converter import convert
@@ -21,7 +23,8 @@ release = PROJECT["version"]
 extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "sphinx_copybutton"]
 source_suffix = {".md": "markdown"}
 exclude_patterns = ["_build"]
-nitpicky = False
+default_role = "code"
+"""Docstrings write names in single backticks."""
 
 myst_enable_extensions = ["dollarmath", "deflist"]
 myst_heading_anchors = 4
@@ -75,7 +78,30 @@ def _write_script_hashes(app: Sphinx, error: Exception | None) -> None:
     (Path(app.outdir) / "script-hashes.txt").write_text("".join(f"sha256-{value}\n" for value in hashes))
 
 
+def _write_licences(app: Sphinx, error: Exception | None) -> None:
+    """Write the licences of the packages whose scripts and style sheets are part of the built pages."""
+    if error is not None or app.builder.name != "html":
+        return
+    texts = [
+        f"{name}\n\n{file.read_text()}"
+        for name in ("sphinx", "furo", "sphinx-copybutton")
+        for file in metadata.files(name) or ()
+        if file.name.startswith("LICENSE") and "dist-info" in str(file)
+    ]
+    (Path(app.outdir) / "licences.txt").write_text("\n---\n\n".join(texts))
+
+
+def _let_keys_scroll(
+    app: Sphinx, page: str, template: str, context: dict[str, Any], doctree: nodes.document | None
+) -> None:
+    """Make code blocks and tables focusable: on a narrow screen they scroll, which must not need a pointer."""
+    if "body" in context:
+        context["body"] = re.sub(r'<(pre|div(?= class="table-wrapper))\b', r'<\1 tabindex="0"', context["body"])
+
+
 def setup(app: Sphinx) -> None:
     """Register the MathML renderer and the list of inline scripts."""
     app.add_html_math_renderer("mathml", (_inline_math, None), (_display_math, None))
+    app.connect("html-page-context", _let_keys_scroll)
     app.connect("build-finished", _write_script_hashes)
+    app.connect("build-finished", _write_licences)

@@ -31,7 +31,7 @@ _POINTS = 600
 
 
 class ContradictingViewsError(RecognitionError):
-    """Views that show different scenes, with no majority that agrees."""
+    """The views show different scenes, and no majority of them agrees."""
 
     slug = "contradicting-views"
 

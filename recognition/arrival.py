@@ -13,7 +13,7 @@ from recognition.usable_views import MIN_VIEWS, unusable, usable_views
 
 
 class DuplicateViewError(RecognitionError):
-    """Views that cannot be told apart."""
+    """Two views have the same index."""
 
     slug = "duplicate-view"
 

@@ -1,31 +1,31 @@
-"""What recognition refuses, each with a slug that the service and the command line pass on."""
+"""Errors of recognition. Each has a `slug`, which the service and the command line report."""
 
 
 class RecognitionError(ValueError):
-    """Input from which no truthful model can be made."""
+    """Base of all errors of recognition: no truthful model can be made from the input."""
 
     slug = "recognition"
 
 
 class InvalidParametersError(RecognitionError):
-    """Parameters that break one of the conditions of Table I, or a radius that is no string's."""
+    """The parameters break a condition of Table I, or the radius is not the radius of a string."""
 
     slug = "invalid-parameters"
 
 
 class InsufficientViewsError(RecognitionError):
-    """Fewer usable views than the method needs."""
+    """Fewer than two views can be used."""
 
     slug = "insufficient-views"
 
 
 class TooCrowdedError(RecognitionError):
-    """More above the table than strings and a few things beside them: the table's height or the workspace is wrong."""
+    """Too much is above the table. The height of the table or the workspace is probably wrong."""
 
     slug = "too-crowded"
 
 
 class NoDepthError(RecognitionError):
-    """No view holds a single depth measurement in the workspace: the camera or the setup is at fault."""
+    """No view has a depth measurement in the workspace. Check the camera and the setup."""
 
     slug = "no-depth"

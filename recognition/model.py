@@ -1,4 +1,4 @@
-"""The point chain model: what recognition answers with. Metres, radians, seconds, base frame."""
+"""The point chain model, the result of recognition. Metres, radians, seconds, base frame."""
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
@@ -24,131 +24,153 @@ class Chain:
     """One string as ordered points of its centre line."""
 
     id: int
+    """Number of the chain in the model, from 0."""
     closed: bool
-    """The last point connects to the first."""
+    """Whether the last point connects to the first."""
     radius_m: float
+    """Radius of the string, metres."""
     points: NDArray[np.float64]
-    """(N, 3), from one end to the other, about r_n apart."""
+    """(N, 3) points of the centre line, metres, base frame, in order from one end to the other."""
     sigma_m: NDArray[np.float64]
-    """(N,), one sigma of each point's position across the string."""
+    """(N,) one sigma of the position of each point across the string, metres."""
     views: NDArray[np.int64]
-    """(N,), how many views saw the string there; 0 = bridged under a crossing."""
+    """(N,) number of views that saw the string at each point; 0 = bridged, for example under a crossing."""
     ends: tuple[End, End]
-    """`free`: a real end was seen; `unseen`: it left the workspace or could not be followed."""
+    """First and last end. `free` if it was seen, `unseen` if the string left the workspace or could not be followed."""
 
     @property
     def arc_length_m(self) -> NDArray[np.float64]:
-        """(N,), distance of each point from the first, along the chain."""
+        """(N,) arc length of each point from the first one, metres."""
         return arc_length(self.points)
 
     @property
     def length_m(self) -> float:
-        """Length of the chain; of a closed one, all the way round."""
+        """Length of the chain, metres. For a closed chain, this includes the link from the last point to the first."""
         gap = float(np.linalg.norm(self.points[0] - self.points[-1])) if self.closed else 0.0
         return float(self.arc_length_m[-1]) + gap
 
 
 @dataclass(frozen=True)
 class StrandPoint:
-    """A place on a chain."""
+    """A position on a chain."""
 
     chain: int
-    """The chain's id."""
+    """Id of the chain."""
     s_m: float
-    """Arc length along it."""
+    """Arc length along the chain, metres."""
 
 
 @dataclass(frozen=True, eq=False)
 class Crossing:
-    """Two strands lying over one another."""
+    """A crossing: one strand lies over another strand, of the same chain or of another one."""
 
     id: int
+    """Number of the crossing in the model, from 0."""
     point: NDArray[np.float64]
-    """(3,), between the two centre lines."""
+    """(3,) midpoint between the two centre lines, metres, base frame."""
     over: StrandPoint
+    """Position of the crossing on the upper strand."""
     under: StrandPoint
+    """Position of the crossing on the lower strand."""
     gap_m: float
-    """Measured height of the over strand's centre line above the under strand's."""
+    """Measured height of the upper centre line above the lower one, metres."""
     angle_rad: float
-    """Between the strands seen from above, 0 to pi/2."""
+    """Angle between the strands, seen from above, 0 to pi/2 radians."""
     sign: int
-    """Right-handed crossing sign for the chains' directions, +1 or -1."""
+    """Right-handed crossing sign for the directions of the chains, +1 or -1."""
     confidence: float
-    """That over and under are the right way round, 0.5 to 1."""
+    """Probability that `over` and `under` are not exchanged, 0.5 to 1."""
 
 
 @dataclass(frozen=True, eq=False)
 class Grasp:
-    """A place where a parallel gripper can take a string."""
+    """A pose in which a parallel gripper can grasp a string."""
 
     chain: int
-    """The chain's id."""
+    """Id of the chain."""
     s_m: float
-    """Arc length along it."""
+    """Arc length along the chain, metres."""
     T_base_grasp: NDArray[np.float64]
-    """(4, 4): z = approach, x = closing direction (across the string, to the left of the chain's direction), origin
-    on the centre line. Turned by pi about z it is the same grasp."""
+    """(4, 4) grasp pose in the base frame. z is the approach, x the closing direction (across the string, to the left
+    of the direction of the chain). The origin lies on the centre line. A rotation by pi about z gives the same
+    grasp."""
     opening_m: float
-    """Between the fingers before they close."""
+    """Distance between the fingers before they close, metres."""
     reach_m: float
-    """How far the fingertips go beyond the origin, along z."""
+    """Distance of the fingertips beyond the origin, along z, metres."""
     clearance_m: float
-    """Least distance of fingers and palm on their way from other strands and things; at most 30 mm is told."""
+    """Smallest distance of fingers and palm from other strands and objects during the approach, metres. Values above
+    0.03 are given as 0.03."""
     table_clearance_m: float
-    """Least distance of the fingertips from the table."""
+    """Smallest distance of the fingertips from the table, metres."""
     score: float
-    """0 to 1, the best 1."""
+    """Quality of the grasp, from 0 to 1 (best)."""
 
 
 @dataclass(frozen=True)
 class ViewQuality:
-    """What became of one view."""
+    """How recognition used one view."""
 
     index: int
+    """Index of the view."""
     used: bool
+    """Whether the view is part of the model."""
     reason: str | None
-    """Why it was left out."""
+    """Why the view was excluded; None if it was used."""
     points: int
-    """Points of the string's height that it gave."""
+    """Number of points above the height threshold."""
     fitness: float | None = None
-    """Share of its points beside which, within r, another view has measured the same surface."""
+    """Share of the points that have a point of another view on the same surface within r, 0 to 1."""
     rms_m: float | None = None
-    """Root mean square distance of those from the other views' surface."""
+    """Root mean square distance of these points from the surface of the other views, metres."""
     correction_m: float | None = None
-    """How far levelling and registration moved it from where arm and hand-eye calibration put it, at its centroid."""
+    """Translation of the centroid of the view by alignment to the table and registration, metres."""
     correction_rad: float | None = None
+    """Rotation of the view by alignment to the table and registration, radians."""
 
 
 @dataclass(frozen=True)
 class Quality:
-    """How far the model can be trusted."""
+    """Whether the model can be trusted. Read this before you use the rest of the model."""
 
     views: tuple[ViewQuality, ...] = ()
+    """One entry per view, by index."""
     ambiguities: tuple[str, ...] = ()
-    """What could not be decided."""
+    """What could not be decided, for example which strand of a crossing is over."""
     warnings: tuple[str, ...] = ()
+    """What was excluded, and what looks wrong, for example a radius that differs from the given one."""
 
 
 @dataclass(frozen=True, eq=False)
 class PointChainModel:
-    """All strings of a scene, with their crossings.
+    """All strings of a scene, with their crossings and grasps.
 
-    The fields are those of the JSON document, whose `topology` is `gauss_code()` and `p_data()` here, and whose
-    `parameters` have no unit in their names here (`parameters.r`).
+    The fields have the names of the JSON document, with two differences. The document has `topology` in place of
+    `gauss_code()` and `p_data()`. The names of its parameters have a unit (`r_m` in place of `r`).
     """
 
     method: Method
+    """Method that made the model (`matching`, `enhanced` or `graph`)."""
     parameters: ChainParameters
+    """Parameters that were used."""
     chains: tuple[Chain, ...] = ()
+    """The strings, the longest first."""
     crossings: tuple[Crossing, ...] = ()
+    """All crossings, numbered from 0."""
     quality: Quality = field(default_factory=Quality)
+    """Views, ambiguities and warnings."""
     timing_s: Mapping[str, float] = field(default_factory=dict)
+    """Duration of each stage, seconds."""
     frame: str = "base"
+    """Frame of all coordinates."""
     grasps: tuple[Grasp, ...] = ()
-    """The best first."""
+    """Grasps on all chains, the best first."""
 
     def to_json(self) -> dict[str, Any]:
-        """The model as the JSON document of schema `pointchain/1`: only finite numbers, places to a micrometre."""
+        """Return the model as a JSON document of schema `pointchain/1`.
+
+        All numbers are finite. Positions and lengths are rounded to a micrometre.
+        """
         return {
             "schema": SCHEMA,
             "frame": self.frame,
@@ -163,11 +185,11 @@ class PointChainModel:
         }
 
     def gauss_code(self) -> list[list[list[Any]]]:
-        """For each chain the crossings it meets in order: `[crossing id, "over" or "under", sign]`."""
+        """Return for each chain the crossings along it, in order: `[crossing id, "over" or "under", sign]`."""
         return gauss_code(self.chains, self.crossings)
 
     def p_data(self) -> PData:
-        """Ends, crossings and segments, and the matrix of which follows which."""
+        """Return the ends, crossings and segments, and the matrix that says which follows which."""
         return p_data(self.chains, self.crossings)
 
 

@@ -1,7 +1,8 @@
 """The paper's parameters (Table I and sections II to III), all in metres."""
 
 import math
-from dataclasses import asdict, dataclass
+from collections.abc import Iterable, Mapping
+from dataclasses import asdict, dataclass, replace
 
 from recognition.errors import InvalidParametersError
 
@@ -11,33 +12,51 @@ R_MAX = 0.02
 """Largest string radius taken, metres: above it the views no longer hold string and table."""
 
 
+USED_BY: Mapping[str, tuple[str, ...]] = {
+    "z_t": ("graph", "enhanced", "matching"),
+    "r_c": ("enhanced",),
+    "r_s": ("enhanced",),
+    "rho_t": ("enhanced",),
+    "R_t": ("enhanced",),
+    "r_n": ("graph", "enhanced", "matching"),
+    "r_f": ("graph", "enhanced", "matching"),
+    "r_cn": ("graph", "enhanced", "matching"),
+    "r_cf": ("enhanced",),
+}
+"""Methods that read each parameter. The radius `r` is not listed: every method reads it, and it has its own option."""
+
+
 @dataclass(frozen=True)
 class ChainParameters:
-    """Radii and thresholds of the method. `for_radius` gives the paper's values at r = 4.2 mm.
+    """Radii and thresholds of the method. `for_radius` returns the values of the paper at r = 4.2 mm.
 
-    Raises InvalidParametersError when a condition of Table I is broken.
+    Raises:
+        InvalidParametersError: A value is not finite, or the values break a condition of Table I.
+
+    Source:
+        Table I, and sections II.B, III.B and III.C.
     """
 
     r: float
     """String radius."""
     z_t: float
-    """Height above the table under which points are removed (II.B; 5 mm in the paper)."""
+    """Height above the table; lower points are removed (II.B)."""
     r_c: float
-    """Neighbourhood of thinning, eq. (3)."""
+    """Radius of the neighbourhood of thinning (III.B, eq. 3)."""
     r_s: float
-    """Neighbourhood of the contribution rate, eqs. (4) to (6)."""
+    """Radius of the neighbourhood of the contribution rate (III.C, eqs. 4 to 6)."""
     rho_t: float
-    """Points with a smaller contribution rate belong to an intersection (III.C)."""
+    """Threshold of the contribution rate; points with a smaller rate belong to an intersection (III.C)."""
     R_t: float
-    """Rate of intersection points, eq. (7), from which on the search is inside an intersection. R_t < 1."""
+    """Threshold of the rate of intersection points (III.D, eq. 7); a search above it is in an intersection."""
     r_n: float
-    """Inner search sphere of the matching method: about the distance of chain points. 0 < r_n."""
+    """Inner search sphere of the matching method (II.G), about the distance of the chain points."""
     r_f: float
-    """Outer search sphere of the matching method. r_n < r_f."""
+    """Outer search sphere of the matching method (II.G)."""
     r_cn: float
-    """Inner sphere of the bifurcated restart: the intersection's extent. r_n + r_f <= r_cn."""
+    """Inner sphere of the bifurcated restart (III.D), the extent of an intersection."""
     r_cf: float
-    """Outer sphere of the bifurcated restart. r_cn < r_cf < r_cn + r_n."""
+    """Outer sphere of the bifurcated restart (III.D)."""
 
     def __post_init__(self) -> None:
         values = asdict(self)
@@ -68,7 +87,14 @@ class ChainParameters:
 
     @classmethod
     def for_radius(cls, r: float) -> "ChainParameters":
-        """The parameters for a string of radius `r`, in the ratios of Table I (exactly Table I at 4.2 mm)."""
+        """Return the parameters for a string of radius `r`, in the ratios of Table I.
+
+        Args:
+            r: String radius, metres, from 0.0005 to 0.02. 0.0042 gives the values of Table I.
+
+        Raises:
+            InvalidParametersError: The radius is not a number, or not in this range.
+        """
         if not (isinstance(r, float | int) and math.isfinite(r)):
             raise InvalidParametersError(f"the string radius is {r!r}; a length in metres is needed")
         return cls(
@@ -83,3 +109,43 @@ class ChainParameters:
             r_cn=3 * r,
             r_cf=3.5 * r,
         )
+
+    def with_settings(self, settings: Mapping[str, float]) -> "ChainParameters":
+        """Return the parameters with the values of `settings` in place of their own.
+
+        Args:
+            settings: Values by parameter name, as in `USED_BY`. Lengths are in metres.
+
+        Raises:
+            InvalidParametersError: A name is unknown, or the values break a condition of Table I.
+        """
+        check_names(settings)
+        return replace(self, **settings) if settings else self
+
+
+def check_names(names: Iterable[str]) -> None:
+    """Check that each name is a parameter that may be set.
+
+    Raises:
+        InvalidParametersError: A name is unknown, or it is the radius.
+    """
+    for name in names:
+        if name == "r":
+            raise InvalidParametersError("r is the string radius, and the other parameters follow it: use the radius")
+        if name not in USED_BY:
+            raise InvalidParametersError(f"there is no parameter {name!r}; the parameters are {', '.join(USED_BY)}")
+
+
+def check_settings(settings: Mapping[str, float], method: str) -> None:
+    """Check that `method` reads each of the parameters that are set.
+
+    Raises:
+        InvalidParametersError: A name is unknown or the radius, or the method does not read the parameter.
+    """
+    check_names(settings)
+    for name in settings:
+        if method not in USED_BY[name]:
+            raise InvalidParametersError(
+                f"the method {method!r} does not use {name}, so it cannot be set; {name} is used by "
+                f"{' and '.join(USED_BY[name])}"
+            )

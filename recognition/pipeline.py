@@ -1,7 +1,7 @@
-"""Recognition from end to end, in the order of the paper's flowchart (Fig. 2)."""
+"""Recognition from the views to the model, in the order of the flowchart of the paper (Fig. 2)."""
 
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -27,7 +27,7 @@ from recognition.matching import match
 from recognition.missed_ends import without_missed_ends
 from recognition.model import METHODS, Chain, Crossing, Method, PointChainModel, Quality
 from recognition.normals import NormalCloud
-from recognition.parameters import ChainParameters
+from recognition.parameters import ChainParameters, check_settings
 from recognition.preprocess import DepthView, Scene, TargetCloud
 from recognition.reconstruction import Reconstruction, reconstruct
 from recognition.refinement import Refinement, refine
@@ -38,30 +38,40 @@ from recognition.torn_ends import torn_ends
 from recognition.unexplained import left_over, unexplained
 
 STAGES = ("preprocess", "registration", "centre_line", "matching", "reconstruction", "refinement", "topology", "grasps")
-"""The names that `on_stage` and `timing_s` use, in order; a method has those of `stages_of`."""
+"""Names of the stages in `on_stage` and `timing_s`, in order. `stages_of` returns those of one method."""
 
 
 def stages_of(method: Method) -> tuple[str, ...]:
-    """The stages of one method: `graph` joins what the others reconstruct as it traces, and refines it."""
+    """Return the names of the stages of one method: `graph` has `refinement`, the others `reconstruction`."""
     return tuple(stage for stage in STAGES if stage != ("reconstruction" if method == "graph" else "refinement"))
 
 
 @dataclass(frozen=True, eq=False)
 class Recognition:
-    """A model and what led to it, stage by stage. Stages that were not reached are None."""
+    """A model and the results of the stages that led to it. Stages that the method does not have are None or empty."""
 
     model: PointChainModel
+    """The result."""
     targets: Sequence[TargetCloud] = ()
+    """Points above the height threshold, for each view."""
     clouds: Sequence[NormalCloud] = ()
+    """Points with normals, for each view that sees a string, before registration."""
     registration: Registration | None = None
+    """The combined point cloud with normals."""
     centre_line: CentreLine | None = None
+    """Centre points (eq. 1) and their means (eq. 2)."""
     thinned: NDArray[np.float64] | None = None
+    """(N, 3) thinned points (eq. 3) of `enhanced`, metres."""
     enhanced: EnhancedMatching | None = None
+    """Segments, contribution rates and bifurcation centres of `enhanced`."""
     segments: Sequence[NDArray[np.float64]] = ()
-    """(N, 3) each: the linked points before reconstruction."""
+    """(N, 3) each, the linked points of `matching` and `enhanced` before reconstruction, metres."""
     reconstruction: Reconstruction | None = None
+    """The strands of `enhanced` after each step of the reconstruction."""
     graph: Graph | None = None
+    """Nodes, fragments, pairs of ends and strands of `graph`."""
     refinement: Refinement | None = None
+    """The fitted tubes of `graph`."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,25 +122,58 @@ def recognise(
     method: Method = "graph",
     on_stage: Callable[[str], None] | None = None,
     gripper: Gripper | None = None,
+    settings: Mapping[str, float] | None = None,
 ) -> Recognition:
-    """The point chain model of the strings in `views`.
+    """Recognise the strings in `views` and return their point chain model, with the results of each stage.
 
-    Without `parameters` the string's radius is measured first, which needs all views at once and twice the time.
-    `method`: "matching" is the previous method alone (II.G, on the centre line cloud), "enhanced" the paper's
-    (III), "graph" ours. Grasps are for `gripper`, the default one if None. `on_stage` is called with the name of
-    each stage (`STAGES`) as it begins.
+    Args:
+        views: Depth images with their camera poses, at least two. They may arrive one by one; each is preprocessed
+            when it arrives.
+        parameters: Radii and thresholds. None: the radius of the strings is measured first, which needs all views and
+            twice the time.
+        scene: Height of the table and workspace in the base frame. None: a table at z = 0, and no limit.
+        method: `"matching"` is the earlier method of the paper's authors, `"enhanced"` the method of the paper, and
+            `"graph"` ours.
+        on_stage: Called with the name of each stage (`STAGES`) when it begins.
+        gripper: Gripper for the grasps. None: the default gripper.
+        settings: Parameter values by name, in place of those of `parameters` or of those for the measured radius. The
+            measurement of the radius does not use them.
+
+    Returns:
+        The model, in metres and in the base frame, and the results of the stages. A scene without a string gives a
+        model without chains, and a warning that says why.
 
     Raises:
-        InvalidParametersError: an unknown method.
-        DuplicateViewError: two views with the same index.
-        InsufficientViewsError: fewer than two views, or fewer that can be used.
-        ContradictingViewsError: no majority of the views shows the same scene.
-        NoDepthError: no view measured anything in the workspace.
-        TooCrowdedError: far more is above the table than strings.
-        RadiusUnknownError: no parameters, and nothing to measure a radius of.
+        InvalidParametersError: The method is unknown, it does not use one of `settings`, or the values break a
+            condition of Table I.
+        DuplicateViewError: Two views have the same index.
+        InsufficientViewsError: Fewer than two views were given, or fewer can be used.
+        ContradictingViewsError: No majority of the views shows the same scene.
+        NoDepthError: No view measured anything in the workspace.
+        TooCrowdedError: Much more than strings is above the table.
+        RadiusUnknownError: No parameters were given, and no radius could be measured.
+
+    Example:
+        >>> from cell.simulation.camera import camera_model
+        >>> from cell.simulation.scenes import make_scene
+        >>> from cell.simulation.simulate import simulate
+        >>> from recognition.parameters import ChainParameters
+        >>> from recognition.preprocess import Scene
+        >>> scan = simulate(make_scene("loop", seed=1), camera_model("oak-d-pro"), seed=1)
+        >>> scene = Scene(workspace_m=scan.header.workspace_m)
+        >>> model = recognise(scan.views, ChainParameters.for_radius(0.0042), scene).model
+        >>> [(round(chain.length_m, 2), chain.ends) for chain in model.chains]
+        [(0.4, ('free', 'free'))]
+        >>> model.gauss_code()
+        [[[0, 'under', 1], [0, 'over', 1]]]
+
+    Source:
+        The flowchart of Fig. 2, with stages of ours.
     """
     if method not in METHODS:
         raise InvalidParametersError(f"there is no method {method!r}; it must be one of {', '.join(METHODS)}")
+    settings = settings or {}
+    check_settings(settings, method)
     scene = scene or Scene()
     clock = _Clock(on_stage)
 
@@ -139,6 +182,7 @@ def recognise(
     if parameters is None:
         views = list(views)
         parameters = measured_parameters(views, scene)
+    parameters = parameters.with_settings(settings)
     arrivals = receive(views, parameters, scene)
     if arrivals.empty_because is not None:
         clock.begin(None)

@@ -19,34 +19,52 @@ REACH_M = 100.0
 
 
 class DepthView(Protocol):
-    """What recognition needs of a view; `cell.devices.View` is one."""
+    """Protocol of a view: any object with these five attributes. `cell.devices.View` is one."""
 
     @property
-    def index(self) -> int: ...
+    def index(self) -> int:
+        """Number of the view, different for each view."""
+        ...
+
     @property
-    def depth(self) -> NDArray[np.uint16]: ...
+    def depth(self) -> NDArray[np.uint16]:
+        """(H, W) depth along the optical axis in units of `depth_unit_m`; 0 = not measured."""
+        ...
+
     @property
-    def depth_unit_m(self) -> float: ...
+    def depth_unit_m(self) -> float:
+        """Metres per depth count."""
+        ...
+
     @property
-    def K(self) -> NDArray[np.float64]: ...
+    def K(self) -> NDArray[np.float64]:
+        """(3, 3) pinhole matrix of the rectified depth image, pixels."""
+        ...
+
     @property
-    def T_base_camera(self) -> NDArray[np.float64]: ...
+    def T_base_camera(self) -> NDArray[np.float64]:
+        """(4, 4) camera pose; maps camera points (x right, y down, z forward) to the base frame, metres."""
+        ...
 
 
 class InvalidSceneError(RecognitionError):
-    """A table height or workspace that cannot be."""
+    """The table height or the workspace is not valid."""
 
     slug = "invalid-scene"
 
 
 @dataclass(frozen=True)
 class Scene:
-    """Where to look."""
+    """The table and the workspace, in the base frame.
+
+    Raises:
+        InvalidSceneError: The height is not finite, or the workspace is not a box.
+    """
 
     table_z_m: float = 0.0
-    """Height of the table plane in the base frame; the paper's z_w is measured from it."""
+    """Height of the table plane, metres. The z_w of the paper is measured from it."""
     workspace_m: tuple[tuple[float, float], tuple[float, float], tuple[float, float]] | None = None
-    """Box ((x0, x1), (y0, y1), (z0, z1)) in the base frame; points outside are not looked at. None: everywhere."""
+    """Box ((x0, x1), (y0, y1), (z0, z1)), metres. Points outside are ignored. None means no limit."""
 
     def __post_init__(self) -> None:
         if not np.isfinite(self.table_z_m):

@@ -26,7 +26,7 @@ MIN_RIDGE = 20
 
 
 class RadiusUnknownError(RecognitionError):
-    """Nothing above the table from which a string's radius could be measured."""
+    """Nothing above the table allows the radius of a string to be measured. Give the radius."""
 
     slug = "radius-unknown"
 

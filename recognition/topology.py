@@ -1,7 +1,7 @@
-"""How strings lie over and under one another, apart from their measures: Gauss code, P-data, signs.
+"""The topology of the strings, without lengths: Gauss code and P-data.
 
-P-data is a form that planners of knots work on. The paper (section I, [5] and [6] there) calls it elements "such as
-end, node and segment", whose relations a matrix holds, and leaves the matrix open. Ours is explained at `PData`.
+P-data is a form that knot planners use. The paper (section I, its references [5] and [6]) describes it as elements
+"such as end, node and segment" whose relations are in a matrix. It leaves the matrix open; `PData` defines ours.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ OVER, UNDER, JOINED = 1, -1, 2
 
 
 class TopologyError(ValueError):
-    """Chains and crossings that contradict one another."""
+    """Chains and crossings contradict one another."""
 
     slug = "topology"
 
@@ -34,31 +34,38 @@ class EndElement:
     """One end of an open chain."""
 
     chain: int
+    """Id of the chain."""
     which: Literal["first", "last"]
+    """Which end of the chain."""
     s_m: float
+    """Arc length along the chain, metres."""
     end: End
-    """`free` or `unseen`, as the chain says."""
+    """`free` or `unseen`, as in the chain."""
 
 
 @dataclass(frozen=True)
 class CrossingElement:
-    """A crossing: the node in which two passes meet."""
+    """A crossing, the node of two passes."""
 
     crossing: int
-    """The crossing's id."""
+    """Id of the crossing."""
     sign: int
+    """Right-handed crossing sign, +1 or -1."""
     over: StrandPoint
+    """Position on the upper strand."""
     under: StrandPoint
+    """Position on the lower strand."""
 
 
 @dataclass(frozen=True)
 class SegmentElement:
-    """The string from one end or crossing pass to the next."""
+    """The part of a string from one end or crossing pass to the next."""
 
     chain: int
+    """Id of the chain."""
     s_m: tuple[float, float]
-    """Arc lengths where it begins and ends. In a closed chain the last one runs past the chain's first point, and
-    ends beyond the chain's length."""
+    """Arc lengths of its beginning and end, metres. The last segment of a closed chain continues past the first point
+    of the chain, so its end is larger than the length of the chain."""
 
 
 Element = EndElement | CrossingElement | SegmentElement
@@ -66,29 +73,33 @@ Element = EndElement | CrossingElement | SegmentElement
 
 @dataclass(frozen=True, eq=False)
 class PData:
-    """Ends, crossings and segments, and which follows which along the chains.
+    """Ends, crossings and segments, and the order in which they follow one another along the chains.
 
-    `matrix[i, j]` is not 0 where element j follows element i when a chain is walked from its first point to its
-    last: end to segment, segment to crossing, crossing to segment, segment to end. It says how:
+    `matrix[i, j]` is not 0 if element j follows element i along a chain, from its first point to its last: end to
+    segment, segment to crossing, crossing to segment, segment to end. The value says how:
 
-    - 1 (`OVER`): the segment arrives at, or leaves, the crossing's over pass;
-    - -1 (`UNDER`): the same of its under pass;
-    - 2 (`JOINED`): the segment begins or stops at the end; or it is a whole closed chain, and follows itself.
+    - 1 (`OVER`): the segment arrives at, or leaves, the over pass of the crossing;
+    - -1 (`UNDER`): the segment arrives at, or leaves, the under pass of the crossing;
+    - 2 (`JOINED`): the segment begins or stops at the end. A closed chain without crossings is one segment that
+      follows itself.
 
-    A segment's row holds its one successor, its column its one predecessor. A crossing's row and column hold one
-    1 and one -1 each: who arrives over leaves over. `(matrix != 0) | (matrix.T != 0)` is plain incidence. With
-    the sign, the order of the four segments around a crossing is known too: at a positive one, counter-clockwise
-    from above, over leaving, under leaving, over arriving, under arriving.
+    The row of a segment holds its successor, and its column its predecessor. The row and the column of a crossing hold
+    one 1 and one -1 each. `(matrix != 0) | (matrix.T != 0)` is the incidence. The sign gives the order of the four
+    segments around a crossing. At a positive crossing, counter-clockwise from above, they are: over leaving, under
+    leaving, over arriving, under arriving.
+
+    Source:
+        Section I of the paper, its references [5] and [6]. The values of the matrix are ours.
     """
 
     elements: tuple[Element, ...]
-    """Ends in the order of the chains, crossings as they are first met along the chains, then segments along the
-    chains. So neither this order nor the matrix depends on how crossings are numbered."""
+    """Ends in the order of the chains, then crossings in the order in which the chains first reach them, then segments
+    along the chains. This order does not depend on the numbers of the crossings."""
     matrix: NDArray[np.int8]
-    """(E, E)."""
+    """(E, E) for E elements."""
 
     def to_json(self) -> dict[str, Any]:
-        """`{"elements": [...], "matrix": [[...]]}`; lengths to a micrometre."""
+        """Return `{"elements": [...], "matrix": [[...]]}`, with lengths rounded to a micrometre."""
         elements = [{"id": number} | _element_json(element) for number, element in enumerate(self.elements)]
         return {"elements": elements, "matrix": self.matrix.tolist()}
 

@@ -1,4 +1,4 @@
-"""What a live scan of the simulated cell takes at the speed of a real one, and how soon a stop stops the arm."""
+"""Measure a live scan of the simulated cell at the speed of a real one, and how soon a stop stops the arm."""
 
 import random
 import tempfile
@@ -24,6 +24,7 @@ from cell.simulation.benchmark.tables import table
 from cell.simulation.controller.admin import AdminClient
 from cell.simulation.controller.process import start_controller
 from recognition.gripper import Gripper
+from service.bench_process import MeasurementError
 from service.config_sections import LimitsConfig
 from service.data_folder import DataFolder
 from service.jobs import Jobs
@@ -32,54 +33,57 @@ from service.store import Store
 from service.tables import ScanRow
 
 RADIUS_M = 0.0042
-"""Told, as in a cell that knows its string: measuring it needs all views first."""
+"""Given, as in a cell that knows its string. To measure the radius, recognition would wait for all views."""
 SCANS = 3
-"""Of which the median counts. The first connects, and is not counted."""
+"""Number of scans, of which the median counts. A scan before them connects, and does not count."""
 STOPS = 40
 STOP_TO_Q_RAD = (0.6, -0.3, 0.3, 0.0, 0.0, 0.8)
-"""The arm is stopped on its way from home to home and this."""
+"""The arm moves from home to home plus this, or back, and is stopped on its path."""
 SEED = 1
 
 
 @dataclass(frozen=True)
 class CellTimes:
-    """Seconds, but for the share."""
+    """Times in seconds, except for the share and the count."""
 
     scan_s: float
-    """From the first move until the arm is home, eight views."""
+    """From the first move until the arm is home, with eight views."""
     motion_s: float
-    """Of this the arm moved."""
+    """Part of `scan_s` in which the arm moves."""
     exposure_s: float
-    """Of this the camera exposed what it took the median of."""
+    """Part of `scan_s` in which the camera exposes the images of the median."""
     overhead: float
-    """The rest, as a share of the scan."""
+    """The rest of `scan_s`, as a share of it."""
     model_after_last_frame_s: float
     """From the end of the last exposure until the result is stored."""
     planning_s: float
     stops: int
     stop_wire_p50_s: float
-    """From asking for a stop until the controller has it."""
+    """From the request for a stop until the controller receives it."""
     stop_wire_p99_s: float
     still_p99_s: float
-    """From asking for a stop until the arm is still."""
+    """From the request for a stop until the arm is still."""
 
 
 def measure_cell(say: Callable[[str], None]) -> CellTimes:
-    """Some scans of the simulated cell as configured by default, and some stops of its arm."""
+    """Scan with the simulated cell as configured by default, and stop its arm.
+
+    `say` is called with a message on what is measured.
+    """
     scans = _scans(say)
     stops = _stops(say)
     return CellTimes(**{name: median(scan[name] for scan in scans) for name in scans[0]}, **stops)
 
 
 def cell_table(times: CellTimes) -> str:
-    """A row a figure."""
+    """Return one row for each figure."""
     return table(
         ("live scan of the simulated cell, eight views", ""),
         [
             ("from the first move until the arm is home", f"{times.scan_s:.1f} s"),
-            ("of this motion", f"{times.motion_s:.1f} s"),
-            ("of this exposure", f"{times.exposure_s:.1f} s"),
-            ("overhead", f"{times.overhead:.1%}"),
+            ("arm in motion", f"{times.motion_s:.1f} s"),
+            ("camera exposing", f"{times.exposure_s:.1f} s"),
+            ("overhead, the rest", f"{times.overhead:.1%}"),
             ("from the last frame to the stored result", f"{times.model_after_last_frame_s:.2f} s"),
             ("planning", f"{times.planning_s:.2f} s"),
             (
@@ -100,7 +104,7 @@ def _scans(say: Callable[[str], None]) -> list[dict[str, float]]:
         try:
             timed = []
             for number in range(SCANS + 1):
-                say(f"live scan {number} of {SCANS}")
+                say(f"cell: live scan {number} of {SCANS}" if number else "cell: first live scan, which connects")
                 timed.append(_scan(store, cell, jobs))
             return timed[1:]
         finally:
@@ -115,7 +119,7 @@ def _scan(store: Store, cell: Cell, jobs: Jobs) -> dict[str, float]:
     while (scan := _row(store, accepted)).state in ACTIVE_STATES:
         time.sleep(0.01)
     if scan.state != "succeeded":
-        raise RuntimeError(f"the scan ended {scan.state}: {scan.problem or scan.summary}")
+        raise MeasurementError(f"the scan ended {scan.state}: {scan.problem or scan.summary}")
     while cell.status.state == "busy":
         time.sleep(0.01)
     return _times(store, cell, scan)
@@ -128,7 +132,7 @@ def _row(store: Store, scan: ScanRow) -> ScanRow:
 
 
 def _times(store: Store, cell: Cell, scan: ScanRow) -> dict[str, float]:
-    """From the controller's own log: its stamps are of this machine's monotonic clock."""
+    """Return the times by the log of the controller, whose stamps are of the monotonic clock of this machine."""
     assert scan.started_at is not None
     assert scan.ended_at is not None
     assert cell.controller_host is not None
@@ -157,7 +161,7 @@ def _times(store: Store, cell: Cell, scan: ScanRow) -> dict[str, float]:
 
 
 def _stops(say: Callable[[str], None]) -> dict[str, Any]:
-    """Stops at random moments of a move."""
+    """Stop the arm at random moments of a move, and return the times."""
     settings = SimulatedArm()
     rng = random.Random(SEED)
     wire_s, still_s = [], []
@@ -166,7 +170,7 @@ def _stops(say: Callable[[str], None]) -> dict[str, Any]:
         try:
             for number in range(STOPS):
                 if number % 10 == 0:
-                    say(f"stop {number} of {STOPS}")
+                    say(f"cell: stop {number + 1} of {STOPS}")
                 arm.connect()
                 asked_s = _stop_once(arm, rng.uniform(0.05, 1.2), sign=(-1) ** number)
                 wire, still = _reached(controller.admin, asked_s)
@@ -183,7 +187,7 @@ def _stops(say: Callable[[str], None]) -> dict[str, Any]:
 
 
 def _stop_once(arm: UrArm, after_s: float, sign: int) -> float:
-    """Stops a move that long after it was asked for; when that was, `time.monotonic()`."""
+    """Start a move, stop it after `after_s`, and return when the stop was requested (monotonic seconds)."""
     q_rad = arm.state().q_rad + sign * np.array(STOP_TO_Q_RAD)
 
     def move() -> None:
@@ -200,7 +204,7 @@ def _stop_once(arm: UrArm, after_s: float, sign: int) -> float:
 
 
 def _reached(admin: AdminClient, asked_s: float) -> tuple[float, float]:
-    """How long the stop took to the controller, and to the arm's rest."""
+    """Return the seconds from the request for a stop to the controller, and to the still arm."""
     while admin.state().moving:
         time.sleep(0.01)
     events = [event for event in admin.log() if event["stamp_s"] >= asked_s]

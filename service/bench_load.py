@@ -1,9 +1,10 @@
-"""Load for `pointchain bench`: many clients of a service at once, in a process of its own so that its work is not the
-service's. Standard library only.
+"""Load a service with many clients at once, for `pointchain bench`.
+
+The load has its own process, so that its work does not slow the service. It needs the standard library only.
 
     python -m service.bench_load '{"port": 8000, "connections": 8, "requests": [...], "streams": [...]}'
 
-It asks until its stdin ends, and then tells on stdout what it has met, as one JSON document.
+It sends requests until its stdin ends, and then prints its results on stdout, as one JSON document.
 """
 
 import asyncio
@@ -24,72 +25,72 @@ ROOT = Path(__file__).resolve().parents[1]
 HOST = "127.0.0.1"
 HEAD_END = b"\r\n\r\n"
 AGAIN_S = 5.0
-"""Who is not let in to follow events comes again after so long, as the service's Retry-After says."""
+"""Time after which a refused client requests the event stream again, as the Retry-After of the service says."""
 STALLED_BYTES = 4096
-"""Of the system's room for what a client has not read, of one that never reads."""
+"""Size of the receive buffer of a client that never reads."""
 
 
 @dataclass(frozen=True)
 class Wanted:
-    """What is asked for, again and again."""
+    """A request that is sent again and again."""
 
     name: str
-    """Of its kind, for the report."""
+    """Name of its kind, for the results."""
     path: str
     status: int = 200
-    """That must come."""
+    """The expected status."""
     has: str | None = None
-    """The ETag of what the client has already."""
+    """ETag of the copy that the client has."""
 
     def request(self, port: int) -> bytes:
-        """As it goes over the wire."""
+        """Return the bytes of the request."""
         has = "" if self.has is None else f"If-None-Match: {self.has}\r\n"
         return f"GET {self.path} HTTP/1.1\r\nHost: {HOST}:{port}\r\n{has}\r\n".encode()
 
 
 @dataclass(frozen=True)
 class Load:
-    """What is to be done."""
+    """The requests and the number of clients."""
 
     port: int
     connections: int
-    """So many clients ask, each for one thing after the other ..."""
+    """Number of clients. Each sends one request after the other."""
     requests: Sequence[Wanted]
     pause_s: float = 0.0
-    """... with so long between an answer and the next request ..."""
+    """Time between an answer and the next request."""
     streams: int = 0
-    """... and so many more want to follow events: every other one of these never reads."""
+    """Number of further clients that request the event stream. Every other one never reads."""
     stream_path: str = "/api/events"
 
     def to_json(self) -> str:
-        """For the other process."""
+        """Return the load as JSON, for the other process."""
         return json.dumps(asdict(self))
 
     @staticmethod
     def from_json(text: str) -> "Load":
-        """What `to_json` gave."""
+        """Return the load that `to_json` wrote."""
         known = json.loads(text)
         return Load(**known | {"requests": [Wanted(**one) for one in known["requests"]]})
 
 
 @dataclass
 class Met:
-    """What the clients have met."""
+    """Results of all clients."""
 
     seconds: dict[str, list[float]] = field(default_factory=dict)
-    """From each request to the end of its answer, by kind."""
+    """Time from each request to the end of its answer, by kind."""
     wrong: list[str] = field(default_factory=list)
-    """Answers that should not have come, and connections that broke."""
+    """Unexpected answers and lost connections."""
     let_in: int = 0
-    """How often a client was let in to follow events, ..."""
+    """Number of event streams that the service accepted."""
     refused: int = 0
-    """... and how often it was not."""
+    """Number of event streams that the service refused."""
     news_bytes: int = 0
-    """Read by those who do."""
+    """Bytes that the reading clients received from their event streams."""
 
 
 class Asking(asyncio.Protocol):
-    """One client: asks for the next when the last has come whole."""
+    """One client. It sends the next request when the last answer is complete."""
 
     def __init__(self, load: Load, requests: Iterator[Wanted], met: Met, ending: asyncio.Event) -> None:
         self._load, self._requests, self._met, self._ending = load, requests, met, ending
@@ -97,13 +98,13 @@ class Asking(asyncio.Protocol):
         self._asked_s = 0.0
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        """Asks for the first."""
+        """Send the first request."""
         assert isinstance(transport, asyncio.Transport)
         self._transport = transport
         self._ask()
 
     def data_received(self, data: bytes) -> None:
-        """An answer is whole when its length has come."""
+        """Collect an answer; when it is complete, note its time and send the next request."""
         self._received += data
         if not self._whole:
             end = self._received.find(HEAD_END)
@@ -112,7 +113,7 @@ class Asking(asyncio.Protocol):
             self._whole = end + len(HEAD_END) + length_of(self._received[:end])
         if len(self._received) < self._whole:
             return
-        if self._ending.is_set():  # the report is made
+        if self._ending.is_set():  # the results are final
             self._transport.close()
             return
         self._met.seconds.setdefault(self._wanted.name, []).append(time.perf_counter() - self._asked_s)
@@ -125,7 +126,7 @@ class Asking(asyncio.Protocol):
             self._ask()
 
     def connection_lost(self, exc: Exception | None) -> None:
-        """Only at the end."""
+        """Note a lost connection, unless the load is ending."""
         if not self._ending.is_set():
             self._met.wrong.append(f"{self._wanted.path}: the connection was lost")
 
@@ -139,14 +140,13 @@ class Asking(asyncio.Protocol):
 
 
 def length_of(head: bytes) -> int:
-    """Content-Length of a head; 0 when it has none."""
+    """Return the Content-Length of a head; 0 when it has none."""
     _, found, rest = head.lower().partition(b"\r\ncontent-length:")
     return int(rest.split(b"\r\n", 1)[0]) if found else 0
 
 
 async def follow(load: Load, met: Met, reading: bool) -> None:
-    """One client that wants to follow events, and comes again when it is not let in. One that is not `reading` takes
-    nothing more once it is."""
+    """Request the event stream, and again after a refusal. A client that is not `reading` reads the head only."""
     loop = asyncio.get_running_loop()
     wanted = Wanted("events", load.stream_path).request(load.port)
     while True:
@@ -176,12 +176,12 @@ async def _stay(connection: socket.socket, met: Met, reading: bool) -> None:
 
 
 async def run(load: Load) -> dict[str, Any]:
-    """Asks until stdin ends; the report."""
+    """Send requests until stdin ends, and return the results."""
     loop, met, ending = asyncio.get_running_loop(), Met(), asyncio.Event()
     following = [asyncio.create_task(follow(load, met, number % 2 == 0)) for number in range(load.streams)]
     begin = time.perf_counter()
     for number in range(load.connections):
-        # Each begins elsewhere in the mix, lest all ask for the same at the same time.
+        # Each client begins with another request, so that they do not all send the same one at once.
         requests = itertools.islice(itertools.cycle(load.requests), number, None)
         await loop.create_connection(lambda requests=requests: Asking(load, requests, met, ending), HOST, load.port)
     await asyncio.to_thread(sys.stdin.read)
@@ -196,7 +196,7 @@ async def run(load: Load) -> dict[str, Any]:
 
 @contextmanager
 def asking(load: Load) -> Iterator[dict[str, Any]]:
-    """The load for as long as this lasts; what it has met is in the dictionary behind it."""
+    """Run the load inside the `with` block. The dictionary is filled with the results when the block ends."""
     met: dict[str, Any] = {}
     command = [sys.executable, "-m", __name__, load.to_json()]
     with subprocess.Popen(command, cwd=ROOT, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as process:
@@ -208,5 +208,5 @@ def asking(load: Load) -> Iterator[dict[str, Any]]:
 
 
 if __name__ == "__main__":
-    gc.disable()  # its pauses would be taken for the service's
+    gc.disable()  # its pauses would count as those of the service
     print(json.dumps(asyncio.run(run(Load.from_json(sys.argv[1])))))

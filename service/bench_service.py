@@ -1,7 +1,7 @@
-"""What the service can do at once: how many answers a second, idle and during a live scan of the simulated cell at the
-speed of a real one, and how soon a stop stops the arm under load.
+"""Measure the service under load: answers per second, idle and during a live scan, and how soon a stop stops the arm.
 
-Service, clients, controller and camera are processes of their own on this machine, and share its cores.
+The simulated cell has the speed of a real one. Service, clients, controller and camera are processes on this machine
+and share its cores.
 """
 
 import json
@@ -21,22 +21,22 @@ import numpy as np
 from cell.simulation.benchmark.tables import table
 from cell.simulation.controller.admin import AdminClient
 from service.bench_load import Load, Wanted, asking
-from service.bench_process import BenchedService, served
+from service.bench_process import BenchedService, MeasurementError, served
 
 CLIENTS = 8
-"""So many ask without a pause."""
+"""Number of clients that send requests without a pause."""
 STREAMS = 200
-"""So many want to follow events, and every other one of those that may never reads."""
+"""Number of clients that request the event stream. Every other one never reads what it receives."""
 IDLE_S = 5.0
 SCANS = 2
-"""With and without load, one after the other."""
+"""Number of scans with load, and of scans without."""
 STOPS = 40
 SEED = 1
 
 
 @dataclass(frozen=True)
 class Answers:
-    """To many who ask at once."""
+    """Rate and times of the answers to several clients at once."""
 
     per_s: float
     p50_s: float
@@ -45,42 +45,46 @@ class Answers:
 
 @dataclass(frozen=True)
 class ServiceTimes:
-    """Seconds, but for shares and numbers."""
+    """Results. Times are in seconds."""
 
     idle: Answers
     scanning: Answers
-    """During live scans."""
+    """The answers during live scans."""
     kinds: dict[str, Answers]
-    """The same by what was asked for."""
+    """The answers during live scans, by the kind of request."""
     scan_s: float
-    """A scan, from the first move until its result is stored, with nobody asking."""
+    """A scan without load, from its start until its result is stored."""
     loaded_scan_s: float | None
-    """The same with all asking; None: none came to its end."""
+    """The same under load; None when no scan succeeded."""
     failed_scans: int
-    """Of those with all asking."""
+    """Number of scans under load that failed."""
     stopping: Answers
-    """During live scans that are stopped, with the event streams too."""
+    """The answers during live scans that are stopped, with the event streams too."""
     streams_let_in: int
-    """How often a client was let in to follow events: again where one was dropped that never read."""
+    """Number of event streams that the service accepted. A client whose stream was dropped requests it again."""
     streams_refused: int
+    """Number of event streams that the service refused."""
     wrong: list[str]
-    """Answers that should not have come, and connections that broke, of all."""
+    """Unexpected answers and lost connections."""
     stops: int
     wire_p50_s: float
-    """From sending the request for a stop until the controller has it."""
+    """From the request for a stop until the controller receives it."""
     wire_p99_s: float
     answer_p50_s: float
-    """Until the answer is there: the arm is still by then, the scan may not have ended."""
+    """From the request until its answer. The arm is still by then; the scan may not have ended."""
     answer_p99_s: float
     still_p99_s: float
-    """Until the arm is still."""
+    """From the request until the arm is still."""
 
 
 def measure_service(say: Callable[[str], None]) -> ServiceTimes:
-    """A service as configured by default, under load."""
+    """Measure a service as configured by default, under load.
+
+    `say` is called with a message on what is measured.
+    """
     host = ".".join(["127", *(str(secrets.randbelow(254) + 1) for _ in range(3))])
     with tempfile.TemporaryDirectory(prefix="pointchain-") as root, served(Path(root), host) as service:
-        say("service: a scan to ask for")
+        say("service: first scan, whose result the clients request")
         scan = service.finished(service.start())
         mix = _mix(service, scan["links"]["self"])
         say("service: idle")
@@ -88,7 +92,7 @@ def measure_service(say: Callable[[str], None]) -> ServiceTimes:
             time.sleep(IDLE_S)
         scans, loaded, during = [], [], []
         for number in range(SCANS):
-            say(f"service: scan {number + 1} of {SCANS}, with and without load")
+            say(f"service: scan {number + 1} of {SCANS}, without and with load")
             scans.append(_duration(service.finished(service.start())))
             location = service.start()
             service.wait(location, "scanning")
@@ -123,36 +127,36 @@ def measure_service(say: Callable[[str], None]) -> ServiceTimes:
 
 
 def service_json(times: ServiceTimes) -> dict[str, Any]:
-    """For `--json`."""
+    """Return the results for `--json`."""
     return json.loads(json.dumps(asdict(times)), parse_float=lambda text: round(float(text), 5))
 
 
 def service_table(times: ServiceTimes) -> str:
-    """A row a figure."""
+    """Return one table of the answers, and one with a row for each other figure."""
     rows = [
         _row(f"idle, {CLIENTS} clients", times.idle),
         _row("during a live scan", times.scanning),
-        *(_row(f"of these: {name}", answers) for name, answers in times.kinds.items()),
-        _row(f"during stops, and {STREAMS} want to follow events", times.stopping),
+        *(_row(f"during a live scan: {name}", answers) for name, answers in times.kinds.items()),
+        _row(f"during stops, {STREAMS} clients request events", times.stopping),
     ]
     more = [
-        ("a live scan, alone", f"{times.scan_s:.1f} s"),
-        ("a live scan, under load", _loaded(times)),
+        ("a live scan without load", f"{times.scan_s:.1f} s"),
+        ("a live scan under load", _loaded(times)),
         ("scans that failed under load", f"{times.failed_scans} of {SCANS}"),
-        ("how often a client was let in to follow events", str(times.streams_let_in)),
-        ("how often one was not", str(times.streams_refused)),
-        ("answers that were wrong, and connections that broke", str(len(times.wrong))),
+        ("event streams accepted", str(times.streams_let_in)),
+        ("event streams refused", str(times.streams_refused)),
+        ("wrong answers and lost connections", str(len(times.wrong))),
         (f"stop to the controller, 50 % and 99 % of {times.stops}", _both(times.wire_p50_s, times.wire_p99_s)),
         ("stop to its answer, 50 % and 99 %", _both(times.answer_p50_s, times.answer_p99_s)),
         ("stop to a still arm, 99 %", f"{times.still_p99_s * 1000:.0f} ms"),
     ]
-    answers = table(("the service's answers", "a second", "50 %", "99 %"), rows)
+    answers = table(("answers of the service", "per second", "50 %", "99 %"), rows)
     return f"{answers}\n\n{table(('the service under load', ''), more)}"
 
 
 def _loaded(times: ServiceTimes) -> str:
     if times.loaded_scan_s is None:
-        return "none came to its end"
+        return "none succeeded"
     return f"{times.loaded_scan_s:.1f} s, {times.loaded_scan_s / times.scan_s:.2f} times as long"
 
 
@@ -176,7 +180,7 @@ def _mix(service: BenchedService, location: str) -> list[Wanted]:
 
 
 def _answers(met: Sequence[dict[str, Any]], kind: str | None = None) -> Answers:
-    """Of one kind, None: of all."""
+    """Return the rate and times of the answers of one kind, or of all when None."""
     seconds = [s for one in met for name, times in one["seconds"].items() if kind in (None, name) for s in times]
     duration_s = sum(one["duration_s"] for one in met)
     return Answers(len(seconds) / duration_s, float(np.percentile(seconds, 50)), float(np.percentile(seconds, 99)))
@@ -189,7 +193,7 @@ def _duration(scan: dict[str, Any]) -> float:
 
 @dataclass(frozen=True)
 class Stop:
-    """One stop of a moving arm, seconds behind the request for it."""
+    """One stop of a moving arm, in seconds after its request."""
 
     wire_s: float
     answer_s: float
@@ -200,30 +204,30 @@ def _stops(service: BenchedService, controller: AdminClient, say: Callable[[str]
     rng, stops = random.Random(SEED), []
     for number in range(STOPS):
         if number % 10 == 0:
-            say(f"service: stop {number} of {STOPS} under load")
+            say(f"service: stop {number + 1} of {STOPS} under load")
         stops.append(stop_once(service, controller, rng.uniform(0.05, 1.0)))
     return stops
 
 
 def stop_once(service: BenchedService, controller: AdminClient, after_s: float) -> Stop:
-    """Starts a scan, and stops its arm so long after it has begun to move."""
+    """Start a scan, and stop its arm `after_s` after it began to move."""
     location = service.start()
     while not controller.state().moving:
         time.sleep(0.01)
     time.sleep(after_s)
-    while not controller.state().moving:  # it looked at something
+    while not controller.state().moving:  # it was at a viewpoint
         time.sleep(0.002)
     begin, asked_s = controller.state().events, time.monotonic()
     status, _, body = service.ask("POST", "/api/cell/stop")
     answer_s = time.monotonic() - asked_s
     if status != 200:
-        raise RuntimeError(f"the stop was answered by {status}: {body.decode()}")
+        raise MeasurementError(f"the answer to the stop was {status}: {body.decode()}")
     while controller.state().moving:
         time.sleep(0.01)
     ended = service.wait(location, "aborted")
     if ended["state"] != "aborted":
-        raise RuntimeError(f"the scan that was stopped is {ended['state']}")
-    # Its stamps are of this machine's monotonic clock.
+        raise MeasurementError(f"the state of the stopped scan is {ended['state']}, not aborted")
+    # The stamps are of the monotonic clock of this machine.
     events = [event for event in controller.log(begin) if event["stamp_s"] >= asked_s]
     arrived = [event["stamp_s"] for event in events if event["kind"] in ("braking", "command", "dashboard")]
     still = [event["stamp_s"] for event in events if event["kind"] in ("still", "motion_done")]

@@ -93,19 +93,22 @@ def _parser() -> argparse.ArgumentParser:
 
     bench = commands.add_parser(
         "bench",
-        help="speed and accuracy on simulated scenes, the simulated cell's times, and the service's under load",
-        description="Measures speed, memory and growth on this machine, what a live scan of the simulated cell takes, "
-        "what the service can do at once, and the accuracy of every method on simulated scenes, tier by tier. Markdown "
-        "tables on stdout, progress on stderr; the same scenes every time.",
+        help="measure accuracy, speed, the simulated cell and the service under load",
+        description="Measures speed, memory and growth of recognition on this machine, a live scan of the simulated "
+        "cell, the service under load, and the accuracy of every method on simulated scenes, tier by tier. Prints "
+        "Markdown tables on stdout as they are known, and progress with the remaining time on stderr. The scenes are "
+        "the same every time.",
     )
-    bench.add_argument("--only", choices=("speed", "cell", "service", "accuracy"), help="one part alone")
-    bench.add_argument("--seeds", type=int, default=40, metavar="N", help="scenes a tier (%(default)s)")
+    bench.add_argument("--only", choices=("speed", "cell", "service", "accuracy"), help="measure this part only")
+    bench.add_argument("--seeds", type=int, default=40, metavar="N", help="scenes of each tier (%(default)s)")
     bench.add_argument("--tiers", type=_names, default=(), metavar="A,B", help="an unknown name lists the known (all)")
-    bench.add_argument("--jobs", type=int, metavar="N", help="processes for accuracy (one a core)")
-    bench.add_argument("--json", action="store_true", help="one JSON document, with each scene")
+    bench.add_argument("--jobs", type=int, metavar="N", help="processes of the accuracy part (one per core)")
+    bench.add_argument("--json", action="store_true", help="print one JSON document, with the result of each scene")
     bench.set_defaults(run=_bench)
 
-    demo = commands.add_parser("demo", help="the main job once, with no hardware: simulate, recognise, show")
+    demo = commands.add_parser(
+        "demo", help="scan a simulated string, recognise it and show the result; needs no hardware"
+    )
     demo.add_argument("folder", nargs="?", type=Path, default=Path("demo"), help="default: %(default)s")
     demo.set_defaults(run=_demo)
 

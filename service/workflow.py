@@ -2,7 +2,7 @@
 
 import hashlib
 import json
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -86,11 +86,13 @@ def recognise_recording(
     method: Method = "graph",
     on_stage: OnStage | None = None,
     gripper: Gripper | None = None,
+    settings: Mapping[str, float] | None = None,
 ) -> Recognition:
     """The recording at `path`, recognised; what is missing from the file is among the model's warnings.
 
     `radius_m` in metres, None for the recording's own; where that has none, it is measured. Grasps are for
-    `gripper`, the default one if None. `on_stage` is called with the name of each stage when it begins.
+    `gripper`, the default one if None. `on_stage` is called with the name of each stage when it begins. `settings` are
+    parameter values by name, in place of those for the radius.
 
     Raises:
         RecordingError: the file cannot be used.
@@ -100,7 +102,9 @@ def recognise_recording(
         on_stage(READING)
     recording = read_recording(path)
     radius = check_radius(radius_m, recording.header.string_radius_m)
-    return recognise_views(recording.views, recording.header, recording.missing, radius, method, on_stage, gripper)
+    return recognise_views(
+        recording.views, recording.header, recording.missing, radius, method, on_stage, gripper, settings
+    )
 
 
 def recognise_views(
@@ -111,6 +115,7 @@ def recognise_views(
     method: Method = "graph",
     on_stage: OnStage | None = None,
     gripper: Gripper | None = None,
+    settings: Mapping[str, float] | None = None,
 ) -> Recognition:
     """The views of a recording, or of a scan under way, recognised; each is worked on as it comes.
 
@@ -121,7 +126,7 @@ def recognise_views(
     """
     parameters = None if radius_m is None else ChainParameters.for_radius(radius_m)
     scene = Scene(header.table_z_m, header.workspace_m)
-    recognition = recognise(views, parameters, scene, method, on_stage, gripper)
+    recognition = recognise(views, parameters, scene, method, on_stage, gripper, settings)
     model = recognition.model
     quality = replace(model.quality, warnings=(*missing, *model.quality.warnings))
     return replace(recognition, model=replace(model, quality=quality))

@@ -1,13 +1,7 @@
 """A client of the service, for programs that plan with its models.
 
-    with Client("http://cell:8000", token="pct_...") as cell:
-        scan = cell.scan(string_radius_m=0.0042, on_progress=print)
-        model = cell.model(scan)
-        cell.release()                                   # the arm is yours
-        grasp = model.grasps[0].T_base_grasp             # (4, 4), base frame
-
-Nothing here asks a second time for a motion: where an answer is lost, `UnansweredError` has the wish and the key with
-which `start` finds out whether the scan was begun.
+The client never requests a motion twice by itself. If an answer is lost, `UnansweredError` has the request and the key
+with which `start` finds the scan, or starts it if it was not started.
 """
 
 import os
@@ -37,18 +31,39 @@ from service.client.progress import ScanProgress, follow, look
 from service.schemas import ID_PATTERN, RESULT_STATES, RecordingResource, ScanResource
 
 ANSWER_S = 60.0
-"""A live scan is accepted once arm and camera are connected, which takes seconds."""
+"""Timeout of an answer. A live scan is accepted when arm and camera are connected, which takes seconds."""
 END_S = 10.0
-"""For so long the reason is asked for of a scan that has no model; a service that starts anew needs some seconds."""
+"""Time limit for reading why a scan has no model. A service that restarts needs some seconds."""
 STOP_S = 2.0
 STOP_TRIES = 3
 
 
 class Client:
-    """One service. Safe to use from several threads: `stop` is meant to be called from another one."""
+    """A connection to one service. Use it as a context manager.
+
+    All methods may be called from several threads. Call `stop` from another thread than the one that waits for a scan.
+
+    Example:
+        A scan, its model, and a grasp. `scan` moves the arm.
+
+        >>> from service.client import Client
+        >>> def plan(cell: Client) -> None:
+        ...     scan = cell.scan(string_radius_m=0.0042, on_progress=print)
+        ...     model = cell.model(scan)
+        ...     if model.grasps and not (model.quality.ambiguities or model.quality.warnings):
+        ...         cell.release()  # the arm is home, and your program may move it
+        ...         print(model.grasps[0].T_base_grasp)  # (4, 4), base frame
+        >>> with Client("http://127.0.0.1:8000", token=None) as cell:
+        ...     pass  # plan(cell) with a service at this address
+    """
 
     def __init__(self, address: str = "http://127.0.0.1:8000", token: str | None = None) -> None:
-        """`token` as `pointchain token add` gave it; None where the service asks for none."""
+        """Create a client. No connection is made yet.
+
+        Args:
+            address: Address of the service.
+            token: Token from `pointchain token add`. None: the service needs no token.
+        """
         headers = {} if token is None else {"Authorization": f"Bearer {token}"}
         wait = httpx.Timeout(ANSWER_S, connect=CONNECT_S)
         self._http = httpx.Client(base_url=address, headers=headers, timeout=wait)
@@ -56,7 +71,7 @@ class Client:
         self._stopping = httpx.Client(base_url=address, headers=headers, timeout=STOP_S)
 
     def close(self) -> None:
-        """Closes the connections. A scan under way goes on."""
+        """Close the connections. A running scan continues."""
         self._http.close()
         self._stopping.close()
 
@@ -78,16 +93,26 @@ class Client:
         on_progress: Callable[[ScanProgress], None] | None = None,
         timeout_s: float | None = None,
     ) -> ScanResource:
-        """A live scan: the arm moves. Returns when there is a model; the arm may still be on its way home.
+        """Run a live scan and return it when it has a model. The arm moves, and may still be on its way home.
 
-        `string_radius_m` None: the cell's, else measured. Leaving early, by Ctrl-C or `timeout_s`, does not stop the
-        arm: that is for `stop`.
+        Leaving early, by Ctrl-C or `timeout_s`, does not stop the arm: call `stop`.
+
+        Args:
+            string_radius_m: Radius of the string, metres. None: the radius of the cell's configuration, or measured.
+            method: Recognition method.
+            views: Number of viewpoints. None: as configured.
+            on_progress: Called with each change of the scan.
+            timeout_s: Time limit, seconds. None: no limit.
+
+        Returns:
+            The scan, with the state `succeeded` or `partial`.
 
         Raises:
-            ProblemError: it was not accepted; nothing moved.
-            ScanFailedError: it came to no model, for the reason that it has.
-            UnansweredError, UnreachableError: the service cannot be reached.
-            NotEndedError: a TimeoutError, it has not ended in time.
+            ProblemError: The scan was not accepted. Nothing moved.
+            ScanFailedError: The scan ended without a model. The error has the reason.
+            UnansweredError: The answer was lost. The scan may have been started.
+            UnreachableError: The service cannot be reached.
+            NotEndedError: The scan has not ended within the time limit. It continues.
         """
         wish = {"mode": "live", "string_radius_m": string_radius_m, "method": method, "views": views}
         return self.wait(self.start(wish), on_progress, timeout_s)
@@ -100,8 +125,26 @@ class Client:
         on_progress: Callable[[ScanProgress], None] | None = None,
         timeout_s: float | None = None,
     ) -> ScanResource:
-        """The same from a recording: the id of one that the service has, or the Path of a file, which is uploaded anew
-        at each call. ValueError: a text that is no id."""
+        """Recognise a recording and return the scan when it has a model. Nothing moves.
+
+        Args:
+            recording: Id of a recording that the service has, or the `Path` of a file, which is uploaded at each call.
+            string_radius_m: Radius of the string, metres. None: the radius in the recording, or measured.
+            method: Recognition method.
+            on_progress: Called with each change of the scan.
+            timeout_s: Time limit, seconds. None: no limit.
+
+        Returns:
+            The scan, with the state `succeeded` or `partial`.
+
+        Raises:
+            ValueError: The text is not the id of a recording.
+            ProblemError: The recording or the scan was not accepted.
+            ScanFailedError: The scan ended without a model. The error has the reason.
+            UnansweredError: The answer was lost. The scan may have been started.
+            UnreachableError: The service cannot be reached.
+            NotEndedError: The scan has not ended within the time limit. It continues.
+        """
         known = self.upload(recording).id if isinstance(recording, Path) else recording
         if not re.fullmatch(ID_PATTERN, known):
             raise ValueError(f"{known!r} is not the id of a recording; a file is given as Path({known!r})")
@@ -109,15 +152,20 @@ class Client:
         return self.wait(self.start(wish), on_progress, timeout_s)
 
     def start(self, wish: Mapping[str, Any], key: str | None = None) -> ScanResource:
-        """Starts a scan and does not wait: `wish` is the body of POST /api/scans. The same `key` never starts a second,
-        unless another token is used.
+        """Start a scan and return it without waiting for its end.
 
-        While the first request with it is being decided on, the answer is waited for.
+        Args:
+            wish: Body of `POST /api/scans`.
+            key: Idempotency key. The same key never starts a second scan, unless another token is used. If the first
+                request with it is still being decided, the answer is waited for. None: a new key.
+
+        Returns:
+            The scan, in its present state.
 
         Raises:
-            ProblemError: it was not accepted, with the reason.
-            UnansweredError: whether it was is not known; it has the wish and the key.
-            UnreachableError: the service cannot be reached; this request has begun nothing.
+            ProblemError: The scan was not accepted. The error has the reason.
+            UnansweredError: The scan may have been started. The error has the request and the key.
+            UnreachableError: The service cannot be reached. This request has started nothing.
         """
         key = key or uuid4().hex
         end = time.monotonic() + ANSWER_S
@@ -145,9 +193,18 @@ class Client:
         on_progress: Callable[[ScanProgress], None] | None = None,
         timeout_s: float | None = None,
     ) -> ScanResource:
-        """Returns the scan, or that of an id, when it has a model; `on_progress` is called with each change.
+        """Wait until a scan has a model, and return it.
 
-        Raises: ScanFailedError, UnreachableError and NotEndedError as `scan`; ProblemError when there is no such scan.
+        Args:
+            scan: The scan, or its id.
+            on_progress: Called with each change of the scan.
+            timeout_s: Time limit, seconds. None: no limit.
+
+        Raises:
+            ProblemError: There is no such scan.
+            ScanFailedError: The scan ended without a model. The error has the reason.
+            UnreachableError: The service cannot be reached.
+            NotEndedError: The scan has not ended within the time limit. It continues.
         """
         address = _address(scan) if isinstance(scan, str) else scan.links.self
         patience = Patience(self._http, address, None if timeout_s is None else time.monotonic() + timeout_s)
@@ -173,11 +230,28 @@ class Client:
         return ended
 
     def get(self, scan_id: str) -> ScanResource:
-        """A scan as it is now. Raises ProblemError, UnreachableError; ValueError: a text that is no id."""
+        """Return a scan in its present state.
+
+        Args:
+            scan_id: Id of the scan.
+
+        Raises:
+            ValueError: The text is not the id of a scan.
+            ProblemError: There is no such scan.
+            UnreachableError: The service cannot be reached.
+        """
         return ScanResource.model_validate(self._get(_address(scan_id)).json())
 
     def scans(self, **filters: Any) -> Iterator[ScanResource]:
-        """The scans, the newest first, page by page; `filters` as of GET /api/scans (`state`, `mode`, `kept` ...)."""
+        """Yield the scans, the newest first. Further pages are read when they are needed.
+
+        Args:
+            **filters: Filters of `GET /api/scans`, for example `state`, `mode` or `kept`.
+
+        Raises:
+            ProblemError: A filter is not valid.
+            UnreachableError: The service cannot be reached.
+        """
         page = self._get("/api/scans", filters).json()
         while True:
             yield from map(ScanResource.model_validate, page["scans"])
@@ -186,9 +260,16 @@ class Client:
             page = self._get(page["next"]).json()
 
     def model(self, scan: ScanResource | str) -> PointChainModel:
-        """The model of a scan, or of that of an id, as arrays.
+        """Return the model of a scan as arrays.
 
-        Raises: ScanFailedError when it has none; ProblemError, UnreachableError; ModelError when it is none.
+        Args:
+            scan: The scan, or its id.
+
+        Raises:
+            ScanFailedError: The scan has no model.
+            ModelError: The document is not a model of schema `pointchain/1`.
+            ProblemError: The service refused the request.
+            UnreachableError: The service cannot be reached.
         """
         scan = self.get(scan) if isinstance(scan, str) else scan
         if scan.links.model is None:
@@ -196,7 +277,16 @@ class Client:
         return model_from_json(self._get(scan.links.model).json())
 
     def upload(self, recording: Path) -> RecordingResource:
-        """Gives the service a recording, with the file's name. Raises ProblemError, UnreachableError, OSError."""
+        """Upload a recording under the name of its file.
+
+        Args:
+            recording: The MCAP file.
+
+        Raises:
+            ProblemError: The recording was refused. The error has the reason.
+            UnreachableError: The service cannot be reached, or did not take the file.
+            OSError: The file cannot be read.
+        """
         name = os.fsencode(recording.name).decode(errors="replace")  # a file's name need not be a text
         with recording.open("rb") as file:
             try:
@@ -208,18 +298,19 @@ class Client:
     # The cell
 
     def cell(self) -> Mapping[str, Any]:
-        """The cell as GET /api/cell has it: `state`, `problem`, `reason`, robot, camera ..."""
+        """Return the cell as in `GET /api/cell`: `state`, `problem`, `reason`, robot, camera and calibration."""
         return self._get("/api/cell").json()
 
     def stop(self) -> None:
-        """Stops the arm at once, whatever goes on; a scan under way is aborted. Not an emergency stop.
+        """Stop the arm at once. A running scan is aborted. This is not an emergency stop.
 
-        Tried again at once when there is no answer: a second stop does no harm.
+        Without an answer, the stop is sent again at once: a second stop does no harm.
 
         Raises:
-            UnreachableError: the service cannot be reached, use the robot's own stop; or it was sent and not confirmed,
-                look whether the arm moves.
-            ProblemError: the service refused it, as for a wrong token, and nothing was stopped: use the robot's own.
+            UnreachableError: The service cannot be reached: use the robot's own stop. Or the stop was sent and not
+                confirmed: check whether the arm moves.
+            ProblemError: The service refused the stop, for example for a wrong token. Nothing was stopped: use the
+                robot's own stop.
         """
         lost: list[Exception] = []
         for _ in range(STOP_TRIES):
@@ -238,25 +329,44 @@ class Client:
         raise UnreachableError(text) from lost[-1]
 
     def cancel(self, scan: ScanResource) -> ScanResource:
-        """Stops this scan, the arm first. ProblemError: `not-cancellable`, it has ended already and was not stopped."""
+        """Stop one scan, the arm first, and return the scan when it has ended.
+
+        Args:
+            scan: The scan.
+
+        Raises:
+            ProblemError: `not-cancellable`: the scan has ended already.
+            UnreachableError: The service did not answer.
+        """
         return ScanResource.model_validate(self._do(f"{scan.links.self}/cancel").json())
 
     def connect(self) -> Mapping[str, Any]:
-        """Connects arm and camera; nothing moves. The cell, as `cell` gives it. Raises ProblemError."""
+        """Connect arm and camera, and return the cell. Nothing moves.
+
+        Raises:
+            ProblemError: A device cannot be connected. The error has the reason.
+            UnreachableError: The service did not answer.
+        """
         return self._do("/api/cell/connect").json()
 
     def release(self) -> None:
-        """Waits for the arm to be home, then lets it go, so that another program can move it.
+        """Wait until the arm is home and release it, so that another program can move it.
+
+        After a stop, the arm is released where it stands.
 
         Raises:
-            ProblemError: `stopped` when somebody stopped the arm meanwhile: it is not home, nor wanted to move. When it
-                was stopped before, it is let go where it stands.
+            ProblemError: `stopped`: the arm was stopped during the call. It is not home, and must not be moved.
+            UnreachableError: The service did not answer.
         """
         self._do("/api/cell/release")
 
     def acknowledge(self) -> None:
-        """A person has looked at the cell after a fault: only ever call this because one says so. Raises
-        ProblemError."""
+        """Acknowledge a fault. Call this only after a person has inspected the cell and says so.
+
+        Raises:
+            ProblemError: The fault cannot be acknowledged yet, or there is none.
+            UnreachableError: The service did not answer.
+        """
         self._do("/api/cell/acknowledge")
 
     def _do(self, address: str) -> httpx.Response:

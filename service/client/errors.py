@@ -1,4 +1,4 @@
-"""What can go wrong between a program and the service."""
+"""Errors of the client."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -14,26 +14,26 @@ AWAY = frozenset({502, 503, 504})
 
 
 class ClientError(Exception):
-    """Whatever the client raises of its own."""
+    """Base of all errors of the client."""
 
 
 class ProblemError(ClientError):
-    """The service refused something; `slug` is what programs decide on, as `cell-busy`."""
+    """The service refused a request. Programs decide on `slug`, for example `cell-busy`."""
 
     def __init__(self, problem: Problem, retry_after_s: float | None = None) -> None:
         super().__init__(f"{problem.title}: {problem.detail}")
         self.problem = problem
         self.retry_after_s = retry_after_s
-        """When to ask again, where the service says so."""
+        """Time after which to try again, seconds; None: the service gives none."""
 
     @property
     def slug(self) -> str:
-        """The problem's type without what all have in common."""
+        """Type of the problem, without its prefix, for example `cell-busy`."""
         return self.problem.type.removeprefix("urn:pointchain:")
 
 
 class ScanFailedError(ClientError):
-    """A scan that has no model: `scan` says in which state it is and why."""
+    """The scan has no model. `scan` has its state and the reason."""
 
     def __init__(self, scan: ScanResource) -> None:
         reason = "" if scan.problem is None else f": {scan.problem.detail}"
@@ -42,7 +42,7 @@ class ScanFailedError(ClientError):
 
     @property
     def slug(self) -> str | None:
-        """Why, for programs; None where it has no problem, as one that has not ended."""
+        """Type of the problem, without its prefix, or None if the scan has no problem."""
         return None if self.scan.problem is None else self.scan.problem.type.removeprefix("urn:pointchain:")
 
 
@@ -51,13 +51,13 @@ class UnreachableError(ClientError):
 
 
 class AwayError(UnreachableError):
-    """A proxy answered in the place of the service, which may be back in a moment; it may have got the request."""
+    """A proxy answered in place of the service. The service may have received the request."""
 
 
 class UnansweredError(UnreachableError):
-    """A scan may have been begun: no answer came that tells.
+    """No answer came, so a scan may have been started.
 
-    `Client.start(error.wish, error.key)` finds it, or begins it if it was not.
+    `Client.start(error.wish, error.key)` finds the scan, or starts it if it was not started.
     """
 
     def __init__(self, wish: Mapping[str, Any], key: str, reason: Exception) -> None:
@@ -69,7 +69,7 @@ class UnansweredError(UnreachableError):
 
 
 class NotEndedError(ClientError, TimeoutError):
-    """The time to wait is over, and the scan has not ended. It goes on: `Client.wait(error.scan_id)` waits on."""
+    """The scan has not ended within the time limit. It continues; `Client.wait(error.scan_id)` waits for its end."""
 
     def __init__(self, scan_id: str) -> None:
         super().__init__(f"the time to wait for scan {scan_id} is over; it goes on: cancel or stop it")

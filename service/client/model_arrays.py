@@ -1,4 +1,4 @@
-"""A point chain model's JSON document back as arrays, for those who plan with it."""
+"""Convert the JSON document of a point chain model back to arrays."""
 
 from collections.abc import Mapping
 from typing import Any, cast
@@ -30,14 +30,17 @@ from service.model_schema import (
 
 
 class ModelError(ValueError):
-    """A document that is no model of schema `pointchain/1`."""
+    """The document is not a model of schema `pointchain/1`."""
 
 
 def model_from_json(document: Mapping[str, Any]) -> PointChainModel:
-    """The model that `PointChainModel.to_json` wrote, to the micrometre; members that it does not know are left out.
+    """Return the model of a document that `PointChainModel.to_json` wrote, accurate to a micrometre.
+
+    Args:
+        document: The document. Unknown members are ignored.
 
     Raises:
-        ModelError: it is none, or contradicts itself.
+        ModelError: The document is not a model, or it contradicts itself.
     """
     try:
         parsed = ModelDocument.model_validate(document)

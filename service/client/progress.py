@@ -15,25 +15,26 @@ from service.schemas import ACTIVE_STATES, ScanState
 
 @dataclass(frozen=True)
 class ScanProgress:
-    """A scan at one moment."""
+    """Progress of a scan at one moment."""
 
     state: ScanState
+    """State of the scan."""
     stage: str | None = None
-    """What is being done, or was done last."""
+    """Present or last stage."""
     fraction: float = 0.0
-    """Done of the whole, 0 to 1."""
+    """Completed share, 0 to 1."""
     views: Mapping[int, str] = field(default_factory=dict)
-    """`moving`, `recorded` or `missing`, by the viewpoints' numbers."""
+    """`moving`, `recorded` or `missing`, by the number of the viewpoint."""
     reasons: Mapping[int, str] = field(default_factory=dict)
-    """Why views are missing."""
+    """Why views are missing, by the number of the viewpoint."""
 
     @property
     def ended(self) -> bool:
-        """The state is final."""
+        """Whether the state is final."""
         return self.state not in ACTIVE_STATES
 
     def after(self, event: Mapping[str, Any]) -> "ScanProgress":
-        """What it is after an event of the scan; one of a kind that is not known changes nothing."""
+        """Return the progress after an event of the scan. An event of an unknown kind changes nothing."""
         data = event.get("data", {})
         match event.get("kind"):
             case "state" | "progress":

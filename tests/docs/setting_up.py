@@ -1,6 +1,5 @@
 """What the commands of a page take for granted: files of the reader's own."""
 
-import shutil
 from pathlib import Path
 
 from cell.recording import read_recording
@@ -19,8 +18,3 @@ def before(command: str, folder: Path) -> None:
         write_bag(folder / "session.bag", "ros1", one_image_each(views, Recorded(encoding="32FC1")))
     if command.startswith("pointchain doctor"):
         (folder / "data").mkdir(exist_ok=True)
-    if "recognise archive" in command:
-        (folder / "archive").mkdir(exist_ok=True)
-        shutil.copy(folder / "knot.mcap", folder / "archive")
-    if command.startswith("pointchain compare"):
-        shutil.copy(folder / "new.jsonl", folder / "old.jsonl")

@@ -1,7 +1,10 @@
-"""`pointchain bench` as it is called: what is on stdout, on stderr, and the exit code."""
+"""`pointchain bench` on the command line: stdout, stderr and the exit code."""
 
 import json
+import re
+from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import pytest
 
@@ -9,36 +12,49 @@ from cell.simulation.benchmark.growth import Growth, rows
 from cell.simulation.benchmark.speed import Speed, Timing
 from cell.simulation.camera import camera_model
 from cell.simulation.scenes import make_scene
-from cell.simulation.simulate import simulate
+from cell.simulation.simulate import SimulatedScan, simulate
 from recognition.model import METHODS
+from service.bench_estimate import Probe
+from service.bench_process import MeasurementError
 from service.bench_service import Answers, ServiceTimes
 from service.cli import main
 
 SERIES = rows([1.0, 2.0], [Timing(0.2, {}, 100), Timing(0.3, {}, 200)])
 
 
+@pytest.fixture(autouse=True)
+def probed(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Replace the probe, which takes seconds, by a machine that needs one second for it."""
+    monkeypatch.setattr("service.bench.measure_probe", lambda processes: Probe(start_s=4.0, case_s=1.0))
+
+
+@pytest.fixture
+def small(monkeypatch: pytest.MonkeyPatch) -> SimulatedScan:
+    """Replace the scans of the tiers by a small one, and recognise it in this process."""
+    scan = simulate(make_scene("arc", 1), camera_model("ideal", (320, 200)), 1, views=4)
+    monkeypatch.setattr("cell.simulation.tiers.simulate", lambda case: scan)
+    monkeypatch.setattr("cell.simulation.benchmark.accuracy.in_processes", lambda work, items, jobs: map(work, items))
+    return scan
+
+
 @pytest.fixture
 def measured(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Figures in place of the measurements, which take a minute."""
+    """Replace the measurements, which take a minute, by given figures."""
     monkeypatch.setattr(
         "service.bench.measure_speed", lambda say: Speed(0.25, 5.0, 20.0, 0.1, 0.75, 80.0, {"preprocess": 0.05})
     )
     monkeypatch.setattr("service.bench.measure_growth", lambda say: Growth(SERIES, SERIES, SERIES))
 
 
-def test_accuracy_is_one_document_of_every_tier_and_method(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    # A small scan in place of the tiers', and in this process: how work is shared out is tested by itself.
-    scan = simulate(make_scene("arc", 1), camera_model("ideal", (320, 200)), 1, views=4)
-    monkeypatch.setattr("cell.simulation.tiers.simulate", lambda case: scan)
-    monkeypatch.setattr("cell.simulation.benchmark.accuracy.in_processes", lambda work, items, jobs: map(work, items))
+@pytest.mark.usefixtures("small")
+def test_accuracy_is_one_document_of_every_tier_and_method(capsys: pytest.CaptureFixture[str]) -> None:
     arguments = ["bench", "--only", "accuracy", "--tiers", "paper, soft", "--seeds", "1", "--jobs", "2", "--json"]
     assert main(arguments) == 0
     out, err = capsys.readouterr()
     document = json.loads(out)
     assert "2 scenes by " in err
-    assert "soft done" in err
+    assert "tier paper is done (about " in err
+    assert "tier soft is done (about 0 s left)" in err
     assert set(document) == {"machine", "accuracy", "sigma", "cases"}
     assert set(document["accuracy"]) == {"paper", "soft"}
     assert [(case["tier"], case["seed"]) for case in document["cases"][:: len(METHODS)]] == [("paper", 0), ("soft", 0)]
@@ -46,11 +62,41 @@ def test_accuracy_is_one_document_of_every_tier_and_method(
         summary = document["accuracy"]["paper"][method]
         assert {"n", "topology", "mean_mm", "shape_mm", "end_mm", "cover", "p95_mm"} <= set(summary)
         assert summary["n"] == 1
-        # Millimetres: the told poses are half a millimetre off.
+        low, high = summary["topology_interval_95"]
+        assert 0.0 <= low <= summary["topology"] <= high <= 1.0
+        low, high = document["sigma"]["all"][method]["within_2_sigma_interval_95"]
+        assert 0.0 <= low <= document["sigma"]["all"][method]["within_2_sigma"] <= high <= 1.0
+        # Millimetres: the given poses are off by half a millimetre.
         assert 0.05 < summary["mean_mm"] < 2.0
         assert summary["cover"] > 0.9
         assert document["sigma"]["paper"][method] == document["sigma"]["soft"][method]
         assert document["sigma"]["all"][method]["n_points"] == 2 * document["sigma"]["paper"][method]["n_points"] > 50
+
+
+@pytest.mark.usefixtures("small")
+def test_each_tier_is_printed_when_it_ends(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    printed = []
+
+    def watched(work: Any, items: Any, jobs: int) -> Any:
+        for item in items:
+            printed.append((item, capsys.readouterr().out))
+            yield work(item)
+
+    monkeypatch.setattr("cell.simulation.benchmark.accuracy.in_processes", watched)
+    assert main(["bench", "--only", "accuracy", "--tiers", "paper,soft,hard", "--seeds", "2", "--jobs", "1"]) == 0
+    items, outputs = [item for item, _ in printed], [out for _, out in printed]
+    assert items == [(tier, seed) for tier in ("paper", "soft", "hard") for seed in range(2)]
+    assert outputs[0].startswith("| tier | method | scenes | topology right | 95 % interval | ")
+    assert outputs[0].splitlines()[1].startswith("| --- |")
+    # The rows of a tier are there before the next tier begins.
+    assert (outputs[1], outputs[3], outputs[5]) == ("", "", "")
+    for tier, out in (("paper", outputs[2]), ("soft", outputs[4])):
+        rows = [line.split(" | ") for line in out.splitlines()]
+        assert [(row[0], row[1], row[2]) for row in rows] == [(f"| {tier}", method, "2") for method in METHODS]
+        assert all(re.fullmatch(r"[0-9.]+% to [0-9.]+%", row[4]) for row in rows)
+    rest = capsys.readouterr().out
+    assert rest.startswith("| hard | ")
+    assert "\n\n| tier | method | within 2 sigma | 95 % interval | points | " in rest
 
 
 @pytest.mark.usefixtures("measured")
@@ -76,10 +122,26 @@ def test_people_get_tables(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["bench", "--only", "speed"]) == 0
     out, err = capsys.readouterr()
     assert "| 640x400 | 0.250 s |" in out
-    assert "about 90 s" in err
+    assert out.index("| 8 views to the model |") < out.index("| stage, 640x400 |") < out.index("| input |")
+    assert "this takes about " in err
+    assert "speed, memory and growth" in err
 
 
-def test_the_service_is_told_too(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.usefixtures("measured")
+def test_a_part_is_printed_when_it_ends(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    def measure_growth(say: Callable[[str], None]) -> Growth:
+        assert "| 640x400 | 0.250 s |" in capsys.readouterr().out, "the speed was printed before growth is measured"
+        say("growth")
+        return Growth(SERIES, SERIES, SERIES)
+
+    monkeypatch.setattr("service.bench.measure_growth", measure_growth)
+    assert main(["bench", "--only", "speed"]) == 0
+    out, err = capsys.readouterr()
+    assert out.startswith("| input |")
+    assert re.search(r"^pointchain bench: growth \(about \d+ (s|min) left\)$", err, re.MULTILINE)
+
+
+def test_the_service_is_printed_too(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
     answers = Answers(1234.5, 0.00612345, 0.0187)
     times = ServiceTimes(
         idle=answers,
@@ -107,11 +169,22 @@ def test_the_service_is_told_too(capsys: pytest.CaptureFixture[str], monkeypatch
     assert main(["bench", "--only", "service"]) == 0
     out = capsys.readouterr().out
     assert "| during a live scan | 1234 | 6.1 ms | 18.7 ms |" in out
-    assert "| a live scan, under load | 21.0 s, 1.05 times as long |" in out
+    assert "| a live scan under load | 21.0 s, 1.05 times as long |" in out
     assert "| stop to the controller, 50 % and 99 % of 40 | 10 ms, 20 ms |" in out
     monkeypatch.setattr("service.bench.measure_service", lambda say: replace(times, loaded_scan_s=None, failed_scans=2))
     assert main(["bench", "--only", "service"]) == 0
-    assert "| a live scan, under load | none came to its end |" in capsys.readouterr().out
+    assert "| a live scan under load | none succeeded |" in capsys.readouterr().out
+
+
+def test_a_part_that_fails_says_why(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail(say: Callable[[str], None]) -> None:
+        raise MeasurementError("the scan ended failed: the robot was lost")
+
+    monkeypatch.setattr("service.bench.measure_cell", fail)
+    assert main(["bench", "--only", "cell", "--json"]) == 1
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert "the cell part failed: the scan ended failed: the robot was lost; run it on a machine" in err
 
 
 @pytest.mark.parametrize(
@@ -122,7 +195,7 @@ def test_the_service_is_told_too(capsys: pytest.CaptureFixture[str], monkeypatch
         (["--tiers", "paper,easy"], "there is no tier 'easy'; known are paper"),
     ],
 )
-def test_wrong_calls_are_told(arguments: list[str], message: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_wrong_calls_say_what_is_wrong(arguments: list[str], message: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["bench", *arguments]) == 1
     out, err = capsys.readouterr()
     assert out == ""

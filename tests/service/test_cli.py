@@ -1,6 +1,7 @@
 """The command line as a person or a script meets it: what is on stdout, on stderr, and the exit code."""
 
 import json
+import re
 import socket
 from dataclasses import replace
 from pathlib import Path
@@ -13,6 +14,8 @@ from cell.recording import RecordingHeader, RecordingWriter, read_recording
 from service.app import openapi_document
 from service.cli import main
 from service.data_folder import DataFolder
+from service.demo import indented
+from service.worker import TaskFailedError
 
 
 def run(capsys: pytest.CaptureFixture[str], *arguments: object) -> tuple[int, list[dict[str, Any]], str]:
@@ -168,13 +171,14 @@ def test_trace_draws_every_stage(capsys: pytest.CaptureFixture[str], recording_f
     code, _, _ = run(capsys, "recognise", recording_file, "--trace", tmp_path)
     assert code == 0
     pictures = sorted((tmp_path / recording_file.stem).iterdir())
-    graph = [f"graph{n}" for n in (1, 2, 3)]
-    assert [picture.stem.split("_")[0] for picture in pictures] == ["fig04", "fig06", "fig08", "fig18", *graph]
+    drawn = [picture.name for picture in pictures]
+    assert (drawn[0], drawn[3], drawn[-1]) == ("01_target_cloud.png", "04_nodes.png", "08_model.png")
     assert all(picture.read_bytes().startswith(b"\x89PNG") for picture in pictures)
-    for method, figures in (("matching", (4, 6, 8, 18)), ("enhanced", (4, 6, 8, 9, 10, 11, 15, 16, 18))):
-        run(capsys, "recognise", recording_file, "--trace", tmp_path / method, "--method", method)
-        drawn = sorted((tmp_path / method / recording_file.stem).iterdir())
-        assert [picture.stem[:5] for picture in drawn] == [f"fig{n:02}" for n in figures]
+    for method, count in (("matching", 5), ("enhanced", 9)):
+        run(capsys, "recognise", recording_file, "--trace", tmp_path, "--method", method)
+        drawn = sorted(picture.name for picture in (tmp_path / recording_file.stem).iterdir())
+        assert (len(drawn), drawn[-1]) == (count, f"0{count}_model.png")
+        assert "04_nodes.png" not in drawn, "no picture of another method is left"
 
 
 def test_simulate_writes_the_same_file_for_the_same_seed(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
@@ -235,9 +239,42 @@ def test_demo_tells_the_truth_and_can_be_repeated(capsys: pytest.CaptureFixture[
     assert not list(folder.rglob("old.*"))
     model = json.loads((folder / "result" / "model.json").read_text())
     assert len(model["crossings"]) == 1
+    text = (folder / "result" / "model.json").read_text()
+    assert '\n  "chains": [\n' in text, "it is indented"
+    assert re.search(r"^ +\[-?[0-9.]+, -?[0-9.]+, -?[0-9.]+\],$", text, re.MULTILINE), "a point has one line"
+    pictures = sorted(path.name for path in (folder / "trace").iterdir())
+    assert (pictures[0], pictures[3], pictures[-1]) == ("01_target_cloud.png", "04_nodes.png", "08_model.png")
+    assert f"{len(pictures)} pictures in {folder / 'trace'}/" in out
+    next_steps = out.split("\nNext steps\n")[1]
+    assert "make serve, then open http://127.0.0.1:8000" in next_steps
+    assert "http://127.0.0.1:8000/manual" in next_steps
+    assert f"recognise {folder / 'scan.mcap'}\n" in next_steps
     (folder / "mine.txt").write_text("keep")
     assert main(["demo", str(folder)]) == 1
     assert (folder / "mine.txt").exists()
+
+
+def test_demo_says_why_the_scan_failed(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    def late(*_: object) -> None:
+        raise TaskFailedError(503, "recognition-timeout", "recognition was stopped at its time limit")
+
+    monkeypatch.setattr("service.demo.take_scan", late)
+    assert main(["demo", str(tmp_path / "demo")]) == 1
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert "the scan failed: recognition was stopped at its time limit; try again" in err
+
+
+def test_indented_json_is_the_same_value() -> None:
+    value = {"a": [], "b": {}, "c": [1, None, "x, y"], "d": [[1.5, 2], {"e": [True]}, []], "f": ({"g": 0},)}
+    text = indented(value)
+    assert json.loads(text) == json.loads(json.dumps(value))
+    assert '"c": [1, null, "x, y"],\n' in text
+    assert "    [1.5, 2],\n" in text
+    with pytest.raises(ValueError, match="not JSON compliant"):
+        indented([float("nan")])
 
 
 def test_openapi_prints_the_description(capsys: pytest.CaptureFixture[str]) -> None:

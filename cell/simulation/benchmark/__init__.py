@@ -1,1 +1,1 @@
-"""How right and how fast recognition is on simulated scans, in one command: `pointchain bench`."""
+"""Measure accuracy and speed of recognition on simulated scans, for `pointchain bench`."""

@@ -1,4 +1,4 @@
-"""How often and how well recognition is right, by tier of simulated cases and by method."""
+"""Measure the accuracy of recognition, by tier of simulated cases and by method."""
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import asdict, dataclass
@@ -6,49 +6,57 @@ from typing import Any
 
 import numpy as np
 
+from cell.simulation.benchmark.intervals import Interval, wilson_interval
 from cell.simulation.benchmark.processes import in_processes
 from cell.simulation.benchmark.sigma import SigmaCounts, sigma_counts, sigma_shares
 from cell.simulation.scoring import Score, score
 from recognition.model import METHODS, Method
 
 ALL = "all"
-"""Stands for all tiers together."""
+"""Name of the row for all tiers together."""
 
 
 @dataclass(frozen=True)
 class CaseResult:
-    """What one method made of one case."""
+    """Result of one method on one case."""
 
     tier: str
     seed: int
     method: Method
     score: Score | None
-    """None where recognition refused the case."""
+    """None when recognition refused the case."""
     refused: str | None = None
-    """Why it did."""
+    """Reason for the refusal."""
     sigma: SigmaCounts | None = None
 
 
 @dataclass(frozen=True)
 class Summary:
-    """What one method reached on one tier. Medians over all cases, of which one without a model counts as worst."""
+    """Result of one method on one tier.
+
+    The distances and `cover` are medians over all cases. A case without a model counts as the worst.
+    """
 
     n: int
+    """Number of cases."""
     topology: float
     """Share of cases with every string, order and over/under right."""
+    topology_interval_95: Interval | None
+    """95 % interval of this share."""
     mean_mm: float | None
-    """None: half of the cases have no model to measure."""
+    """None when half of the cases or more have no model to measure."""
     p95_mm: float | None
     shape_mm: float | None
     end_mm: float | None
     cover: float
     confident_mistakes: int
-    """Crossings with over and under exchanged at a confidence above 0.9, in all cases."""
+    """Number of crossings with over and under exchanged at a confidence above 0.9, in all cases."""
     refused: int
+    """Number of cases that recognition refused."""
 
 
 def run_case(tier_and_seed: tuple[str, int]) -> list[CaseResult]:
-    """The case simulated once and recognised by every method."""
+    """Simulate a case once, and recognise it by every method."""
     from cell.simulation.tiers import make_case, simulate
     from recognition.errors import RecognitionError
     from recognition.parameters import ChainParameters
@@ -57,12 +65,12 @@ def run_case(tier_and_seed: tuple[str, int]) -> list[CaseResult]:
 
     tier, seed = tier_and_seed
     scan = simulate(make_case(tier, seed))
-    where = Scene(scan.header.table_z_m, scan.header.workspace_m)
+    surroundings = Scene(scan.header.table_z_m, scan.header.workspace_m)
     results = []
     for method in METHODS:
         try:
             parameters = ChainParameters.for_radius(scan.truth["radius"])
-            model = recognise(scan.views, parameters, where, method).model.to_json()
+            model = recognise(scan.views, parameters, surroundings, method).model.to_json()
         except RecognitionError as error:
             results.append(CaseResult(tier, seed, method, None, f"{error.slug}: {error}"))
         except Exception as error:
@@ -78,9 +86,9 @@ def run_case(tier_and_seed: tuple[str, int]) -> list[CaseResult]:
 def run(
     tiers: Sequence[str], seeds: int, jobs: int, on_done: Callable[[str], object] | None = None
 ) -> Iterator[CaseResult]:
-    """The results of seeds 0, 1, ... of every tier, in that order, computed by `jobs` processes.
+    """Yield the results of seeds 0, 1, ... of every tier, in that order, computed by `jobs` processes.
 
-    `on_done` is called with the tier of each case that is done.
+    `on_done` is called with the tier of each case, in the same order, just before its results are yielded.
     """
     for results in in_processes(run_case, [(tier, seed) for tier in tiers for seed in range(seeds)], jobs):
         if on_done is not None:
@@ -89,7 +97,7 @@ def run(
 
 
 def accuracy(results: Iterable[CaseResult]) -> dict[str, dict[str, Summary]]:
-    """One summary a tier and method."""
+    """Return one summary for each tier and method."""
     return {
         tier: {method: _summary(cases) for method, cases in methods.items()}
         for tier, methods in _grouped(results).items()
@@ -97,7 +105,7 @@ def accuracy(results: Iterable[CaseResult]) -> dict[str, dict[str, Summary]]:
 
 
 def sigma(results: Sequence[CaseResult]) -> dict[str, dict[str, Any]]:
-    """Share of points within two sigma of the truth, for each tier and method and for all tiers together."""
+    """Return the share of points within two sigma of the truth, by tier and method and for all tiers together."""
     groups = _grouped(results)
     together = {method: [result for result in results if result.method == method] for method in _methods(results)}
     return {
@@ -107,7 +115,7 @@ def sigma(results: Sequence[CaseResult]) -> dict[str, dict[str, Any]]:
 
 
 def case_json(result: CaseResult) -> dict[str, Any]:
-    """One case as JSON: only finite numbers and None."""
+    """Return one case as JSON. It has only finite numbers and None."""
     return asdict(result)
 
 
@@ -125,9 +133,11 @@ def _grouped(results: Iterable[CaseResult]) -> dict[str, dict[str, list[CaseResu
 def _summary(cases: Sequence[CaseResult]) -> Summary:
     scores = [case.score for case in cases]
     with_ends = [s for s in scores if s is None or s.true_ends]
+    topology = float(np.mean([s is not None and s.topology for s in scores]))
     return Summary(
         n=len(cases),
-        topology=round(float(np.mean([s is not None and s.topology for s in scores])), 4),
+        topology=round(topology, 4),
+        topology_interval_95=wilson_interval(topology, len(cases)),
         mean_mm=_median_mm(None if s is None else s.mean_m for s in scores),
         p95_mm=_median_mm(None if s is None else s.p95_m for s in scores),
         shape_mm=_median_mm(None if s is None else s.shape_m for s in scores),

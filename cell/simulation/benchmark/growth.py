@@ -1,4 +1,4 @@
-"""How recognition's time grows with points per view, with views and with the length of the string."""
+"""Measure how the time of recognition grows with points per view, with views and with the length of the string."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -17,28 +17,28 @@ from cell.simulation.benchmark.speed import (
 from recognition.errors import RecognitionError
 
 RESOLUTIONS = (SMALL, (905, 565), (1280, 800))
-"""Once, twice and four times the pixels."""
+"""One, two and four times the pixels."""
 VIEWS = (4, 8, 16, 32)
 LENGTHS_M = (0.4, 1.0, 2.0, 5.0, 10.0)
 DISTANCE_M = 0.6
-"""From where all lengths are seen: from one distance, so that points grow as the length does."""
+"""Distance of the camera for all lengths, so that the points grow with the length."""
 RUNS = 3
 LINEAR_EXPONENT = 1.2
-"""Time that grows with a power of the size no higher than this counts as linear: timings scatter by some per cent."""
+"""Growth by this power of the size or less counts as linear, since timings scatter by some per cent."""
 
 
 @dataclass(frozen=True)
 class Row:
-    """One size of the input."""
+    """Result for one size of the input."""
 
     size: float
-    """Pixels a view, views, or metres of string."""
+    """Pixels per view, views, or metres of string."""
     points: int
-    """Points of string height in all views, as the model tells them."""
+    """Points of string height in all views, as the model reports them."""
     seconds: float | None
-    """None where recognition refused it."""
+    """None when recognition refused the input."""
     ratio: float | None
-    """To the first row's seconds."""
+    """Ratio to the seconds of the first row."""
     size_ratio: float
     refused: str | None = None
 
@@ -52,23 +52,23 @@ class Growth:
     length: tuple[Row, ...]
 
     def linear(self) -> dict[str, bool]:
-        """For each series whether time grows no faster than the size."""
+        """Return for each series whether its time grows no faster than its size."""
         return {name: linear(rows) for name, rows in vars(self).items()}
 
 
 def measure_growth(say: Callable[[str], object]) -> Growth:
-    """The three series; `say` is told what is being done."""
+    """Measure the three series. `say` is called with a message on what is measured."""
     thumbnail = simulated_input(THUMBNAIL, crossings=CROSSINGS)
 
     def series(name: str, sizes: Sequence[float], simulated: Callable[[int], Input]) -> tuple[Row, ...]:
         say(f"growth with {name}: {', '.join(f'{size:g}' for size in sizes)}")
-        # Laid and simulated here: the process that is timed is given the views only.
+        # Scenes are simulated here, so that the timed process receives the views only.
         inputs = [simulated(k) for k in range(len(sizes))]
         return rows(sizes, in_fresh_process(timed, inputs, thumbnail))
 
     return Growth(
         points=series(
-            "pixels a view",
+            "pixels per view",
             [float(width * height) for width, height in RESOLUTIONS],
             lambda k: simulated_input(RESOLUTIONS[k], crossings=CROSSINGS),
         ),
@@ -82,7 +82,7 @@ def measure_growth(say: Callable[[str], object]) -> Growth:
 
 
 def rows(sizes: Sequence[float], timings: Sequence[Timing | str]) -> tuple[Row, ...]:
-    """Rows from sizes and timings; a timing that is text is why recognition refused that size."""
+    """Return one row for each size. A timing that is text is the reason why recognition refused that size."""
     first = timings[0].seconds if isinstance(timings[0], Timing) else None
     result = []
     for size, timing in zip(sizes, timings, strict=True):
@@ -95,9 +95,10 @@ def rows(sizes: Sequence[float], timings: Sequence[Timing | str]) -> tuple[Row, 
 
 
 def linear(series: Sequence[Row]) -> bool:
-    """Whether neither the whole series nor its last step grows faster than `LINEAR_EXPONENT` allows.
+    """Return whether neither the whole series nor its last step grows faster than `LINEAR_EXPONENT` allows.
 
-    A power above one shows in the last step, however much the start hides it. Not when a size was refused.
+    A higher power shows in the last step, even if the constant time of small inputs hides it before. A series with a
+    refused size is not linear.
     """
     done = [(row.size, row.seconds) for row in series if row.seconds is not None]
     if len(done) < len(series):
@@ -110,7 +111,7 @@ def linear(series: Sequence[Row]) -> bool:
 
 
 def timed(inputs: Sequence[Input], thumbnail: Input) -> list[Timing | str]:
-    """Each input's timing, or why recognition refused it."""
+    """Return the timing of each input, or the reason why recognition refused it."""
     timings: list[Timing | str] = []
     for given in inputs:
         try:

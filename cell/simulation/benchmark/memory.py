@@ -1,4 +1,4 @@
-"""Resident memory of this process."""
+"""Read the resident memory of this process."""
 
 import resource
 import sys
@@ -8,24 +8,24 @@ _STATUS = Path("/proc/self/status")
 
 
 def peak_rss_bytes() -> int:
-    """The most that was ever resident."""
-    told = _status("VmHWM")
-    if told is not None:
-        return told
-    # Where there is no better: on Linux this counts what the process was forked from, too.
+    """Return the peak resident memory of this process so far."""
+    size = _status("VmHWM")
+    if size is not None:
+        return size
+    # The fallback: on Linux it includes the memory of the process that this one was forked from.
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     # Kilobytes, but bytes on macOS.
     return peak if sys.platform == "darwin" else peak * 1024
 
 
 def current_rss_bytes() -> int:
-    """What is resident now; where the system does not tell, the most that ever was."""
-    told = _status("VmRSS")
-    return peak_rss_bytes() if told is None else told
+    """Return the resident memory now; the peak where the system does not report it."""
+    size = _status("VmRSS")
+    return peak_rss_bytes() if size is None else size
 
 
 def _status(name: str) -> int | None:
-    """A size from what Linux tells of the process, None where it does not."""
+    """Return a size in the status that Linux reports of the process; None elsewhere."""
     if not _STATUS.exists():
         return None
     sizes = dict(line.split(":", 1) for line in _STATUS.read_text().splitlines() if ":" in line)

@@ -1,6 +1,6 @@
-"""Work in other processes that end with this one.
+"""Run functions in other processes that end with this one.
 
-Nothing heavy is imported here: a worker must set its number of threads before numpy is.
+Nothing heavy is imported here: a worker must set its number of threads before it imports numpy.
 """
 
 import multiprocessing
@@ -20,15 +20,15 @@ _THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
 
 def in_fresh_process(function: Callable[P, R], *args: P.args, **kwargs: P.kwargs) -> R:
-    """What `function` returns when a new process runs it, with all of the machine's threads."""
+    """Run `function` in a new process, with all threads of the machine, and return its result."""
     with _pool(1) as pool:
         return pool.submit(function, *args, **kwargs).result()
 
 
 def in_processes(function: Callable[[T], R], items: Sequence[T], jobs: int) -> Iterator[R]:
-    """`function` of each item, in their order, computed by `jobs` processes.
+    """Yield `function` of each item, in their order, computed by `jobs` processes.
 
-    A process has one thread for sums: their rounding, and so the result, does not depend on the machine's cores.
+    Each process computes with one thread, so that rounding does not depend on the number of cores.
     """
     with _pool(jobs, threads=1) as pool:
         yield from pool.map(function, items)
@@ -49,10 +49,10 @@ def _pool(jobs: int, threads: int | None = None) -> Iterator[ProcessPoolExecutor
 
 
 def _begin(threads: int | None) -> None:
-    """What a worker does first."""
+    """Set up a worker."""
     if threads is not None:
         os.environ.update(dict.fromkeys(_THREADS, str(threads)))
-    # Ctrl-C reaches the terminal's whole group: a worker just ends, and its parent says what happened.
+    # Ctrl-C reaches all processes of the terminal: a worker ends silently, and its parent reports it.
     signal.signal(signal.SIGINT, signal.SIG_DFL)
     threading.Thread(target=_end_with_parent, daemon=True).start()
 

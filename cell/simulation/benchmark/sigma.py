@@ -1,20 +1,22 @@
-"""Whether recognition's `sigma_m` is honest: 95 % of chain points should lie within two of them of the truth."""
+"""Check `sigma_m` of recognition: 95 % of the chain points should lie within two sigma of the truth."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
+from cell.simulation.benchmark.intervals import clustered_interval
 from cell.simulation.lines import Nearest
 from cell.simulation.scoring import true_lines
 
 
 @dataclass(frozen=True)
 class SigmaCounts:
-    """Chain points, and how many of them lie within two sigma of the true centre line; seen or bridged ones."""
+    """Number of chain points of one model, and of those within two sigma of the true centre line."""
 
     seen: int = 0
+    """Points that a view saw."""
     seen_within: int = 0
     bridged: int = 0
     """Points that no view saw (`views` 0)."""
@@ -22,10 +24,10 @@ class SigmaCounts:
 
 
 def sigma_counts(model: Mapping[str, Any], truth: Mapping[str, Any]) -> SigmaCounts:
-    """The counts of one model (JSON, `pointchain/1`) against its truth.
+    """Count the points of one model (JSON, `pointchain/1`) within two sigma of its truth.
 
-    A point's error is its distance from the nearest true centre line. Where the scene holds no string, every
-    point is outside.
+    The error of a point is its distance from the nearest true centre line. In a scene without a string, every point
+    is outside.
     """
     chains = model["chains"]
     strings = true_lines(truth)
@@ -44,16 +46,27 @@ def sigma_counts(model: Mapping[str, Any], truth: Mapping[str, Any]) -> SigmaCou
 
 
 def sigma_shares(counts: Iterable[SigmaCounts]) -> dict[str, Any]:
-    """All of them together: `within_2_sigma` (0 to 1, None where there is no point) and `n_points`, whole and split."""
+    """Return the share of all points together, and of the seen and the bridged points.
+
+    Args:
+        counts: One entry for each model.
+
+    Returns:
+        `within_2_sigma` (0 to 1, None without a point), its 95 % interval `within_2_sigma_interval_95` and `n_points`;
+        `seen` and `bridged` have the same members.
+    """
     counted = list(counts)
-    seen, bridged = sum(c.seen for c in counted), sum(c.bridged for c in counted)
-    seen_within, bridged_within = sum(c.seen_within for c in counted), sum(c.bridged_within for c in counted)
     return {
-        **_share(seen_within + bridged_within, seen + bridged),
-        "seen": _share(seen_within, seen),
-        "bridged": _share(bridged_within, bridged),
+        **_share([c.seen_within + c.bridged_within for c in counted], [c.seen + c.bridged for c in counted]),
+        "seen": _share([c.seen_within for c in counted], [c.seen for c in counted]),
+        "bridged": _share([c.bridged_within for c in counted], [c.bridged for c in counted]),
     }
 
 
-def _share(within: int, points: int) -> dict[str, Any]:
-    return {"within_2_sigma": round(within / points, 4) if points else None, "n_points": points}
+def _share(within: Sequence[int], points: Sequence[int]) -> dict[str, Any]:
+    total = sum(points)
+    return {
+        "within_2_sigma": round(sum(within) / total, 4) if total else None,
+        "within_2_sigma_interval_95": clustered_interval(within, points),
+        "n_points": total,
+    }

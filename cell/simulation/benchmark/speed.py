@@ -1,6 +1,6 @@
-"""How long recognition takes, from views in memory to the model, and how much memory.
+"""Measure the time of recognition, from views in memory to the model, and its memory.
 
-Everything is timed in a fresh process, after a warm-up run on a thumbnail of a scan that loads what loads late.
+Everything is timed in a fresh process, after a warm-up run on a small scan that completes the late imports.
 """
 
 import gc
@@ -17,22 +17,22 @@ from recognition.parameters import ChainParameters
 from recognition.preprocess import Scene
 
 SCENE, SEED, CROSSINGS = "random", 2, 2
-"""The paper-like scene that is timed: one string of 0.4 m, r = 4.2 mm."""
+"""The scene that is timed, like the one of the paper: one string of 0.4 m, r = 4.2 mm."""
 CAMERA = "oak-d-pro"
 SMALL, LARGE, THUMBNAIL = (640, 400), (1280, 800), (320, 200)
 RUNS = 7
-"""Runs of a timing, of which the median counts."""
+"""Number of runs of a timing, of which the median counts."""
 ENOUGH_S = 10.0
-"""A timing is not run again once its runs have taken this long: what is slow scatters little."""
+"""A timing ends when its runs have taken this long: slow timings scatter little."""
 LITERAL_RUNS = 2
-"""Runs of the literal baseline, of which the better counts: it takes long."""
+"""Number of runs of the literal baseline, of which the faster counts. It is slow."""
 PAUSE_S = 0.1
-"""Time between views where they arrive one by one. An arm takes longer; this is enough to be done with a view."""
+"""Time between views that arrive one by one. An arm takes longer; this is enough to process a view."""
 
 
 @dataclass(frozen=True, eq=False)
 class Input:
-    """What recognition is given."""
+    """Arguments of `recognise`."""
 
     views: tuple[View, ...]
     parameters: ChainParameters
@@ -41,29 +41,29 @@ class Input:
 
 @dataclass(frozen=True)
 class Timing:
-    """One input timed."""
+    """Time of one input."""
 
     seconds: float
     """Median of the runs."""
     stages: dict[str, float]
-    """Seconds of each stage, medians too."""
+    """Median seconds of each stage."""
     points: int
-    """Points of string height in all views, as the model tells them."""
+    """Points of string height in all views, as the model reports them."""
 
 
 @dataclass(frozen=True)
 class Speed:
-    """All timings and what they come to."""
+    """All timings, and their ratio."""
 
     views8_640x400_s: float
     literal_s: float
     ratio: float
-    """The literal baseline's time over ours."""
+    """Time of the literal baseline over that of `graph`."""
     after_last_view_s: float
-    """From handing over the last view to the model, with the views before it arriving one by one."""
+    """Time from the last view to the model, when the views arrive one by one."""
     views8_1280x800_s: float
     peak_rss_mb: float
-    """Most resident memory while recognising 8 views at 1280x800, beyond what imports and the views take."""
+    """Peak resident memory of recognition with 8 views at 1280x800, beyond that of imports and views."""
     stages: dict[str, float]
     """Seconds of each stage at 640x400."""
 
@@ -76,9 +76,10 @@ def simulated_input(
     distance_m: float | None = None,
     **options: Any,
 ) -> Input:
-    """Views of a scene (`cell.simulation.scenes.make_scene` takes the options) by the timed camera.
+    """Simulate the views of a scene by the timed camera.
 
-    They are taken from `distance_m`, or from as near as shows all of the scene when None.
+    The camera is at `distance_m`, or as near as shows all of the scene when None. The options go to
+    `cell.simulation.scenes.make_scene`.
     """
     from cell.simulation.camera import camera_model
     from cell.simulation.scenes import make_scene
@@ -94,7 +95,7 @@ def simulated_input(
 
 
 def measure_speed(say: Callable[[str], object]) -> Speed:
-    """The timings; `say` is told what is being done. Takes about a minute."""
+    """Measure all timings. `say` is called with a message on what is measured."""
     say("speed: simulating the scans")
     thumbnail, small, large = (simulated_input(size, crossings=CROSSINGS) for size in (THUMBNAIL, SMALL, LARGE))
     say("speed: 8 views at 640x400 and 1280x800")
@@ -117,7 +118,7 @@ def measure_speed(say: Callable[[str], object]) -> Speed:
 
 
 def time_recognition(inputs: Sequence[Input], thumbnail: Input, runs: int = RUNS) -> list[Timing]:
-    """Times `recognise` with its default method on each input."""
+    """Time `recognise` with its default method on each input."""
     from recognition.pipeline import recognise
 
     recognise(thumbnail.views, thumbnail.parameters, thumbnail.scene)
@@ -136,7 +137,7 @@ def time_recognition(inputs: Sequence[Input], thumbnail: Input, runs: int = RUNS
 
 
 def time_after_last_view(given: Input, thumbnail: Input, runs: int = RUNS, pause_s: float = PAUSE_S) -> float:
-    """Median seconds from handing over the last view to the model, when views arrive `pause_s` apart."""
+    """Return the median seconds from the last view to the model, when views arrive `pause_s` apart."""
     from recognition.pipeline import recognise
 
     handed_over = 0.0
@@ -157,7 +158,7 @@ def time_after_last_view(given: Input, thumbnail: Input, runs: int = RUNS, pause
 
 
 def time_literal(given: Input, thumbnail: Input, runs: int = LITERAL_RUNS) -> float:
-    """Seconds of the literal baseline: the best of its runs."""
+    """Return the seconds of the fastest run of the literal baseline."""
     from cell.simulation.benchmark.literal import recognise_literally
 
     recognise_literally(thumbnail.views, thumbnail.parameters, thumbnail.scene)
@@ -170,14 +171,14 @@ def time_literal(given: Input, thumbnail: Input, runs: int = LITERAL_RUNS) -> fl
 
 
 def peak_memory_bytes(given: Input, thumbnail: Input) -> int:
-    """Most resident memory during `recognise`, beyond that of the process which holds the views and has imported all.
+    """Return the peak resident memory of `recognise`, beyond that of a process with the views and all imports.
 
-    Where the process once held more than it needs now, that counts too: the figure is never too small.
+    Memory that the process has freed before counts too, so that the figure is never too small.
     """
     from recognition.pipeline import recognise
 
     recognise(thumbnail.views, thumbnail.parameters, thumbnail.scene)
-    # Pages of a copy are only resident once they are touched.
+    # The pages of a copy become resident when they are first used.
     views = tuple(replace(view, depth=view.depth.copy()) for view in given.views)
     gc.collect()
     before = current_rss_bytes()

@@ -1,21 +1,38 @@
-"""The benchmark's results as Markdown tables."""
+"""Format the results of the benchmark as Markdown tables."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from cell.simulation.benchmark.accuracy import Summary
 from cell.simulation.benchmark.growth import Growth, Row
+from cell.simulation.benchmark.intervals import Interval
 from cell.simulation.benchmark.speed import Speed
 
+ACCURACY_COLUMNS = (
+    "tier",
+    "method",
+    "scenes",
+    "topology right",
+    "95 % interval",
+    "mean error",
+    "95th percentile",
+    "shape error",
+    "worst end",
+    "cover",
+    "confident mistakes",
+    "refused",
+)
 
-def accuracy_table(accuracy: Mapping[str, Mapping[str, Summary]]) -> str:
-    """A row a tier and method."""
+
+def accuracy_rows(accuracy: Mapping[str, Mapping[str, Summary]]) -> list[str]:
+    """Return the rows below `table_head(ACCURACY_COLUMNS)`: one for each tier and method."""
     rows = [
         (
             tier,
             method,
             str(s.n),
             _percent(s.topology),
+            _interval(s.topology_interval_95),
             *(_mm(value) for value in (s.mean_mm, s.p95_mm, s.shape_mm)),
             _mm(s.end_mm, 1),
             f"{s.cover:.3f}",
@@ -25,29 +42,29 @@ def accuracy_table(accuracy: Mapping[str, Mapping[str, Summary]]) -> str:
         for tier, methods in accuracy.items()
         for method, s in methods.items()
     ]
-    head = ("tier", "method", "scenes", "topology right", "mean error", "95 %", "shape error", "worst end", "cover")
-    return table((*head, "confident mistakes", "refused"), rows)
+    return [_row(row) for row in rows]
 
 
 def sigma_table(sigma: Mapping[str, Mapping[str, Any]]) -> str:
-    """A row a tier and method: the share of points within two sigma of the truth."""
+    """Return one row for each tier and method: the share of points within two sigma of the truth."""
     rows = [
         (tier, method, *(cell for part in (s, s["seen"], s["bridged"]) for cell in _share(part)))
         for tier, methods in sigma.items()
         for method, s in methods.items()
     ]
-    return table(("tier", "method", "within 2 sigma", "points", "seen", "points", "bridged", "points"), rows)
+    parts = [cell for name in ("within 2 sigma", "seen", "bridged") for cell in (name, "95 % interval", "points")]
+    return table(("tier", "method", *parts), rows)
 
 
 def speed_table(speed: Speed) -> str:
-    """A row a figure."""
+    """Return one row for each figure."""
     return table(
         ("8 views to the model", ""),
         [
             ("640x400", _seconds(speed.views8_640x400_s)),
             ("640x400, literal baseline", _seconds(speed.literal_s)),
             ("literal baseline / ours", f"{speed.ratio:.1f}"),
-            ("640x400, from the last view's arrival", _seconds(speed.after_last_view_s)),
+            ("640x400, after the last view arrived", _seconds(speed.after_last_view_s)),
             ("1280x800", _seconds(speed.views8_1280x800_s)),
             ("1280x800, peak memory beyond imports", f"{speed.peak_rss_mb:.0f} MB"),
         ],
@@ -55,15 +72,15 @@ def speed_table(speed: Speed) -> str:
 
 
 def stages_table(stages: Mapping[str, float]) -> str:
-    """A row a stage."""
+    """Return one row for each stage."""
     return table(("stage, 640x400", "time"), [(stage, _seconds(seconds)) for stage, seconds in stages.items()])
 
 
 def growth_table(growth: Growth) -> str:
-    """A row a size of every series."""
+    """Return one row for each size of every series."""
     linear = growth.linear()
     series: tuple[tuple[str, str, Sequence[Row]], ...] = (
-        ("points", "{:.0f} pixels a view", growth.points),
+        ("points", "{:.0f} pixels per view", growth.points),
         ("views", "{:g} views", growth.views),
         ("length", "{:g} m", growth.length),
     )
@@ -83,8 +100,17 @@ def growth_table(growth: Growth) -> str:
 
 
 def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    """A Markdown table."""
-    return "\n".join(f"| {' | '.join(row)} |" for row in [head, ["---"] * len(head), *rows])
+    """Return a Markdown table."""
+    return "\n".join([table_head(head), *map(_row, rows)])
+
+
+def table_head(columns: Sequence[str]) -> str:
+    """Return the first two lines of a Markdown table."""
+    return f"{_row(columns)}\n{_row(['---'] * len(columns))}"
+
+
+def _row(cells: Sequence[str]) -> str:
+    return f"| {' | '.join(cells)} |"
 
 
 def _percent(share: float | None) -> str:
@@ -99,5 +125,9 @@ def _seconds(value: float) -> str:
     return f"{value:.3f} s"
 
 
-def _share(part: Mapping[str, Any]) -> tuple[str, str]:
-    return _percent(part["within_2_sigma"]), str(part["n_points"])
+def _interval(interval: Interval | None) -> str:
+    return "-" if interval is None else f"{interval[0]:.1%} to {interval[1]:.1%}"
+
+
+def _share(part: Mapping[str, Any]) -> tuple[str, str, str]:
+    return _percent(part["within_2_sigma"]), _interval(part["within_2_sigma_interval_95"]), str(part["n_points"])

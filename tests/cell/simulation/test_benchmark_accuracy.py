@@ -6,6 +6,7 @@ import pytest
 
 from cell.simulation import tiers
 from cell.simulation.benchmark.accuracy import ALL, CaseResult, accuracy, case_json, run_case, sigma
+from cell.simulation.benchmark.intervals import wilson_interval
 from cell.simulation.benchmark.sigma import SigmaCounts, sigma_counts, sigma_shares
 from cell.simulation.camera import camera_model
 from cell.simulation.poses import NO_ERRORS
@@ -76,6 +77,7 @@ def test_medians_take_a_case_without_a_model_as_the_worst() -> None:
     summary = accuracy(results)["soft"]["enhanced"]
     assert (summary.n, summary.mean_mm, summary.p95_mm, summary.shape_mm, summary.end_mm) == (3, 2.0, 2.0, 0.5, 3.0)
     assert (summary.topology, summary.confident_mistakes) == (0.6667, 2)
+    assert summary.topology_interval_95 == wilson_interval(2 / 3, 3)
     refused = [CaseResult("soft", 3 + k, "enhanced", None, "no-depth: nothing") for k in range(2)]
     worse = accuracy([*results, *refused])["soft"]["enhanced"]
     assert (worse.n, worse.mean_mm, worse.topology, worse.refused) == (5, 4.0, 0.4, 2)
@@ -98,12 +100,9 @@ def test_tiers_and_methods_are_kept_apart() -> None:
     assert set(shares) == {ALL, "paper", "hard"}
     assert shares[ALL]["enhanced"]["n_points"] == 42
     assert shares[ALL]["enhanced"]["within_2_sigma"] == pytest.approx(37 / 42, abs=1e-4)
-    assert shares["paper"]["matching"] == {
-        "within_2_sigma": 0.1,
-        "n_points": 10,
-        "seen": {"within_2_sigma": 0.1, "n_points": 10},
-        "bridged": {"within_2_sigma": None, "n_points": 0},
-    }
+    seen = {"within_2_sigma": 0.1, "within_2_sigma_interval_95": wilson_interval(0.1, 1), "n_points": 10}
+    bridged = {"within_2_sigma": None, "within_2_sigma_interval_95": None, "n_points": 0}
+    assert shares["paper"]["matching"] == {**seen, "seen": seen, "bridged": bridged}
 
 
 def test_sigma_counts_what_lies_within_two_of_them() -> None:

