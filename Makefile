@@ -3,7 +3,9 @@
 CONSOLE := .ci/console service/openapi.json $(shell find service/console/web -type f \
 	-not -path '*/node_modules/*' -not -path '*/generated/*')
 
-.PHONY: help setup demo test soak fuzz serve lint pictures bench wheel licences lock clean
+MANUAL := .ci/docs $(shell find docs -type f -not -path '*/__pycache__/*')
+
+.PHONY: help setup demo test soak fuzz serve lint docs pictures bench wheel licences lock clean
 
 help:
 	@echo 'make demo    a live scan by the simulated cell, the string in it recognised, the result shown'
@@ -12,15 +14,16 @@ help:
 	@echo 'make fuzz    call every operation of the service in 1,000 odd ways; takes long'
 	@echo 'make serve   start the HTTP service'
 	@echo 'make lint    check style, types and the direction of imports'
+	@echo 'make docs    build the manual, which the service serves at /manual'
 	@echo 'make bench   measure speed, the simulated cell, the service under load, and accuracy'
 	@echo 'make pictures  take the pictures of the console anew, and measure how soon the page is there'
-	@echo 'make setup   make .venv and the console; what the others do first when it is missing or out of date'
-	@echo 'make wheel   build the package into dist/, with the console in it'
+	@echo 'make setup   make .venv, the console and the manual; the others do this first when needed'
+	@echo 'make wheel   build the package into dist/, with the console and the manual in it'
 	@echo 'make licences  renew LICENCES.md: what each package may be used for'
 	@echo 'make lock    renew requirements.lock from pyproject.toml; UPGRADE=1 takes newer versions'
 	@echo 'make clean   remove what these commands made'
 
-setup: .venv/.ready service/console/built/.ready
+setup: .venv/.ready service/console/built/.ready service/manual/.ready
 
 # Made anew when what it depends on changes; else there is nothing to do.
 .venv/.ready: requirements.lock pyproject.toml .python-version .ci/setup
@@ -31,6 +34,15 @@ setup: .venv/.ready service/console/built/.ready
 service/console/built/.ready: $(CONSOLE) | .venv/.ready
 	@.ci/console
 	@touch $@
+
+# The manual. The API reference and some pages come from the code, which is not listed here: `make docs` always builds.
+service/manual/.ready: $(MANUAL) | .venv/.ready
+	@.ci/docs
+	@touch $@
+
+docs: .venv/.ready
+	@.ci/docs
+	@touch service/manual/.ready
 
 demo: .venv/.ready
 	@.venv/bin/pointchain demo
@@ -62,8 +74,9 @@ bench: .venv/.ready
 	@.venv/bin/pointchain bench
 
 # By the packages of the lock, without a build environment of its own, which would fetch others.
-wheel: setup
+wheel: service/console/built/.ready docs
 	@.ci/setup uv
+	@rm -rf build/lib  # what is renamed would stay in the wheel
 	@PATH=".uv/bin:$$PATH" uv build --quiet --no-build-isolation --python .venv --out-dir dist
 	@ls dist/*.whl
 
@@ -79,5 +92,5 @@ lock:
 		--output-file requirements.lock pyproject.toml
 
 clean:
-	rm -rf .venv .uv demo build dist service/console/built service/console/web/node_modules service/console/web/generated *.egg-info .pytest_cache .ruff_cache .hypothesis .schemathesis .import_linter_cache
+	rm -rf .venv .uv demo build dist service/manual service/console/built service/console/web/node_modules service/console/web/generated *.egg-info .pytest_cache .ruff_cache .hypothesis .schemathesis .import_linter_cache
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +

@@ -1,19 +1,25 @@
-"""The one thing that pyproject.toml cannot say: a package without the operator's console is not built."""
+"""Refuse to build a wheel without the operator's console and the manual, which pyproject.toml cannot express."""
 
 from pathlib import Path
 
 from setuptools import setup
 from setuptools.command.build_py import build_py
 
-CONSOLE = Path("service/console/built/index.html")
+BUILT = (Path("service/console/built/index.html"), Path("service/manual/index.html"))
 
 
 class BuildWhole(build_py):
-    """An editable install comes before the console, which is built with what it installs; a wheel after it."""
+    """A build that checks for both. An editable install does not: it provides the tools that build them."""
 
     def run(self) -> None:
-        if not self.editable_mode and not CONSOLE.is_file():
-            raise SystemExit(f"there is no {CONSOLE}: `make wheel` builds the console first")
+        """Build the package.
+
+        Raises:
+            SystemExit: The console or the manual is not built.
+        """
+        missing = [str(path) for path in BUILT if not path.is_file()]
+        if missing and not self.editable_mode:
+            raise SystemExit(f"there is no {' and no '.join(missing)}: run `make wheel`, which builds them first")
         super().run()
 
 

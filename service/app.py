@@ -29,9 +29,23 @@ from service.problems import install_problem_handlers
 from service.reading import Reading
 from service.recording_resource import RECORDINGS
 from service.retention import Retention
-from service.routes import calibration, cell, console, docs, events, health, recordings, results, scans, session, views
+from service.routes import (
+    calibration,
+    cell,
+    console,
+    docs,
+    events,
+    health,
+    manual,
+    recordings,
+    results,
+    scans,
+    session,
+    views,
+)
 from service.routes import metrics as metrics_route
 from service.security.audit import SERVICE, AuditLog
+from service.security.headers import MANUAL
 from service.security.install import install_security
 from service.security.roles import CONSOLE_FILES, DOCS_FILES
 from service.stop_first import StopFirst
@@ -86,6 +100,7 @@ def create_app(config: ServiceConfig) -> FastAPI:
         generate_unique_id_function=operation_id,
     )
     app.mount(CONSOLE_FILES, console.FILES)
+    app.mount(MANUAL, manual.FILES)
     app.mount(DOCS_FILES, StaticFiles(packages=[("fastapi_offline", "static")]))
     app.state.audit = audit
     describe_better(app)
@@ -97,7 +112,7 @@ def create_app(config: ServiceConfig) -> FastAPI:
     # In this order they are looked for: what is asked for most comes first.
     for resource in (scans, cell, results, views, recordings, calibration, events, session, health, metrics_route):
         app.include_router(resource.router)
-    for page in (console, docs):
+    for page in (console, docs, manual):
         app.include_router(page.router)
     return app
 

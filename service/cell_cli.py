@@ -12,39 +12,41 @@ def add_cell_commands(commands: "argparse._SubParsersAction[argparse.ArgumentPar
     """Adds `scan`, `check` and `viewpoints`."""
     scan = commands.add_parser(
         "scan",
-        help="one live scan by the configured cell (the simulated one unless configured)",
-        description="Moves the arm through the viewpoints and recognises what the camera sees. The model goes to "
-        "stdout as one JSON document. Ctrl-C stops the arm.",
+        help="make one live scan with the configured cell: the arm moves",
+        description="Move the arm through the viewpoints and recognise the strings. The model goes to stdout as one "
+        "JSON document. Ctrl-C stops the arm.",
     )
-    scan.add_argument("out", nargs="?", type=Path, metavar="OUT.mcap", help="keep the recording in this new file")
+    scan.add_argument("out", nargs="?", type=Path, metavar="OUT.mcap", help="new file for the recording (not kept)")
     scan.add_argument("--config", type=Path, metavar="TOML", help="configuration file: the cell and the gripper")
     scan.add_argument(
-        "--radius", type=float, metavar="M", help="string radius in metres (the configuration's, else measured)"
+        "--radius", type=float, metavar="M", help="radius of the strings (the configured one, else measured)"
     )
-    scan.add_argument("--method", choices=METHODS, default="graph", help="default: %(default)s")
-    scan.add_argument("--views", type=_views, metavar="N", help="how many viewpoints (the configuration's)")
+    scan.add_argument("--method", choices=METHODS, default="graph", help="method of recognition (%(default)s)")
+    scan.add_argument("--views", type=_views, metavar="N", help="number of viewpoints (the configured one)")
     scan.set_defaults(run=_scan)
 
     check = commands.add_parser(
         "check",
-        help="test the configured cell step by step, without motion",
-        description="Tests configuration, robot, camera, calibration, table, viewpoints and disk, one after the other, "
-        "and says what is wrong and what to do. Nothing moves. Exit code 1 when something failed.",
+        help="test the configured cell step by step; nothing moves",
+        description="Test configuration, robot, camera, calibration, table, viewpoints and disk, and report what is "
+        "wrong and what to do. Nothing moves. Exit code 1 if a step failed.",
     )
     check.add_argument("--config", type=Path, metavar="TOML", help="configuration file: the cell")
-    check.add_argument("--json", action="store_true", help="one JSON document instead of words")
+    check.add_argument("--json", action="store_true", help="print one JSON document")
     check.set_defaults(run=_check)
 
     viewpoints = commands.add_parser(
         "viewpoints",
-        help="from where the configured cell would look, without motion",
-        description="Plans the viewpoints from the arm's home posture and says which can be reached, in which order, "
-        "and why others cannot. No device is asked. Exit code 1 when too few can be reached.",
+        help="plan the viewpoints of the configured cell; nothing moves",
+        description="Plan the viewpoints from the home posture of the arm and report which are reachable, in which "
+        "order, and why others are not. No device is used. Exit code 1 if too few are reachable.",
     )
     viewpoints.add_argument("--config", type=Path, metavar="TOML", help="configuration file: the cell")
-    viewpoints.add_argument("--views", type=_views, metavar="N", help="how many (the configuration's)")
-    viewpoints.add_argument("--picture", type=Path, metavar="OUT.png", help="draw arm, workspace and cameras")
-    viewpoints.add_argument("--json", action="store_true", help="the plan as one JSON document")
+    viewpoints.add_argument("--views", type=_views, metavar="N", help="number of viewpoints (the configured one)")
+    viewpoints.add_argument(
+        "--picture", type=Path, metavar="OUT.png", help="write a picture of arm, workspace and cameras"
+    )
+    viewpoints.add_argument("--json", action="store_true", help="print the plan as one JSON document")
     viewpoints.set_defaults(run=_viewpoints)
 
 

@@ -35,7 +35,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="pointchain",
-        description="Strings, cables and ropes as ordered 3D point chains, from a depth camera on a robot arm.",
+        description="Recognise strings, cables and ropes as ordered 3D point chains, with a depth camera on a robot "
+        "arm.",
     )
     parser.add_argument("--version", action="version", version=f"pointchain {version('pointchain')}")
     commands = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
@@ -47,44 +48,61 @@ def _parser() -> argparse.ArgumentParser:
 
     simulate = commands.add_parser(
         "simulate",
-        help="a recording of a simulated scene, with its truth beside it",
-        description="Writes a simulated recording and, beside it, OUT.truth.json with the true centre lines and "
-        "crossings. The same arguments give the same file content.",
+        help="make a recording of a simulated scene, with its ground truth",
+        description="Write a simulated recording and, beside it, OUT.truth.json with the true centre lines and "
+        "crossings. The same arguments give the same content.",
     )
     simulate.add_argument("out", type=Path, metavar="OUT.mcap", help="file to write; it must not exist")
-    simulate.add_argument("--scene", default="figure-eight", help="an unknown name lists the known (%(default)s)")
-    simulate.add_argument("--camera", default="oak-d-pro", help="an unknown name lists the known (%(default)s)")
-    simulate.add_argument("--seed", type=int, default=0, metavar="N", help="default: %(default)s")
-    simulate.add_argument("--radius", type=float, default=0.0042, metavar="M", help="of the string (%(default)s)")
-    simulate.add_argument("--length", type=float, default=0.4, metavar="M", help="of each string (%(default)s)")
     simulate.add_argument(
-        "--softness", type=float, default=1.0, metavar="S", help="height gap at crossings / 2 r, 0.6 to 1 (%(default)s)"
+        "--scene", default="figure-eight", help="name of the scene; an unknown name lists all (%(default)s)"
     )
-    simulate.add_argument("--crossings", type=int, metavar="N", help="for coil, several and random")
-    simulate.add_argument("--strings", type=int, metavar="N", help="for several and random")
+    simulate.add_argument(
+        "--camera", default="oak-d-pro", help="name of the camera; an unknown name lists all (%(default)s)"
+    )
+    simulate.add_argument("--seed", type=int, default=0, metavar="N", help="random seed (%(default)s)")
+    simulate.add_argument(
+        "--radius", type=float, default=0.0042, metavar="M", help="radius of the strings (%(default)s)"
+    )
+    simulate.add_argument("--length", type=float, default=0.4, metavar="M", help="length of each string (%(default)s)")
+    simulate.add_argument(
+        "--softness",
+        type=float,
+        default=1.0,
+        metavar="S",
+        help="height gap at crossings, in units of 2 r, 0.6 to 1 (%(default)s)",
+    )
+    simulate.add_argument(
+        "--crossings", type=int, metavar="N", help="number of crossings, for the scenes coil, several and random"
+    )
+    simulate.add_argument(
+        "--strings", type=int, metavar="N", help="number of strings, for the scenes several and random"
+    )
     simulate.add_argument(
         "--clearance",
         type=float,
         default=4.5,
         metavar="R",
-        help="least distance of strands / r, 2.4 to 20 (%(default)s)",
+        help="minimum distance of strands, in units of r, 2.4 to 20 (%(default)s)",
     )
-    simulate.add_argument("--clutter", type=int, default=0, metavar="N", help="boxes beside the strings (%(default)s)")
-    simulate.add_argument("--views", type=int, default=8, metavar="N", help="default: %(default)s")
-    simulate.add_argument("--resolution", type=_resolution, metavar="WxH", help="of the depth image (the camera's)")
+    simulate.add_argument(
+        "--clutter", type=int, default=0, metavar="N", help="number of boxes beside the strings (%(default)s)"
+    )
+    simulate.add_argument("--views", type=int, default=8, metavar="N", help="number of views (%(default)s)")
+    simulate.add_argument(
+        "--resolution", type=_resolution, metavar="WxH", help="size of the depth image (the camera's own)"
+    )
     simulate.set_defaults(run=_simulate)
 
     serve = commands.add_parser(
         "serve",
-        help="the HTTP service",
-        description="Serves until Ctrl-C or SIGTERM. A small process beside the service starts it again should it die "
-        "or hang.",
+        help="run the HTTP service and the console",
+        description="Run the service until Ctrl-C or SIGTERM. A supervisor process restarts it if it dies or hangs.",
     )
     serve.add_argument("--config", type=Path, metavar="TOML", help="configuration file")
-    serve.add_argument("--host", help="address to listen on (loopback)")
+    serve.add_argument("--host", help="address to listen on (127.0.0.1)")
     serve.add_argument("--port", type=int, help="TCP port (8000)")
-    serve.add_argument("--data-dir", type=Path, metavar="DIR", help="where recordings and results are kept")
-    serve.add_argument("--unsupervised", action="store_true", help="by itself: something else starts it again")
+    serve.add_argument("--data-dir", type=Path, metavar="DIR", help="folder of recordings, results and the database")
+    serve.add_argument("--unsupervised", action="store_true", help="run without the supervisor process")
     serve.add_argument("--supervised", type=int, metavar="N", help=argparse.SUPPRESS)  # the supervisor's own
     serve.set_defaults(run=_serve)
     add_token_commands(commands)
@@ -101,7 +119,9 @@ def _parser() -> argparse.ArgumentParser:
     )
     bench.add_argument("--only", choices=("speed", "cell", "service", "accuracy"), help="measure this part only")
     bench.add_argument("--seeds", type=int, default=40, metavar="N", help="scenes of each tier (%(default)s)")
-    bench.add_argument("--tiers", type=_names, default=(), metavar="A,B", help="an unknown name lists the known (all)")
+    bench.add_argument(
+        "--tiers", type=_names, default=(), metavar="A,B", help="tiers to measure; an unknown name lists all (all)"
+    )
     bench.add_argument("--jobs", type=int, metavar="N", help="processes of the accuracy part (one per core)")
     bench.add_argument("--json", action="store_true", help="print one JSON document, with the result of each scene")
     bench.set_defaults(run=_bench)
@@ -109,10 +129,10 @@ def _parser() -> argparse.ArgumentParser:
     demo = commands.add_parser(
         "demo", help="scan a simulated string, recognise it and show the result; needs no hardware"
     )
-    demo.add_argument("folder", nargs="?", type=Path, default=Path("demo"), help="default: %(default)s")
+    demo.add_argument("folder", nargs="?", type=Path, default=Path("demo"), help="folder to write (%(default)s)")
     demo.set_defaults(run=_demo)
 
-    openapi = commands.add_parser("openapi", help="the HTTP service's description (OpenAPI, JSON)")
+    openapi = commands.add_parser("openapi", help="print the OpenAPI description of the HTTP interface as JSON")
     openapi.set_defaults(run=_openapi)
     return parser
 

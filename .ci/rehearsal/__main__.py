@@ -5,6 +5,7 @@ Neither a Docker engine nor an image is needed: debootstrap makes what stands fo
 
 import argparse
 import re
+import shlex
 import shutil
 import subprocess
 import sys
@@ -24,13 +25,23 @@ SERVICE = "pointchain"
 """Of compose.yaml: the one that starts unless told otherwise."""
 START_S = 90.0
 
-INSTALLED = """
+ASK_MANUAL = """
+from urllib.request import ProxyHandler, build_opener
+page = build_opener(ProxyHandler({})).open("http://127.0.0.1:8123/manual/", timeout=10)
+assert b"<title>Pointchain manual" in page.read()
+"""
+INSTALLED = f"""
 PATH=$PWD/.uv/bin:/root/.local/bin:$PATH
 uv tool install --quiet --python '>=3.11,<3.13' --constraints requirements.lock dist/*.whl
 cd /root
 pointchain --version
 pointchain simulate knot.mcap --scene overhand-knot --seed 3
 pointchain recognise knot.mcap > knot.json
+POINTCHAIN_DATA_DIR=/root/data POINTCHAIN_PORT=8123 pointchain serve &
+service=$!
+timeout 120 sh -c 'until python3 -c "$0" 2>/dev/null; do sleep 1; done' {shlex.quote(ASK_MANUAL)}
+kill $service
+wait $service
 """
 USE = """
 import os, subprocess
@@ -138,7 +149,7 @@ def use(container: Container, log: Path, grace_s: float) -> None:
         time.sleep(0.5)
     print(f"healthy after {time.monotonic() - began_s:.1f} s, {container.memory_mb()} MB of memory")
     (token,) = re.findall(r"^pct_\S+$", log.read_text(), re.MULTILINE)
-    for address, status in (("/", "200"), ("/api/cell", "401")):
+    for address, status in (("/", "200"), ("/manual/", "200"), ("/api/cell", "401")):
         asked = container.run(["python", "-c", ASK, address])
         assert asked.stdout.strip() == status, f"{address}: {asked.stdout}{asked.stderr}"
     used = container.run(["python", "-c", USE], {"TOKEN": token})

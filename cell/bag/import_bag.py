@@ -1,6 +1,5 @@
 """A bag as a recording: one view for each place where the arm stood still."""
 
-import os
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -8,7 +7,6 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.disk import sync_folder
 from cell.bag.bag_file import Bag, open_bag
 from cell.bag.depth_image import depth_counts, depth_unit, is_rectified
 from cell.bag.errors import BagError, shown
@@ -18,9 +16,10 @@ from cell.bag.survey import Survey, Topics, find_topics, survey
 from cell.bag.transforms_tree import nanoseconds
 from cell.devices import InvalidViewError, View
 from cell.exposures import median
-from cell.recording import RecordingExistsError, RecordingHeader, RecordingWriter
+from cell.recording import RecordingHeader
 from cell.recording_header import Box
 from cell.recording_limits import DEFAULT_LIMITS
+from cell.whole_recording import require_new, write_whole
 
 LEAST_VIEWS = 2
 """Fewer cannot be recognised."""
@@ -65,8 +64,7 @@ def import_bag(path: Path, out: Path, wanted: Wanted) -> Imported:
         NotRigidError, InvalidViewError: a pose or a lens that is none.
         OSError: the recording cannot be written.
     """
-    if out.exists():
-        raise RecordingExistsError(f"{out} exists already; nothing is overwritten: choose another name")
+    require_new(out)
     with open_bag(path) as bag:
         topics = find_topics(bag, wanted.depth_topic, wanted.info_topic)
         told = survey(bag, topics, wanted.rectified or is_rectified(topics.depth))
@@ -86,7 +84,7 @@ def import_bag(path: Path, out: Path, wanted: Wanted) -> Imported:
             workspace_m=wanted.workspace_m,
             provenance=_provenance(bag, topics, frames, rest, told.encoding, wanted.hand_eye),
         )
-        _write(out, header, _views(bag, topics, told, rest, header))
+        write_whole(out, header, _views(bag, topics, told, rest, header))
     return Imported(topics, frames, rest)
 
 
@@ -151,16 +149,3 @@ def _view(index: int, place: Place, depth: NDArray[np.uint16], told: Survey, hea
         )
     except InvalidViewError as error:
         raise BagError(str(error)) from error
-
-
-def _write(out: Path, header: RecordingHeader, views: Iterator[View]) -> None:
-    """Under another name first, then renamed."""
-    unfinished = out.with_name(f".{out.name}.{os.getpid()}.partial")
-    try:
-        with RecordingWriter(unfinished, header) as writer:
-            for view in views:
-                writer.write_view(view)
-        unfinished.replace(out)
-    finally:
-        unfinished.unlink(missing_ok=True)
-    sync_folder(out.parent)

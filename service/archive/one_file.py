@@ -5,6 +5,7 @@ import json
 import math
 import sys
 import traceback
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from importlib.metadata import version
 from pathlib import Path
@@ -28,11 +29,19 @@ class Asked:
     gripper: Gripper = field(default_factory=Gripper)
     """That grasps are for."""
     version: str = field(default_factory=lambda: version("pointchain"))
+    settings: Mapping[str, float] = field(default_factory=dict)
+    """Parameter values by name, in place of those for the radius."""
 
     def to_json(self) -> dict[str, Any]:
-        """As it is in a line. A radius that no number of JSON is, which is refused anyway, is a word."""
+        """Return the member `asked` of a line. A radius that is NaN or infinite, which is refused, becomes text.
+
+        `settings` is left out when nothing was set.
+        """
         told = self.radius_m is None or math.isfinite(self.radius_m)
-        return asdict(self) | {"radius_m": self.radius_m if told else str(self.radius_m)}
+        document = asdict(self) | {"radius_m": self.radius_m if told else str(self.radius_m)}
+        if not self.settings:
+            del document["settings"]
+        return document
 
 
 @dataclass(frozen=True)
@@ -56,7 +65,7 @@ def recognise_file(
     """
     path = Path(file) if path is None else path
     try:
-        recognition = recognise_recording(path, asked.radius_m, asked.method, on_stage, asked.gripper)
+        recognition = recognise_recording(path, asked.radius_m, asked.method, on_stage, asked.gripper, asked.settings)
         line = _line(file, asked, recognition.model.to_json(), path)
     except INPUT_ERRORS as error:
         return failed(file, asked, error.slug, str(error), path)

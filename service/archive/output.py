@@ -116,7 +116,8 @@ class Output:
             raise ArchiveError(f"{self._path} is there, and no output of such a run: name another file") from error
         ours = self._asked.to_json()
         if asked != ours:
-            what = ", ".join(f"{key} {asked.get(key)}, now {ours[key]}" for key in ours if asked.get(key) != ours[key])
+            differing = [key for key in {**ours, **asked} if asked.get(key) != ours.get(key)]
+            what = ", ".join(f"{key} {asked.get(key)}, now {ours.get(key)}" for key in differing)
             raise ArchiveError(f"{self._path} has models that were asked for otherwise ({what}): name another file")
         return document
 

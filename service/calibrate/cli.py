@@ -12,8 +12,8 @@ def add_calibrate_commands(commands: "argparse._SubParsersAction[argparse.Argume
     """Adds `calibrate` and its commands."""
     calibrate = commands.add_parser(
         "calibrate",
-        help="where the camera is on the flange: print a board, calibrate, verify, activate",
-        description="The hand-eye calibration: where the camera is on the arm's flange, and how sure that is.",
+        help="make, verify and activate a hand-eye calibration",
+        description="Make, verify and activate a hand-eye calibration: the pose of the camera in the flange frame.",
     )
     kinds = calibrate.add_subparsers(title="commands", required=True, metavar="COMMAND")
     _add_board(kinds)
@@ -26,11 +26,11 @@ def add_calibrate_commands(commands: "argparse._SubParsersAction[argparse.Argume
 def _add_board(kinds: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
     board = kinds.add_parser(
         "board",
-        help="a board to print",
-        description="Writes a calibration board as PDF, true to scale, with a line of 100 mm to measure on the print.",
+        help="write a board to print, as PDF",
+        description="Write a calibration board as PDF, true to scale, with a line of 100 mm to measure on the print.",
     )
     board.add_argument("out", type=Path, metavar="OUT.pdf", help="file to write")
-    board.add_argument("--paper", default="a4", choices=("a4", "a3", "letter"), help="default: %(default)s")
+    board.add_argument("--paper", default="a4", choices=("a4", "a3", "letter"), help="size of the paper (%(default)s)")
     _add_board_options(board)
     board.set_defaults(run=_board)
 
@@ -38,18 +38,26 @@ def _add_board(kinds: "argparse._SubParsersAction[argparse.ArgumentParser]") -> 
 def _add_run(kinds: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
     run = kinds.add_parser(
         "run",
-        help="calibrate the configured cell: the arm moves (the simulated one unless configured)",
-        description="Moves the arm through poses from which the camera sees the board, which lies flat on the table in "
-        "the middle of the workspace; solves, verifies on poses held out, and asks whether to use the result. Ctrl-C "
-        "stops the arm. Exit code 1 when the result is refused.",
+        help="calibrate the configured cell: the arm moves",
+        description="Move the arm through poses from which the camera sees the board, which lies flat on the table in "
+        "the middle of the workspace. Solve, verify on held-out poses, and ask whether to activate the result. Ctrl-C "
+        "stops the arm. Exit code 1 if the result is refused.",
     )
     run.add_argument("--config", type=Path, metavar="TOML", help="configuration file: the cell")
-    run.add_argument("--poses", type=_poses, default=15, metavar="N", help="to solve from (%(default)s); 2 more verify")
-    run.add_argument("--folder", type=Path, metavar="DIR", help="keep images and result in this new or empty folder")
     run.add_argument(
-        "--yes", action="store_true", help="use the result without asking, if it is verified and not refused"
+        "--poses",
+        type=_poses,
+        default=15,
+        metavar="N",
+        help="number of poses to solve from (%(default)s); 2 more are held out",
     )
-    run.add_argument("--json", action="store_true", help="the result as one JSON document")
+    run.add_argument(
+        "--folder", type=Path, metavar="DIR", help="new or empty folder for images and result (in the data folder)"
+    )
+    run.add_argument(
+        "--yes", action="store_true", help="activate the result without asking, if it is verified and not refused"
+    )
+    run.add_argument("--json", action="store_true", help="print the result as one JSON document")
     _add_board_options(run)
     run.set_defaults(run=_run)
 
@@ -57,53 +65,66 @@ def _add_run(kinds: "argparse._SubParsersAction[argparse.ArgumentParser]") -> No
 def _add_verify(kinds: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
     verify = kinds.add_parser(
         "verify",
-        help="has the calibration drifted? Two looks at the board: the arm moves",
-        description="Looks at the board of the last calibration from two sides and says whether the calibration still "
-        "holds, and whether the board was moved. Ctrl-C stops the arm. Exit code 1 when it no longer holds.",
+        help="verify the active calibration by two views of the board: the arm moves",
+        description="Take two views of the board of the active calibration from different sides, and report whether "
+        "the calibration still holds and whether the board was moved. Ctrl-C stops the arm. Exit code 1 if it does "
+        "not hold.",
     )
     verify.add_argument("--config", type=Path, metavar="TOML", help="configuration file: the cell")
-    verify.add_argument("--folder", type=Path, metavar="DIR", help="keep the two images in this new or empty folder")
-    verify.add_argument("--json", action="store_true", help="one JSON document instead of words")
+    verify.add_argument("--folder", type=Path, metavar="DIR", help="new or empty folder for the two images (not kept)")
+    verify.add_argument("--json", action="store_true", help="print one JSON document")
     verify.set_defaults(run=_verify)
 
 
 def _add_solve(kinds: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
     solve = kinds.add_parser(
         "solve",
-        help="calibrate from images and poses in a folder",
-        description="Solves from DIR/setup.json (board, camera) and DIR/NAME.png with DIR/NAME.json (where the robot "
-        "was) for each view, and writes observations.json and hand_eye.json there. Nothing moves. Exit code 1 when the "
+        help="solve a calibration from images and poses in a folder",
+        description="Solve from DIR/setup.json (board, camera) and, for each view, DIR/NAME.png and DIR/NAME.json "
+        "(pose of the flange). Write observations.json and hand_eye.json there. Nothing moves. Exit code 1 if the "
         "result is refused.",
     )
-    solve.add_argument("folder", type=Path, metavar="DIR", help="of a run, or from elsewhere")
-    solve.add_argument("--again", action="store_true", help="from DIR/observations.json, without the images")
-    solve.add_argument("--out", type=Path, metavar="FILE", help="the result's file, observations.json beside it")
-    solve.add_argument("--json", action="store_true", help="the result as one JSON document instead of words")
+    solve.add_argument("folder", type=Path, metavar="DIR", help="folder of a run, or of your own images")
+    solve.add_argument("--again", action="store_true", help="solve from DIR/observations.json, without the images")
+    solve.add_argument(
+        "--out", type=Path, metavar="FILE", help="file for the result; observations.json is written beside it (in DIR)"
+    )
+    solve.add_argument("--json", action="store_true", help="print the result as one JSON document")
     solve.set_defaults(run=_solve)
 
 
 def _add_activate(kinds: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
     activate = kinds.add_parser(
         "activate",
-        help="use a calibration from now on",
-        description="Makes a solved calibration the one that the configured cell uses; the former is kept beside it. "
-        "Nothing moves.",
+        help="make a solved calibration the active one",
+        description="Make a solved calibration the active one of the configured cell. The former one is kept beside "
+        "it. Nothing moves.",
     )
-    activate.add_argument("solved", type=Path, metavar="FILE|DIR", help="its file, or the folder of its run")
+    activate.add_argument("solved", type=Path, metavar="FILE|DIR", help="file of the calibration, or folder of its run")
     activate.add_argument("--config", type=Path, metavar="TOML", help="configuration file: the cell")
     activate.set_defaults(run=_activate)
 
 
 def _add_board_options(parser: argparse.ArgumentParser) -> None:
-    board = parser.add_argument_group("the board, as printed; the usual one where nothing is told")
-    board.add_argument("--kind", choices=("charuco", "checkerboard", "circles"))
-    board.add_argument("--columns", type=int, metavar="N", help="squares in a row, or dots")
-    board.add_argument("--rows", type=int, metavar="N", help="rows of squares, or of dots")
-    board.add_argument("--pitch", dest="pitch_m", type=float, metavar="M", help="side of a square, or dot to dot")
+    board = parser.add_argument_group("the board as printed")
+    board.add_argument("--kind", choices=("charuco", "checkerboard", "circles"), help="kind of board (charuco)")
+    board.add_argument("--columns", type=int, metavar="N", help="squares, or dots, in a row (9)")
+    board.add_argument("--rows", type=int, metavar="N", help="rows of squares, or of dots (7)")
     board.add_argument(
-        "--marker", dest="marker_m", type=float, metavar="M", help="side of a ChArUco marker (in proportion)"
+        "--pitch",
+        dest="pitch_m",
+        type=float,
+        metavar="M",
+        help="side of a square, or distance of neighbouring dots (0.026)",
     )
-    board.add_argument("--dictionary", metavar="NAME", help="OpenCV's, of the ChArUco markers")
+    board.add_argument(
+        "--marker",
+        dest="marker_m",
+        type=float,
+        metavar="M",
+        help="side of a ChArUco marker (0.02, in proportion to the pitch)",
+    )
+    board.add_argument("--dictionary", metavar="NAME", help="OpenCV dictionary of the ChArUco markers (DICT_4X4_50)")
 
 
 def told_board(options: argparse.Namespace) -> dict[str, Any]:

@@ -8,21 +8,21 @@ def add_doctor_command(commands: "argparse._SubParsersAction[argparse.ArgumentPa
     """Adds `doctor`."""
     doctor = commands.add_parser(
         "doctor",
-        help="whether the data folder is whole; --repair mends it",
-        description="Compares the database with the files: every recording, acknowledged view and result by its hash, "
-        "files without a row, rows without a file, and what a service left unfinished. Looks only, also while the "
-        "service runs. Exit code 1 when something is found, or left behind a repair.",
+        help="check the integrity of the data folder; repair it with --repair",
+        description="Compare the database with the files: each recording, acknowledged view and result by its hash, "
+        "files without a row, rows without a file, and unfinished work. Changes nothing without --repair, and may run "
+        "beside the service. Exit code 1 if something is found, or remains after a repair.",
     )
-    doctor.add_argument("--config", type=Path, metavar="TOML", help="the service's configuration file")
-    doctor.add_argument("--data-dir", type=Path, metavar="DIR", help="the service's data folder")
+    doctor.add_argument("--config", type=Path, metavar="TOML", help="configuration file of the service")
+    doctor.add_argument("--data-dir", type=Path, metavar="DIR", help="data folder of the service")
     doctor.add_argument(
         "--repair",
         action="store_true",
-        help="mend what can be; the service must be stopped. Rows are corrected; nothing that holds data is removed, "
-        "but put into DATA_DIR/lost+found",
+        help="repair what can be repaired; the service must be stopped. Rows are corrected. Nothing that holds data "
+        "is deleted: it is moved to DATA_DIR/lost+found",
     )
-    doctor.add_argument("--quick", action="store_true", help="sizes only: no file is read")
-    doctor.add_argument("--json", action="store_true", help="one JSON document instead of words")
+    doctor.add_argument("--quick", action="store_true", help="compare sizes only; read no file")
+    doctor.add_argument("--json", action="store_true", help="print one JSON document")
     doctor.set_defaults(run=_doctor)
 
 

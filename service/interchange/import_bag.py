@@ -1,15 +1,13 @@
 """`pointchain import bag`: a ROS bag to a recording, and in words what was taken of it."""
 
 import argparse
-import math
 import sys
 from pathlib import Path
-from typing import Any
 
 from calibration.errors import HandEyeError
-from calibration.storage import load_hand_eye
 from cell.bag.errors import shown
 from cell.bag.import_bag import Imported, Wanted, import_bag
+from service.interchange.scene_options import given_box, given_hand_eye
 from service.problems import INPUT_ERRORS
 
 COMMAND = "pointchain import bag"
@@ -30,14 +28,7 @@ def import_recording(options: argparse.Namespace) -> int:
 
 
 def _wanted(options: argparse.Namespace) -> Wanted:
-    hand_eye: dict[str, Any] = {}
-    if options.hand_eye is not None:
-        # As old as it may be: so may the bag.
-        read = load_hand_eye(options.hand_eye, math.inf)
-        for warning in read.warnings:
-            print(f"{COMMAND}: {warning}", file=sys.stderr)
-        hand_eye = {"T_flange_camera": read.T_flange_camera, "hand_eye": f"{options.hand_eye.name} {read.sha256}"}
-    box = options.workspace
+    hand_eye = given_hand_eye(options, COMMAND)
     return Wanted(
         depth_topic=options.depth_topic,
         info_topic=options.info_topic,
@@ -48,7 +39,7 @@ def _wanted(options: argparse.Namespace) -> Wanted:
         rectified=options.rectified,
         string_radius_m=options.radius,
         table_z_m=options.table_z,
-        workspace_m=None if box is None else ((box[0], box[1]), (box[2], box[3]), (box[4], box[5])),
+        workspace_m=given_box(options),
         **hand_eye,
     )
 

@@ -13,18 +13,35 @@ def add_audit_command(commands: "argparse._SubParsersAction[argparse.ArgumentPar
     """Adds `audit`."""
     audit = commands.add_parser(
         "audit",
-        help="who asked the service for what, and what came of it",
-        description="Prints the audit log, the newest entries last: when, who (role), what, the answer's status and "
-        "problem, in which state the cell was, and the scan. Without a status (0 in JSON): of the service itself "
-        "or the command line.",
+        help="print the audit log: who requested what, and the outcome",
+        description="Print the audit log, the newest entries last: time, client and role, request, status and problem "
+        "of the answer, state of the cell, and scan. Entries of the service itself and of the command line have no "
+        "status (0 in JSON).",
     )
-    audit.add_argument("--since", type=_moment, metavar="WHEN", help="as 2026-01-31 or 2026-01-31T08:00:00+01:00 (UTC)")
-    audit.add_argument("--scan", metavar="ID", help="of this scan: who started, stopped, kept or reprocessed it")
-    audit.add_argument("--who", metavar="NAME", help="of this token; local, service, console, or an address")
-    audit.add_argument("--limit", type=_limit, default=100, metavar="N", help="the newest N (%(default)s)")
-    audit.add_argument("--json", action="store_true", help="one JSON document a line")
-    audit.add_argument("--config", type=Path, metavar="TOML", help="the service's configuration file")
-    audit.add_argument("--data-dir", type=Path, metavar="DIR", help="the service's data folder")
+    audit.add_argument(
+        "--since",
+        type=_moment,
+        metavar="WHEN",
+        help="entries since this time, as 2026-01-31 or 2026-01-31T08:00:00+01:00; UTC without a time zone (all)",
+    )
+    audit.add_argument(
+        "--scan", metavar="ID", help="entries about this scan: started, stopped, kept, reprocessed (all)"
+    )
+    audit.add_argument(
+        "--who",
+        metavar="NAME",
+        help="entries of this client: name of a token, local, service, console, or an address (all)",
+    )
+    audit.add_argument(
+        "--limit",
+        type=_limit,
+        default=100,
+        metavar="N",
+        help="maximum number of entries, the newest ones (%(default)s)",
+    )
+    audit.add_argument("--json", action="store_true", help="print one JSON document per line")
+    audit.add_argument("--config", type=Path, metavar="TOML", help="configuration file of the service")
+    audit.add_argument("--data-dir", type=Path, metavar="DIR", help="data folder of the service")
     audit.set_defaults(run=_audit)
 
 

@@ -7,6 +7,7 @@ from typing import Literal
 from starlette.routing import compile_path
 
 from service.security.caller import Role
+from service.security.headers import MANUAL
 
 DOCS_FILES = "/static-offline-docs"
 CONSOLE_FILES = "/console"
@@ -21,6 +22,11 @@ LEAST_ROLE: dict[str, Role | Literal["open"]] = {
     f"HEAD {DOCS_FILES}/{{path:path}}": "open",
     "GET /openapi.json": "open",
     "HEAD /openapi.json": "open",
+    # The manual: public text, which people also need to sign in.
+    f"GET {MANUAL}": "open",
+    f"HEAD {MANUAL}": "open",
+    f"GET {MANUAL}/{{path:path}}": "open",
+    f"HEAD {MANUAL}/{{path:path}}": "open",
     # The operator's console, which asks who signs in.
     "GET /": "open",
     "HEAD /": "open",

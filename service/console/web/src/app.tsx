@@ -7,6 +7,7 @@ import { HistoryScreen } from "./history/history";
 import { ResultScreen } from "./result/result";
 import { ScanScreen } from "./scan/scan";
 import { useAction } from "./ui/action";
+import { ManualLink, SECTIONS } from "./ui/manual";
 
 const NAMES: Record<Screen, string> = { scan: "Scan", result: "Result", history: "History", calibration: "Calibration" };
 
@@ -22,6 +23,9 @@ export function App() {
             <kbd aria-hidden="true">{k + 1}</kbd> {NAMES[screen]}
           </a>
         ))}
+        <ManualLink page={SECTIONS[route.value.screen]} name="Help for this page">
+          Help
+        </ManualLink>
         <Who />
       </nav>
       <Fault />

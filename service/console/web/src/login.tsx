@@ -2,6 +2,7 @@ import { useState } from "preact/hooks";
 import { askNow } from "./state/follow";
 import { signIn } from "./state/session";
 import { Failed, useAction } from "./ui/action";
+import { ManualLink, SECTIONS } from "./ui/manual";
 
 /** Asks for the token, once: then it is in a cookie. */
 export function Login() {
@@ -38,6 +39,11 @@ export function Login() {
         </button>
       </form>
       <Failed failure={action.failure && { ...action.failure, title: "Not signed in" }} />
+      <p>
+        <ManualLink page={SECTIONS["sign-in"]} name="Help with signing in">
+          Help with signing in
+        </ManualLink>
+      </p>
     </main>
   );
 }

@@ -5,6 +5,7 @@ import { askNow } from "../state/follow";
 import { lost } from "../state/freshness";
 import { maintains } from "../state/session";
 import { Failed, useAction } from "../ui/action";
+import { WhatToDo } from "../ui/manual";
 import checkFirst from "../words/check_first.json";
 import { sentence } from "../words/sentence";
 
@@ -25,6 +26,9 @@ export function Fault() {
           <li key={check}>{check}</li>
         ))}
       </ol>
+      <p>
+        <WhatToDo problem={cell.value.problem} />
+      </p>
       {maintains.value ? <Acknowledge /> : <p class="note warn">Ask a maintainer to look at the cell and acknowledge.</p>}
     </section>
   );

@@ -7,6 +7,7 @@ import { running } from "../state/scans";
 import { caller, operates } from "../state/session";
 import type { Cell } from "../net/api";
 import { addressOf } from "../route";
+import { WhatToDo } from "../ui/manual";
 import { sentence } from "../words/sentence";
 import { CELL, SCAN, SHAPES, VERDICTS, words, type Look } from "../words/states";
 import { clock, span } from "../words/units";
@@ -53,7 +54,9 @@ function State() {
   return (
     <div class="state" role="status">
       <Badge look={look}>{now.state === "busy" ? doing : word}</Badge>
-      <p>{reasonWords(now)}</p>
+      <p>
+        {reasonWords(now)} {now.state === "not_ready" && <WhatToDo problem={now.problem} />}
+      </p>
     </div>
   );
 }

@@ -6,6 +6,7 @@ import { calibrates } from "../state/cell";
 import { askNow } from "../state/follow";
 import { latest, running, show } from "../state/scans";
 import { Act, Failed, useAction } from "../ui/action";
+import { WhatToDo } from "../ui/manual";
 import { MethodField } from "../ui/method_field";
 import { sentence } from "../words/sentence";
 import { CALIBRATES, hasModel, outcome, underWay } from "../words/states";
@@ -51,7 +52,8 @@ export function Again({ scan }: { scan: Scan }) {
       <Failed failure={action.failure} />
       {made !== null && (
         <p role="status">
-          {outcome(made).word}. {made.problem && sentence(made.problem.detail)}
+          {outcome(made).word}. {made.problem && sentence(made.problem.detail)}{" "}
+          <WhatToDo problem={made.problem?.type ?? null} />
           {hasModel(made) && <a href={addressOf("result", made.id)}>Look at what came of it</a>}
         </p>
       )}

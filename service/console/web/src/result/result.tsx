@@ -5,6 +5,7 @@ import type { Model, Scan } from "../net/api";
 import { addressOf } from "../route";
 import { first } from "../state/scans";
 import { Failed } from "../ui/action";
+import { WhatToDo } from "../ui/manual";
 import { RecordingName } from "../scan/recording_name";
 import { ToldRadius } from "../scan/told_radius";
 import { pointAt } from "../view3d/along";
@@ -69,7 +70,11 @@ function Result({ id }: { id: string }) {
             {model !== null && `, ${model.method}`}
           </p>
         )}
-        {scan?.problem && <p class="note bad">{sentence(scan.problem.detail)}</p>}
+        {scan?.problem && (
+          <p class="note bad">
+            {sentence(scan.problem.detail)} <WhatToDo problem={scan.problem.type} />
+          </p>
+        )}
         {scan !== null && isElsewhere(scan) && scan.recording !== null && (
           <p class="note warn">
             ▲ <strong>This is what a recording shows</strong>

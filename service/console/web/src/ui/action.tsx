@@ -4,27 +4,31 @@ import { RefusedError } from "../net/api";
 import { GivenUpError, LostError } from "../net/request";
 import { lost } from "../state/freshness";
 import { sentence } from "../words/sentence";
+import { WhatToDo } from "./manual";
 
 /** Why something came to nothing, for people. */
 export interface Failure {
   title: string;
   detail: string;
   slug: string;
+  /** The service's problem type; null: the service named none. */
+  problem: string | null;
   retryAfter_s: number | null;
 }
 
 /** An error as it is told; what nobody has foreseen is thrown on. */
 export function failureOf(error: unknown): Failure {
   if (error instanceof RefusedError) {
-    const { title, detail } = error.problem;
-    return { title, detail, slug: error.slug, retryAfter_s: error.retryAfter_s };
+    const { title, detail, type } = error.problem;
+    return { title, detail, slug: error.slug, problem: type, retryAfter_s: error.retryAfter_s };
   }
   if (error instanceof LostError) {
     const detail = `${error.message}: whether it was done is not known. Look at the state above, then try again.`;
-    return { title: "The service did not answer", detail, slug: "lost", retryAfter_s: null };
+    return { title: "The service did not answer", detail, slug: "lost", problem: null, retryAfter_s: null };
   }
   if (error instanceof GivenUpError) {
-    return { title: "Given up", detail: "Stop was pressed meanwhile.", slug: "given-up", retryAfter_s: null };
+    const detail = "Stop was pressed meanwhile.";
+    return { title: "Given up", detail, slug: "given-up", problem: null, retryAfter_s: null };
   }
   throw error;
 }
@@ -90,7 +94,7 @@ export function Failed({ failure }: { failure: Failure | null }) {
     <div role="alert">
       {failure && (
         <p class="note bad">
-          <strong>{failure.title}.</strong> {sentence(failure.detail)}
+          <strong>{failure.title}.</strong> {sentence(failure.detail)} <WhatToDo problem={failure.problem} />
         </p>
       )}
     </div>

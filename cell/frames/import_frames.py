@@ -1,0 +1,203 @@
+"""A folder of depth images as a recording: a view for each image."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from calibration.transforms import from_quaternion, to_quaternion
+from cell.bag.errors import shown
+from cell.devices import InvalidViewError, View
+from cell.frames.camera_file import Intrinsics, read_intrinsics
+from cell.frames.depth_file import MAX_COUNT, fine_unit, measured, read_depth, to_counts
+from cell.frames.errors import FramesError
+from cell.frames.folder import depth_images
+from cell.frames.pose_files import read_poses
+from cell.frames.table_fit import Frames, check_poses, guess_unit, share_on_table, table_units
+from cell.recording import RecordingHeader
+from cell.recording_header import Box
+from cell.whole_recording import require_new, write_whole
+
+NEIGHBOURS = 5000
+"""Matrices that `encodable` tries; enough for each of 152 poses out of recordings."""
+
+
+@dataclass(frozen=True, eq=False)
+class FramesRequest:
+    """What the caller knows about the depth images."""
+
+    T_flange_camera: NDArray[np.float64] | None = None
+    """(4, 4) hand-eye calibration. The poses are then T_base_flange; None: they are T_base_camera."""
+    hand_eye: str = "none: the poses are the camera's"
+    """Where `T_flange_camera` comes from, for the recording's metadata."""
+    intrinsics: tuple[float, float, float, float] | None = None
+    """fx, fy, cx, cy in pixels; None: of `camera.json` or `K.json`."""
+    depth_unit_m: float | None = None
+    """Metres per count, or per unit of floats; None: of `camera.json`, else guessed."""
+    string_radius_m: float | None = None
+    """To be kept in the recording."""
+    table_z_m: float = 0.0
+    workspace_m: Box | None = None
+
+
+@dataclass(frozen=True)
+class ImportedFrames:
+    """What was made of a folder."""
+
+    views: int
+    width: int
+    height: int
+    poses: str
+    """Where the poses come from."""
+    pose_name: str
+    intrinsics: str
+    """Where K comes from."""
+    unit_m: float
+    """Metres per count, or per unit of floats, of the images."""
+    unit_source: str
+    """`given`, `camera.json` or `guessed`."""
+    table_share: float
+    """Share of the measured pixels that are at the table's height."""
+    recording_unit_m: float
+    """Metres per count of the recording; equal to `unit_m` where counts are kept."""
+    too_far: int
+    """Pixels whose depth is beyond the recording's 16 bits; they have none there."""
+
+
+def import_frames(folder: Path, out: Path, request: FramesRequest) -> ImportedFrames:
+    """Write the recording `out` of the depth images in `folder`. It is complete or not there.
+
+    Args:
+        folder: Depth images, poses and camera matrix.
+        out: The recording to write; it must not exist.
+        request: What the caller knows about the images.
+
+    Returns:
+        What was found in the folder and what was guessed.
+
+    Raises:
+        RecordingError: The folder cannot be used (FramesError), `out` exists, or a value of `request` cannot be.
+        OSError: The recording cannot be written.
+    """
+    require_new(out)
+    images = depth_images(folder)
+    intrinsics = read_intrinsics(folder, request.intrinsics)
+    pose_name = "T_base_camera" if request.T_flange_camera is None else "T_base_flange"
+    poses, source = read_poses(folder, images, pose_name)
+    values = [read_depth(path) for path in images]
+    _check_alike(images, values, intrinsics)
+    T_pose_camera = np.eye(4) if request.T_flange_camera is None else request.T_flange_camera
+    frames = Frames(values, intrinsics.K, poses, pose_name, T_pose_camera, [path.name for path in images])
+    unit_m, unit_source = _unit(frames, request, intrinsics)
+    recording_unit_m = _recording_unit(values, unit_m)
+    header = RecordingHeader(
+        depth_unit_m=recording_unit_m,
+        string_radius_m=request.string_radius_m,
+        T_flange_camera=T_pose_camera,
+        table_z_m=request.table_z_m,
+        workspace_m=request.workspace_m,
+        provenance={
+            "source": "depth images",
+            "folder": shown(folder.resolve().name),
+            "images": f"{len(images)} {images[0].suffix.lower().removeprefix('.')} of {values[0].dtype}",
+            "depth_unit": f"{unit_m:g} m, {unit_source}",
+            "intrinsics": intrinsics.source,
+            "poses": f"{pose_name}, {source}",
+            "hand_eye": shown(request.hand_eye),
+            "stamps": "none: view k has the stamp k s",
+        },
+    )
+    depths = [to_counts(each, unit_m, recording_unit_m) for each in values]
+    write_whole(out, header, _views(frames, depths, header))
+    height, width = values[0].shape
+    lost = sum(int(np.count_nonzero(measured(a) & (b == 0))) for a, b in zip(values, depths, strict=True))
+    share = share_on_table(table_units(frames, request.table_z_m), unit_m)
+    return ImportedFrames(
+        len(images), width, height, source, pose_name, intrinsics.source, unit_m, unit_source, share,
+        recording_unit_m, lost,
+    )  # fmt: skip
+
+
+def encodable(T: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return a pose (4, 4) that a reader of the recording gets back as `T`, to the last bit where there is one.
+
+    Recordings hold rotations as quaternions. The way from a matrix to a quaternion and back changes the last bits of
+    most matrices, so the neighbours of `T` are tried for one that arrives at `T`.
+    """
+    if np.array_equal(from_quaternion(T[:3, 3], to_quaternion(T), "the pose"), T):
+        return T
+    R = T[:3, :3]
+    steps = np.random.default_rng(0).integers(-4, 5, size=(NEIGHBOURS, 3, 3))
+    near = R + np.spacing(np.abs(R)) * steps
+    read = Rotation.from_quat(Rotation.from_matrix(near).as_quat()).as_matrix()
+    exact = np.flatnonzero((read == R).all(axis=(1, 2)))
+    if len(exact) == 0:
+        return T
+    result = T.copy()
+    result[:3, :3] = near[exact[0]]
+    return result
+
+
+def _check_alike(images: list[Path], values: list[NDArray[np.generic]], intrinsics: Intrinsics) -> None:
+    """Refuse images of different sizes or types, and a camera matrix of another size."""
+    for path, each in zip(images, values, strict=True):
+        if each.shape != values[0].shape:
+            (h, w), (h0, w0) = each.shape, values[0].shape
+            raise FramesError(
+                f"{path} has {w}x{h} pixels, {images[0].name} {w0}x{h0}: all depth images must be of one camera"
+            )
+        if each.dtype.kind != values[0].dtype.kind and "f" in (each.dtype.kind, values[0].dtype.kind):
+            raise FramesError(
+                f"{path} holds {each.dtype}, {images[0].name} {values[0].dtype}: integers and floats have different "
+                "units; save all images in one type"
+            )
+    height, width = values[0].shape
+    if intrinsics.size is not None and intrinsics.size != (width, height):
+        raise FramesError(
+            f"{intrinsics.source} is for images of {intrinsics.size[0]}x{intrinsics.size[1]} pixels, the depth images "
+            f"have {width}x{height}: give the camera matrix of this size"
+        )
+    cx, cy = intrinsics.K[0, 2], intrinsics.K[1, 2]
+    if not (0 < cx < width and 0 < cy < height):
+        raise FramesError(
+            f"{intrinsics.source} has the image centre at ({cx:g}, {cy:g}), outside the depth images of "
+            f"{width}x{height} pixels: give the camera matrix of this size"
+        )
+
+
+def _unit(frames: Frames, request: FramesRequest, intrinsics: Intrinsics) -> tuple[float, str]:
+    """Return metres per count or unit, and how it is known; refuse poses that contradict the images."""
+    unit_m, source = request.depth_unit_m, "given"
+    if unit_m is None and intrinsics.depth_unit_m is not None:
+        unit_m, source = intrinsics.depth_unit_m, intrinsics.source
+    if unit_m is not None and not (np.isfinite(unit_m) and unit_m > 0):
+        raise FramesError(f"the depth unit is {unit_m:g}; metres per count are needed, as 0.001")
+    check_poses(frames, request.table_z_m, unit_m)
+    return (unit_m, source) if unit_m is not None else (guess_unit(frames, request.table_z_m).unit_m, "guessed")
+
+
+def _recording_unit(values: list[NDArray[np.generic]], unit_m: float) -> float:
+    """Return the unit of the images where the recording can have it, else a fine one."""
+    largest = max(float(each[measured(each)].max()) for each in values)
+    if values[0].dtype.kind in "iu" and largest <= MAX_COUNT:
+        return unit_m
+    return fine_unit(largest * unit_m)
+
+
+def _views(frames: Frames, depths: list[NDArray[np.uint16]], header: RecordingHeader) -> Iterator[View]:
+    for k, depth in enumerate(depths):
+        try:
+            yield View(
+                index=k,
+                depth=depth,
+                depth_unit_m=header.depth_unit_m,
+                K=frames.K,
+                T_base_flange=encodable(frames.poses[k]),
+                T_flange_camera=header.T_flange_camera,
+                stamp_s=float(k),
+            )
+        except InvalidViewError as error:
+            raise FramesError(f"{frames.names[k]}: {error}") from error

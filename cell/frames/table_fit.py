@@ -1,0 +1,159 @@
+"""How well depth images agree with the table: it tells the depth unit, and poses that are inverted."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.transforms import inverse
+from cell.frames.depth_file import measured
+from cell.frames.errors import FramesError
+from cell.frames.pose_files import PoseName
+
+COUNT_UNITS_M = (0.01, 0.001, 0.0005, 0.00025, 0.0002, 0.0001, 1e-5, 1e-6)
+"""Metres per count that depth cameras and data sets use."""
+FLOAT_UNITS_M = (1.0, 0.001)
+"""Floats are metres, rarely millimetres."""
+TOLERANCE = 0.03
+"""Relative error of a depth that counts as the table's: noise, and poses that are a few millimetres off."""
+SURE_SHARE = 0.3
+"""Share of the measured pixels that must lie on the table for a guess."""
+POOR_SHARE = 0.1
+"""With a smaller share, the table is not where the poses say."""
+SAMPLE = 10_000
+"""Pixels of each image that are compared."""
+
+
+@dataclass(frozen=True, eq=False)
+class Frames:
+    """Depth images with their poses, before their unit is known."""
+
+    values: Sequence[NDArray[np.generic]]
+    """(H, W) each, in an unknown unit."""
+    K: NDArray[np.float64]
+    """(3, 3), pixels."""
+    poses: Sequence[NDArray[np.float64]]
+    """(4, 4) each, of the camera or the flange as `pose_name` says."""
+    pose_name: PoseName
+    T_pose_camera: NDArray[np.float64]
+    """(4, 4) the hand-eye calibration, or the identity where the poses are the camera's."""
+    names: Sequence[str]
+    """File names of the images."""
+
+    def T_base_camera(self, k: int) -> NDArray[np.float64]:
+        """Return the camera pose of image `k`."""
+        return self.poses[k] @ self.T_pose_camera
+
+    def inverted(self) -> "Frames":
+        """Return the same with each pose inverted."""
+        poses = [inverse(T) for T in self.poses]
+        return Frames(self.values, self.K, poses, self.pose_name, self.T_pose_camera, self.names)
+
+
+@dataclass(frozen=True)
+class Unit:
+    """A depth unit, and how it is known."""
+
+    unit_m: float
+    """Metres per count, or per unit of floats."""
+    table_share: float
+    """Share of the measured pixels that this unit puts on the table."""
+
+
+def table_units(frames: Frames, table_z_m: float) -> NDArray[np.float64]:
+    """Return the unit, metres, that would put each sampled pixel on the table; NaN where its ray meets no table."""
+    found = []
+    for k, values in enumerate(frames.values):
+        step = int(np.ceil(np.sqrt(max(values.size / SAMPLE, 1.0))))
+        sampled = np.zeros(values.shape, dtype=bool)
+        sampled[step // 2 :: step, step // 2 :: step] = True
+        rows, columns = np.nonzero(sampled & measured(values))
+        T = frames.T_base_camera(k)
+        rays = np.column_stack([columns, rows, np.ones(len(rows))]) @ (T[2, :3] @ np.linalg.inv(frames.K))
+        with np.errstate(divide="ignore", invalid="ignore"):
+            expected_m = (table_z_m - T[2, 3]) / rays
+            found.append(np.where(expected_m > 0, expected_m / values[rows, columns].astype(np.float64), np.nan))
+    return np.concatenate(found)
+
+
+def share_on_table(units: NDArray[np.float64], unit_m: float) -> float:
+    """Return the share of the pixels that `unit_m` puts on the table, by the result of `table_units`."""
+    with np.errstate(invalid="ignore"):
+        return float(np.mean(np.abs(units / unit_m - 1) < TOLERANCE)) if len(units) else 0.0
+
+
+def best_unit(frames: Frames, table_z_m: float) -> Unit:
+    """Return the customary unit that puts the largest share of the pixels on the table."""
+    units = table_units(frames, table_z_m)
+    customary = FLOAT_UNITS_M if frames.values[0].dtype.kind == "f" else COUNT_UNITS_M
+    return max((Unit(unit, share_on_table(units, unit)) for unit in customary), key=lambda unit: unit.table_share)
+
+
+def guess_unit(frames: Frames, table_z_m: float) -> Unit:
+    """Return the only depth unit that puts the table where the poses say it is; floats are metres.
+
+    Raises:
+        FramesError: No customary unit does so.
+    """
+    best = best_unit(frames, table_z_m)
+    if best.table_share >= SURE_SHARE:
+        return best
+    units = table_units(frames, table_z_m)
+    if frames.values[0].dtype.kind == "f":
+        largest = max(float(values[measured(values)].max()) for values in frames.values)
+        if largest <= 2 * 65.535:
+            return Unit(1.0, share_on_table(units, 1.0))
+        raise FramesError(
+            f"depths go up to {largest:g}, which metres cannot be, and millimetres do not put the table at z = "
+            f"{table_z_m:g} m: give --depth-unit, metres per unit"
+        )
+    usual = float(np.nanmedian(units)) if np.isfinite(units).any() else float("nan")
+    told = f"; {usual:.3g} m a count would, which is no customary unit" if np.isfinite(usual) else ""
+    raise FramesError(
+        f"the depth unit is not given, and no customary one puts the table at z = {table_z_m:g} m{told}: give "
+        "--depth-unit, metres per count, and check --table-z and the poses"
+    )
+
+
+def check_poses(frames: Frames, table_z_m: float, unit_m: float | None) -> None:
+    """Refuse poses that are inverted, or that put the camera below the table or let it look away from it.
+
+    Args:
+        frames: The images and their poses.
+        table_z_m: Height of the table in the base frame.
+        unit_m: Metres per depth unit; None: not known.
+
+    Raises:
+        FramesError: The poses cannot be those of a camera that sees the table.
+    """
+    fault = _fault(frames, table_z_m)
+    inverted = frames.inverted()
+    given_share, inverted_share = (_share(each, table_z_m, unit_m) for each in (frames, inverted))
+    table_only_inverted = inverted_share >= max(SURE_SHARE, 2 * given_share)
+    if _fault(inverted, table_z_m) is None and (fault is not None or table_only_inverted):
+        name = frames.pose_name
+        turned = "T_" + "_".join(reversed(name.removeprefix("T_").split("_")))
+        why = fault or "with them the depth images show no table, and with their inverses they do"
+        raise FramesError(f"{why}: these look like {turned}; invert them, {name} is needed")
+    if fault is not None:
+        raise FramesError(f"{fault}: check the poses and --table-z; z of the base frame must point up")
+
+
+def _share(frames: Frames, table_z_m: float, unit_m: float | None) -> float:
+    if unit_m is None:
+        return best_unit(frames, table_z_m).table_share
+    return share_on_table(table_units(frames, table_z_m), unit_m)
+
+
+def _fault(frames: Frames, table_z_m: float) -> str | None:
+    """Return what is impossible about the first such camera pose, or None."""
+    for k, values in enumerate(frames.values):
+        T = frames.T_base_camera(k)
+        if T[2, 3] <= table_z_m:
+            return f"the pose of {frames.names[k]} puts the camera at z = {T[2, 3]:.3f} m, below the table"
+        height, width = values.shape
+        corners = np.array([(u, v, 1.0) for u in (0, width - 1) for v in (0, height - 1)])
+        if not (corners @ (T[2, :3] @ np.linalg.inv(frames.K)) < 0).any():
+            return f"by the pose of {frames.names[k]} the camera looks away from the table"
+    return None
