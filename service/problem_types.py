@@ -60,8 +60,8 @@ PROBLEM_TYPES: dict[str, ProblemType] = {
     "cell-busy": ProblemType(
         title="The cell is busy",
         statuses=(409,),
-        cause="A scan or calibration is running, or is being prepared. The `Location` header has the address "
-        "of the running one.",
+        cause="A scan or calibration is running or being prepared. `Location` has the address of a running one; "
+        "`Retry-After` comes with one that is being prepared.",
         action="Wait for its end, or cancel it. Then send the request again.",
         group="Retry later",
     ),
@@ -112,14 +112,16 @@ PROBLEM_TYPES: dict[str, ProblemType] = {
         title="It was ended by request",
         statuses=(409,),
         cause="A person or a program stopped the scan or calibration. What it had recorded is kept.",
-        action="Find out why it was stopped. Then start a new scan, or reprocess this one from its recording.",
+        action="Find out why it was stopped. Then start a new scan with a new `Idempotency-Key`, or reprocess this one "
+        "from its recording.",
         group="Decide whether to scan again",
     ),
     "interrupted": ProblemType(
         title="The service stopped meanwhile",
         statuses=(500,),
         cause="The service stopped while the scan or calibration was running. What it had recorded is kept.",
-        action="Check where the arm stands. Then start a new scan, or reprocess this one from its recording.",
+        action="Check where the arm stands. Then start a new scan with a new `Idempotency-Key`, or reprocess this one "
+        "from its recording.",
         group="Decide whether to scan again",
     ),
     "stopped": ProblemType(
@@ -249,7 +251,8 @@ PROBLEM_TYPES: dict[str, ProblemType] = {
         title="There are too few usable views",
         statuses=(409, 422),
         cause="Fewer views can be used than are needed: the camera failed, or fewer than two views see the string.",
-        action="Read `detail` for the reasons. Check string, table and camera, then scan again.",
+        action="Read `detail` for the reasons. Check string, table and camera and scan again; an uploaded recording may "
+        "be incomplete, see its `missing`.",
         group="Check string and table",
     ),
     "no-depth": ProblemType(

@@ -72,7 +72,8 @@ def _tell(words: str, as_log: bool) -> None:
 
 def _where(host: str, port: int, data_dir: Path) -> str:
     name = called_by(host)
-    return f"pointchain: http://{f'[{name}]' if ':' in name else name}:{port} (manual: /manual, API: /docs), data in {data_dir}"
+    address = f"http://{f'[{name}]' if ':' in name else name}:{port}"
+    return f"pointchain: {address} (manual: /manual, API: /docs), data in {data_dir}"
 
 
 def _remedy(error: OSError) -> str:
