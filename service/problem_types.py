@@ -251,8 +251,8 @@ PROBLEM_TYPES: dict[str, ProblemType] = {
         title="There are too few usable views",
         statuses=(409, 422),
         cause="Fewer views can be used than are needed: the camera failed, or fewer than two views see the string.",
-        action="Read `detail` for the reasons. Check string, table and camera and scan again; an uploaded recording may "
-        "be incomplete, see its `missing`.",
+        action="Read `detail` for the reasons. Check string, table and camera and scan again; an uploaded recording "
+        "may be incomplete, see its `missing`.",
         group="Check string and table",
     ),
     "no-depth": ProblemType(
