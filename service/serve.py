@@ -72,8 +72,7 @@ def _tell(words: str, as_log: bool) -> None:
 
 def _where(host: str, port: int, data_dir: Path) -> str:
     name = called_by(host)
-    address = f"http://{f'[{name}]' if ':' in name else name}:{port}"
-    return f"pointchain: {address} (manual: /manual, API: /docs), data in {data_dir}"
+    return f"pointchain: http://{f'[{name}]' if ':' in name else name}:{port} (API: /docs), data in {data_dir}"
 
 
 def _remedy(error: OSError) -> str:

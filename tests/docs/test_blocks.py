@@ -21,7 +21,7 @@ from service.config import load_config
 from tests.cell.loopback import free_host
 from tests.docs import setting_up
 from tests.docs.pages import ROOT, Block, blocks, commands, name_of, pages
-from tests.service.conftest import Serve
+from tests.service.conftest import Serve, wait_until
 from tests.service.live_cell import LiveCell, live_cell
 
 ADDRESS = "http://127.0.0.1:8000"
@@ -144,6 +144,8 @@ def cell(request: pytest.FixtureRequest, serve: Serve, tmp_path_factory: pytest.
         yield None
         return
     with live_cell(serve, tmp_path_factory.mktemp("data")) as live:
+        # The pages show a service that has been running for a while: recognition is loaded.
+        wait_until(lambda: live.client.get("/readyz").status_code == 200)
         yield live
 
 

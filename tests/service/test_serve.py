@@ -26,15 +26,13 @@ def test_at_a_terminal_they_are_lines(tmp_path: Path) -> None:
     note, address, *_ = begun(tmp_path, HOST="0.0.0.0", LOG__FORMAT="text")
     assert note.startswith("pointchain serve: listening on 0.0.0.0")
     where = re.escape(str(tmp_path))
-    pages = r"\(manual: /manual, API: /docs\)"
-    assert re.fullmatch(rf"pointchain: http://127\.0\.0\.1:\d+ {pages}, data in {where}/data", address)
+    assert re.fullmatch(rf"pointchain: http://127\.0\.0\.1:\d+ \(API: /docs\), data in {where}/data", address)
 
 
 def test_in_a_log_for_programs_they_are_documents_whatever_its_level(tmp_path: Path) -> None:
     note, address = map(json.loads, begun(tmp_path, HOST="0.0.0.0", LOG__FORMAT="json", LOG__LEVEL="error"))
     assert note["message"].startswith("pointchain serve: listening on 0.0.0.0")
-    pages = r"\(manual: /manual, API: /docs\)"
-    assert re.fullmatch(rf"pointchain: http://127\.0\.0\.1:\d+ {pages}, data in .*/data", address["message"])
+    assert re.fullmatch(r"pointchain: http://127\.0\.0\.1:\d+ \(API: /docs\), data in .*/data", address["message"])
 
 
 @pytest.mark.parametrize("host", ["::1", "::"])

@@ -32,9 +32,11 @@ def test_it_finds_a_string_in_clean_views() -> None:
     model = {"chains": [{"id": k, "points": chain} for k, chain in enumerate(chains)], "crossings": []}
     result = score(model, scan.truth)
     assert result.topology
-    # The paper's averaging draws each end in by about 2 r of 400 mm; the steps of the chain are r or more.
+    # The paper's averaging moves each end inwards by about 2 r of 400 mm. Up to one further link, r_f at most, is missing
+    # where the search ends; how much of it depends on the order of equal distances, which differs between processors.
     assert result.cover > 0.95
-    assert result.end_m == pytest.approx(2 * R, abs=R)
+    assert result.end_m is not None
+    assert R <= result.end_m <= 2 * R + PARAMETERS.r_f
     assert result.mean_m is not None
     assert result.mean_m < 0.001
 

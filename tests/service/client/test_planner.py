@@ -28,7 +28,7 @@ def test_the_planner_of_the_readme(cell: LiveCell, capsys: pytest.CaptureFixture
     exec(program.replace("http://127.0.0.1:8000", str(cell.client.base_url)), found)
     said = capsys.readouterr().out
     assert "ScanProgress(state='scanning'" in said
-    assert "0 over 0 0.00" in said  # the default scene's one crossing
+    assert "chain 0 over chain 0, gap 0.00" in said  # the default scene's one crossing
     T = found["T_base_grasp"]
     assert getattr(T, "shape", None) == (4, 4)
     assert cell.state()["problem"] == "urn:pointchain:released"
