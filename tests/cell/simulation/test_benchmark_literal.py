@@ -32,8 +32,8 @@ def test_it_finds_a_string_in_clean_views() -> None:
     model = {"chains": [{"id": k, "points": chain} for k, chain in enumerate(chains)], "crossings": []}
     result = score(model, scan.truth)
     assert result.topology
-    # The paper's averaging moves each end inwards by about 2 r of 400 mm. Where the search ends, one more link of r_f at
-    # most is missing; how much of it depends on the order of equal distances, which differs between processors.
+    # The paper's averaging moves each end inwards by about 2 r of 400 mm. Where the search ends, one more link of at
+    # most r_f is missing; how much of it depends on the order of equal distances, which differs between processors.
     assert result.cover > 0.95
     assert result.end_m is not None
     assert R <= result.end_m <= 2 * R + PARAMETERS.r_f

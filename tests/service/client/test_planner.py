@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from recognition.model import PointChainModel
 from service.client import Client, ScanFailedError, ScanProgress
 from tests.service.conftest import PATIENCE_S, Serve
 from tests.service.live_cell import LiveCell, live_cell
@@ -29,8 +30,10 @@ def test_the_planner_of_the_readme(cell: LiveCell, capsys: pytest.CaptureFixture
     said = capsys.readouterr().out
     assert "ScanProgress(state='scanning'" in said
     assert "chain 0 over chain 0, gap 0.00" in said  # the default scene's one crossing
-    T = found["T_base_grasp"]
-    assert getattr(T, "shape", None) == (4, 4)
+    model = found["model"]
+    assert isinstance(model, PointChainModel)
+    assert model.grasps[0].T_base_grasp.shape == (4, 4)
+    assert str(model.grasps[0].T_base_grasp) in said
     assert cell.state()["problem"] == "urn:pointchain:released"
 
 
