@@ -23,7 +23,7 @@ USED_BY: Mapping[str, tuple[str, ...]] = {
     "r_cn": ("graph", "enhanced", "matching"),
     "r_cf": ("enhanced",),
 }
-"""Methods that read each parameter. The radius `r` is not listed: every method reads it, and it has its own option."""
+"""Methods that read each parameter, without the radius `r`, which every method reads and which has its own option."""
 
 
 @dataclass(frozen=True)

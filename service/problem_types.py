@@ -244,7 +244,8 @@ PROBLEM_TYPES: dict[str, ProblemType] = {
         title="Contradicting views",
         statuses=(422,),
         cause="The views do not show the same scene, and no majority of them agrees.",
-        action="Check that nothing moved during the scan, then scan again. If it goes on, verify the calibration.",
+        action="Check that nothing moved, and that the string is not too thin for this camera, then scan again. If it "
+        "goes on, verify the calibration.",
         group="Check string and table",
     ),
     "insufficient-views": ProblemType(

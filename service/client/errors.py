@@ -24,7 +24,7 @@ class ProblemError(ClientError):
         super().__init__(f"{problem.title}: {problem.detail}")
         self.problem = problem
         self.retry_after_s = retry_after_s
-        """Time after which to try again, seconds; None: the service gives none."""
+        """Time after which to try again, seconds. None if the service gives none."""
 
     @property
     def slug(self) -> str:
