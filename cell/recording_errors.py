@@ -1,5 +1,8 @@
 """Errors of recordings. Each has a `slug`, which the service and the command line report."""
 
+MAX_SHOWN = 100
+"""Largest number of characters of a foreign name in a message."""
+
 
 class RecordingError(ValueError):
     """Base of all errors of recordings: the recording cannot be written or read."""
@@ -53,3 +56,9 @@ class RecordingEmptyError(RecordingError):
     """No view is complete."""
 
     slug = "recording-empty"
+
+
+def shown(name: object) -> str:
+    """Return a name out of a foreign file as it can go to a terminal: printable, and not too long."""
+    text = "".join(c if c.isprintable() else "?" for c in str(name)[: MAX_SHOWN + 1])
+    return text if len(text) <= MAX_SHOWN else f"{text[:MAX_SHOWN]}..."

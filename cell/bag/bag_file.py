@@ -5,7 +5,8 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from cell.bag.errors import BagError, shown
+from cell.bag.errors import BagError
+from cell.recording_errors import shown
 
 if TYPE_CHECKING:
     from rosbags.highlevel import AnyReader

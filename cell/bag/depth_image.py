@@ -6,7 +6,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cell.bag.errors import BagError, shown
+from cell.bag.errors import BagError
+from cell.recording_errors import shown
 from cell.recording_limits import DEFAULT_LIMITS
 
 COUNTS, METRES = ("16UC1", "mono16"), ("32FC1",)

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from cell.bag.bag_file import Bag, open_bag
 from cell.bag.depth_image import depth_counts, depth_unit, is_rectified
-from cell.bag.errors import BagError, shown
+from cell.bag.errors import BagError
 from cell.bag.frames import Frames, find_frames, fixed_camera
 from cell.bag.rest import Place, Rest, find_rest
 from cell.bag.survey import Survey, Topics, find_topics, survey
@@ -17,6 +17,7 @@ from cell.bag.transforms_tree import nanoseconds
 from cell.devices import InvalidViewError, View
 from cell.exposures import median
 from cell.recording import RecordingHeader
+from cell.recording_errors import shown
 from cell.recording_header import Box
 from cell.recording_limits import DEFAULT_LIMITS
 from cell.whole_recording import require_new, write_whole

@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation, Slerp
 
-from cell.bag.errors import BagError, listed, shown
+from cell.bag.errors import BagError, listed
 from cell.bag.poses import Poses
+from cell.recording_errors import shown
 
 MOST_M = 1e6
 """No robot's frame is farther from its parent: a map's origin may be far."""

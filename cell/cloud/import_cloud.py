@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from cell.bag.errors import shown
 from cell.cloud.errors import CloudError
 from cell.cloud.ply_file import Cloud, read_cloud
 from cell.cloud.virtual_view import VirtualView, virtual_view
@@ -15,6 +14,7 @@ from cell.devices import View
 from cell.frames.depth_file import fine_unit, to_counts
 from cell.frames.folder import MIN_VIEWS
 from cell.recording import RecordingHeader
+from cell.recording_errors import shown
 from cell.recording_header import Box
 from cell.recording_limits import DEFAULT_LIMITS
 from cell.whole_recording import require_new, write_whole

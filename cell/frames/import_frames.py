@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from calibration.transforms import from_quaternion, to_quaternion
-from cell.bag.errors import shown
 from cell.devices import InvalidViewError, View
 from cell.frames.camera_file import Intrinsics, read_intrinsics
 from cell.frames.depth_file import MAX_COUNT, fine_unit, measured, read_depth, to_counts
@@ -18,6 +17,7 @@ from cell.frames.folder import depth_images
 from cell.frames.pose_files import read_poses
 from cell.frames.table_fit import Frames, check_poses, guess_unit, share_on_table, table_units
 from cell.recording import RecordingHeader
+from cell.recording_errors import shown
 from cell.recording_header import Box
 from cell.whole_recording import require_new, write_whole
 
@@ -91,7 +91,8 @@ def import_frames(folder: Path, out: Path, request: FramesRequest) -> ImportedFr
     _check_alike(images, values, intrinsics)
     T_pose_camera = np.eye(4) if request.T_flange_camera is None else request.T_flange_camera
     frames = Frames(values, intrinsics.K, poses, pose_name, T_pose_camera, [path.name for path in images])
-    unit_m, unit_source = _unit(frames, request, intrinsics)
+    units = table_units(frames, request.table_z_m)
+    unit_m, unit_source = _unit(frames, request, intrinsics, units)
     recording_unit_m = _recording_unit(values, unit_m)
     header = RecordingHeader(
         depth_unit_m=recording_unit_m,
@@ -114,7 +115,7 @@ def import_frames(folder: Path, out: Path, request: FramesRequest) -> ImportedFr
     write_whole(out, header, _views(frames, depths, header))
     height, width = values[0].shape
     lost = sum(int(np.count_nonzero(measured(a) & (b == 0))) for a, b in zip(values, depths, strict=True))
-    share = share_on_table(table_units(frames, request.table_z_m), unit_m)
+    share = share_on_table(units, unit_m)
     return ImportedFrames(
         len(images), width, height, source, pose_name, intrinsics.source, unit_m, unit_source, share,
         recording_unit_m, lost,
@@ -168,15 +169,17 @@ def _check_alike(images: list[Path], values: list[NDArray[np.generic]], intrinsi
         )
 
 
-def _unit(frames: Frames, request: FramesRequest, intrinsics: Intrinsics) -> tuple[float, str]:
+def _unit(
+    frames: Frames, request: FramesRequest, intrinsics: Intrinsics, units: NDArray[np.float64]
+) -> tuple[float, str]:
     """Return metres per count or unit, and how it is known; refuse poses that contradict the images."""
     unit_m, source = request.depth_unit_m, "given"
     if unit_m is None and intrinsics.depth_unit_m is not None:
         unit_m, source = intrinsics.depth_unit_m, intrinsics.source
     if unit_m is not None and not (np.isfinite(unit_m) and unit_m > 0):
         raise FramesError(f"the depth unit is {unit_m:g}; metres per count are needed, as 0.001")
-    check_poses(frames, request.table_z_m, unit_m)
-    return (unit_m, source) if unit_m is not None else (guess_unit(frames, request.table_z_m).unit_m, "guessed")
+    check_poses(frames, request.table_z_m, unit_m, units)
+    return (unit_m, source) if unit_m is not None else (guess_unit(frames, request.table_z_m, units), "guessed")
 
 
 def _recording_unit(values: list[NDArray[np.generic]], unit_m: float) -> float:

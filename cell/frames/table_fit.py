@@ -1,4 +1,4 @@
-"""How well depth images agree with the table: it tells the depth unit, and poses that are inverted."""
+"""Agreement of depth images with the table: it shows the depth unit, and poses that are inverted."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -22,7 +22,7 @@ SURE_SHARE = 0.3
 POOR_SHARE = 0.1
 """With a smaller share, the table is not where the poses say."""
 SAMPLE = 10_000
-"""Pixels of each image that are compared."""
+"""Largest number of measured pixels of each image that are compared."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,24 +51,15 @@ class Frames:
         return Frames(self.values, self.K, poses, self.pose_name, self.T_pose_camera, self.names)
 
 
-@dataclass(frozen=True)
-class Unit:
-    """A depth unit, and how it is known."""
-
-    unit_m: float
-    """Metres per count, or per unit of floats."""
-    table_share: float
-    """Share of the measured pixels that this unit puts on the table."""
-
-
 def table_units(frames: Frames, table_z_m: float) -> NDArray[np.float64]:
     """Return the unit, metres, that would put each sampled pixel on the table; NaN where its ray meets no table."""
     found = []
+    rng = np.random.default_rng(0)  # a fixed stride would miss a pattern of the same period
     for k, values in enumerate(frames.values):
-        step = int(np.ceil(np.sqrt(max(values.size / SAMPLE, 1.0))))
-        sampled = np.zeros(values.shape, dtype=bool)
-        sampled[step // 2 :: step, step // 2 :: step] = True
-        rows, columns = np.nonzero(sampled & measured(values))
+        rows, columns = np.nonzero(measured(values))
+        if len(rows) > SAMPLE:
+            chosen = rng.choice(len(rows), SAMPLE, replace=False)
+            rows, columns = rows[chosen], columns[chosen]
         T = frames.T_base_camera(k)
         rays = np.column_stack([columns, rows, np.ones(len(rows))]) @ (T[2, :3] @ np.linalg.inv(frames.K))
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -83,53 +74,66 @@ def share_on_table(units: NDArray[np.float64], unit_m: float) -> float:
         return float(np.mean(np.abs(units / unit_m - 1) < TOLERANCE)) if len(units) else 0.0
 
 
-def best_unit(frames: Frames, table_z_m: float) -> Unit:
-    """Return the customary unit that puts the largest share of the pixels on the table."""
-    units = table_units(frames, table_z_m)
-    customary = FLOAT_UNITS_M if frames.values[0].dtype.kind == "f" else COUNT_UNITS_M
-    return max((Unit(unit, share_on_table(units, unit)) for unit in customary), key=lambda unit: unit.table_share)
+def guess_unit(frames: Frames, table_z_m: float, units: NDArray[np.float64]) -> float:
+    """Return the only customary depth unit that puts the table where the poses say it is; floats are metres.
 
+    Args:
+        frames: The images and their poses.
+        table_z_m: Height of the table in the base frame.
+        units: Result of `table_units` for these.
 
-def guess_unit(frames: Frames, table_z_m: float) -> Unit:
-    """Return the only depth unit that puts the table where the poses say it is; floats are metres.
+    Returns:
+        Metres per count, or per unit of floats.
 
     Raises:
-        FramesError: No customary unit does so.
+        FramesError: No customary unit does so, or several do.
     """
-    best = best_unit(frames, table_z_m)
-    if best.table_share >= SURE_SHARE:
-        return best
-    units = table_units(frames, table_z_m)
+    fitting = [unit for unit in _customary(frames) if share_on_table(units, unit) >= SURE_SHARE]
+    if len(fitting) > 1:
+        shares = " and ".join(f"{unit:g} m ({share_on_table(units, unit):.0%} of the pixels)" for unit in fitting)
+        raise FramesError(
+            f"the depth unit is not given, and several put pixels at the table, z = {table_z_m:g} m: {shares}; give "
+            "--depth-unit, metres per count, and check that all images have the same unit"
+        )
+    if fitting:
+        return fitting[0]
     if frames.values[0].dtype.kind == "f":
         largest = max(float(values[measured(values)].max()) for values in frames.values)
         if largest <= 2 * 65.535:
-            return Unit(1.0, share_on_table(units, 1.0))
+            return 1.0
         raise FramesError(
             f"depths go up to {largest:g}, which metres cannot be, and millimetres do not put the table at z = "
             f"{table_z_m:g} m: give --depth-unit, metres per unit"
         )
     usual = float(np.nanmedian(units)) if np.isfinite(units).any() else float("nan")
-    told = f"; {usual:.3g} m a count would, which is no customary unit" if np.isfinite(usual) else ""
+    would = f"; {usual:.3g} m a count would, which is no customary unit" if np.isfinite(usual) else ""
+    poses = "the poses"
+    if frames.pose_name == "T_base_camera":
+        poses += " (poses of the flange need --hand-eye)"
     raise FramesError(
-        f"the depth unit is not given, and no customary one puts the table at z = {table_z_m:g} m{told}: give "
-        "--depth-unit, metres per count, and check --table-z and the poses"
+        f"the depth unit is not given, and no customary one puts the table at z = {table_z_m:g} m{would}: check "
+        f"{poses}, the camera matrix and --table-z, or give --depth-unit, metres per count"
     )
 
 
-def check_poses(frames: Frames, table_z_m: float, unit_m: float | None) -> None:
+def check_poses(frames: Frames, table_z_m: float, unit_m: float | None, units: NDArray[np.float64]) -> None:
     """Refuse poses that are inverted, or that put the camera below the table or let it look away from it.
 
     Args:
         frames: The images and their poses.
         table_z_m: Height of the table in the base frame.
         unit_m: Metres per depth unit; None: not known.
+        units: Result of `table_units` for these.
 
     Raises:
         FramesError: The poses cannot be those of a camera that sees the table.
     """
     fault = _fault(frames, table_z_m)
     inverted = frames.inverted()
-    given_share, inverted_share = (_share(each, table_z_m, unit_m) for each in (frames, inverted))
+    candidates = _customary(frames) if unit_m is None else (unit_m,)
+    given_share, inverted_share = (
+        max(share_on_table(each, unit) for unit in candidates) for each in (units, table_units(inverted, table_z_m))
+    )
     table_only_inverted = inverted_share >= max(SURE_SHARE, 2 * given_share)
     if _fault(inverted, table_z_m) is None and (fault is not None or table_only_inverted):
         name = frames.pose_name
@@ -140,10 +144,8 @@ def check_poses(frames: Frames, table_z_m: float, unit_m: float | None) -> None:
         raise FramesError(f"{fault}: check the poses and --table-z; z of the base frame must point up")
 
 
-def _share(frames: Frames, table_z_m: float, unit_m: float | None) -> float:
-    if unit_m is None:
-        return best_unit(frames, table_z_m).table_share
-    return share_on_table(table_units(frames, table_z_m), unit_m)
+def _customary(frames: Frames) -> tuple[float, ...]:
+    return FLOAT_UNITS_M if frames.values[0].dtype.kind == "f" else COUNT_UNITS_M
 
 
 def _fault(frames: Frames, table_z_m: float) -> str | None:

@@ -5,8 +5,8 @@ import sys
 from pathlib import Path
 
 from calibration.errors import HandEyeError
-from cell.bag.errors import shown
 from cell.bag.import_bag import Imported, Wanted, import_bag
+from cell.recording_errors import shown
 from service.interchange.scene_options import given_box, given_hand_eye
 from service.problems import INPUT_ERRORS
 

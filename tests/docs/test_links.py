@@ -38,10 +38,19 @@ def test_links_lead_somewhere(page: Path) -> None:
     assert broken(page) == []
 
 
-def test_a_wrong_link_is_found(tmp_path: Path) -> None:
-    page = DOCS / "index.md"
-    assert "no-such-heading" not in anchors(page)
-    assert links(page), "the first page of the manual links to the others"
+def test_wrong_links_are_found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    page = tmp_path / "page.md"
+    page.write_text(
+        "# Title\n\n[a](no.md) [b](#title) [c](#no) [d](http://example.com) [e](https://example.com) ![f](no.png)\n"
+    )
+    monkeypatch.setattr("tests.docs.test_links.ROOT", tmp_path)
+    monkeypatch.setattr("tests.docs.test_links.name_of", lambda _: "page.md")
+    assert [line.split(": ", 1)[1] for line in broken(page)] == [
+        "no.md: there is no such file",
+        "#no: there is no such heading",
+        "http://example.com: not https",
+        "no.png: there is no such file",
+    ]
 
 
 def test_each_page_is_linked_to() -> None:

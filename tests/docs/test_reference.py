@@ -8,6 +8,7 @@ import subprocess
 import sys
 import textwrap
 from dataclasses import is_dataclass
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -60,14 +61,32 @@ def test_each_field_has_a_docstring(name: str) -> None:
         assert [field for field, text in docs.items() if not text and not field.startswith("_")] == []
 
 
-@pytest.mark.parametrize("name", [name for name, kind in NAMES.items() if kind != "data"])
+def attribute_docstrings(node: ast.AST) -> dict[str, str]:
+    """Return the string under each assignment in a module, a class or its methods, by the assigned name."""
+    docs = {}
+    for part in ast.walk(node):
+        for statement, following in pairwise(
+            getattr(part, "body", []) if isinstance(part, ast.stmt | ast.Module) else []
+        ):
+            text = following.value if isinstance(following, ast.Expr) else None
+            if isinstance(statement, ast.Assign | ast.AnnAssign) and isinstance(text, ast.Constant):
+                target = statement.targets[0] if isinstance(statement, ast.Assign) else statement.target
+                docs[ast.unparse(target)] = str(text.value)
+    return docs
+
+
+@pytest.mark.parametrize("name", NAMES)
 def test_no_first_line_is_taken_for_a_type(name: str) -> None:
-    """Napoleon takes what stands before a colon in the first line of a field's or property's docstring for its type."""
-    thing = found(name)
-    if not inspect.isclass(thing):
+    """Napoleon takes what stands before a colon in the first line of an attribute's docstring for its type."""
+    module, _, attribute = name.rpartition(".")
+    if NAMES[name] == "data":
+        texts = attribute_docstrings(ast.parse(inspect.getsource(importlib.import_module(module))))
+        texts = {attribute: texts[attribute]}
+    elif inspect.isclass(thing := found(name)):
+        texts = attribute_docstrings(ast.parse(textwrap.dedent(inspect.getsource(thing))))
+        texts |= {key: value.__doc__ or "" for key, value in vars(thing).items() if isinstance(value, property)}
+    else:
         return
-    texts = {field: text or "" for field, text in field_docstrings(thing).items()}
-    texts |= {key: value.__doc__ or "" for key, value in vars(thing).items() if isinstance(value, property)}
     outside_code = {key: re.sub(r"`[^`]*`", "", text.splitlines()[0]) for key, text in texts.items() if text}
     assert [key for key, line in outside_code.items() if ":" in line] == []
 

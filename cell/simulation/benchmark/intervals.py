@@ -1,4 +1,8 @@
-"""95 % confidence intervals of shares, by Wilson's score."""
+"""95 % confidence intervals of shares, by Wilson's score.
+
+SciPy has this interval in `binomtest`, for whole counts only. The effective number of clustered trials is not whole; a
+test compares both where SciPy's can be had.
+"""
 
 from collections.abc import Sequence
 from math import sqrt

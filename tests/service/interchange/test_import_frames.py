@@ -176,6 +176,32 @@ def test_every_form_gives_the_same_views(recording: Recording, tmp_path: Path, c
         np.testing.assert_array_equal(view.K, wanted.K)
 
 
+def test_images_of_two_units_are_refused(
+    recording: Recording, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder, out = write_folder(tmp_path / "in", recording), tmp_path / "out.mcap"
+    for name in ("8.png", "9.png"):
+        cv2.imwrite(str(folder / name), np.rint(read_png(folder / name) / 10).astype(np.uint16))  # 0.001 m a count
+    assert main(["import", "frames", str(folder), str(out)]) == 1
+    err = capsys.readouterr().err
+    assert "several put pixels at the table, z = 0 m: 0.001 m (" in err
+    assert " and 0.0001 m (" in err
+    assert not out.exists()
+
+
+def test_columns_of_two_units_are_not_taken_for_one(
+    recording: Recording, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A sample with a fixed stride could see every other column only."""
+    folder, out = write_folder(tmp_path / "in", recording), tmp_path / "out.mcap"
+    for path in folder.glob("*.png"):
+        depth = read_png(path)
+        depth[:, ::2] = np.rint(depth[:, ::2] / 10)
+        cv2.imwrite(str(path), depth)
+    assert main(["import", "frames", str(folder), str(out)]) == 1
+    assert "several put pixels at the table" in capsys.readouterr().err
+
+
 def test_the_unit_may_be_given_and_is_then_not_guessed(
     recording: Recording, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
