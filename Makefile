@@ -36,11 +36,11 @@ service/console/built/.ready: $(CONSOLE) | .venv/.ready
 	@touch $@
 
 # The manual. The API reference and some pages come from the code, which is not listed here: `make docs` always builds.
-service/manual/.ready: $(MANUAL) | .venv/.ready
+service/manual/.ready: $(MANUAL) | service/console/built/.ready
 	@.ci/docs
 	@touch $@
 
-docs: .venv/.ready
+docs: service/console/built/.ready
 	@.ci/docs
 	@touch service/manual/.ready
 

@@ -42,7 +42,9 @@ html_theme = "furo"
 html_title = "Pointchain manual"
 html_favicon = "../service/console/web/icon.svg"
 html_show_copyright = False
-html_static_path = ["_static"]
+FONT = ROOT / "service/console/web/node_modules/@fontsource/stix-two-math"
+"""The package of the font for equations, which `.ci/console` installs."""
+html_static_path = ["_static", str(FONT / "files/stix-two-math-latin-400-normal.woff2")]
 html_css_files = ["manual.css"]
 html_show_sourcelink = False
 html_copy_source = False
@@ -79,7 +81,7 @@ def _write_script_hashes(app: Sphinx, error: Exception | None) -> None:
 
 
 def _write_licences(app: Sphinx, error: Exception | None) -> None:
-    """Write the licences of the packages whose scripts and style sheets are part of the built pages."""
+    """Write the licences of the packages whose scripts, style sheets and font are part of the built pages."""
     if error is not None or app.builder.name != "html":
         return
     texts = [
@@ -88,6 +90,7 @@ def _write_licences(app: Sphinx, error: Exception | None) -> None:
         for file in metadata.files(name) or ()
         if file.name.startswith("LICENSE") and "dist-info" in str(file)
     ]
+    texts.append(f"STIX Two Math\n\n{(FONT / 'LICENSE').read_text()}")
     (Path(app.outdir) / "licences.txt").write_text("\n---\n\n".join(texts))
 
 
