@@ -1,6 +1,7 @@
 """Depth images in files: 16-bit grey PNG, or NPY of integers or floats. Each is checked before it is used."""
 
-import struct
+import warnings
+from io import BytesIO
 from pathlib import Path
 
 import numpy as np
@@ -9,8 +10,15 @@ from numpy.typing import NDArray
 from cell.frames.errors import FramesError
 from cell.recording_limits import DEFAULT_LIMITS
 
-PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
-PNG_COLOURS = {0: "grey", 2: "colour (RGB)", 3: "colour (palette)", 4: "grey with alpha", 6: "colour (RGBA)"}
+PICTURE_MODES = {
+    "1": "has 1 bit a pixel, as pictures for viewing have",
+    "L": "has 8 bits a pixel, as pictures for viewing have",
+    "LA": "is grey with alpha",
+    "P": "is colour (palette)",
+    "RGB": "is colour (RGB)",
+    "RGBA": "is colour (RGBA)",
+}
+"""What a PNG of each Pillow mode is that cannot be a depth image."""
 MAX_FILE_BYTES = 64 << 20
 """A depth image of the largest size in float64 has 32 MiB."""
 MAX_COUNT = int(np.iinfo(np.uint16).max)
@@ -73,44 +81,25 @@ def to_counts(values: NDArray[np.generic], unit_m: float, recording_unit_m: floa
 
 
 def _from_png(path: Path, content: bytes) -> NDArray[np.generic]:
-    """Decode a PNG after a check of its header and of its chunks."""
-    import cv2
+    """Decode a PNG after a check of its kind, size and checksums."""
+    from PIL import Image, UnidentifiedImageError
 
-    if not content.startswith(PNG_SIGNATURE) or content[12:16] != b"IHDR" or len(content) < 33:
-        raise FramesError(f"{path} is not a PNG image, though its name says so: save it again as a 16-bit PNG")
-    width, height, bits, colour = struct.unpack(">IIBB", content[16:26])
-    if colour != 0:
-        kind = PNG_COLOURS.get(colour, "of an unknown colour type")
-        raise FramesError(f"{path} is {kind}, not depth: move it out of the folder, or save depth as 16-bit grey PNG")
-    if bits != 16:
-        raise FramesError(
-            f"{path} has {bits} bits a pixel, as pictures for viewing have; depth needs 16: save it as a 16-bit PNG"
-        )
-    _check_size(path, width, height)
-    if not _is_whole(content):
-        raise FramesError(f"{path} is damaged or cut off: copy it again")
-    image = cv2.imdecode(np.frombuffer(content, dtype=np.uint8), cv2.IMREAD_UNCHANGED)
-    if image is None or image.dtype != np.uint16 or image.shape != (height, width):
-        raise FramesError(f"{path} is damaged: its pixels cannot be decoded; copy it again")
-    return image
-
-
-def _is_whole(content: bytes) -> bool:
-    """Return whether the chunks of a PNG lead to its end chunk, each with the right checksum."""
-    import zlib
-
-    at = len(PNG_SIGNATURE)
-    while at + 12 <= len(content):
-        length = int.from_bytes(content[at : at + 4], "big")
-        end = at + 12 + length
-        if end > len(content):
-            return False
-        if zlib.crc32(content[at + 4 : end - 4]) != int.from_bytes(content[end - 4 : end], "big"):
-            return False
-        if content[at + 4 : at + 8] == b"IEND":
-            return True
-        at = end
-    return False
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error", Image.DecompressionBombWarning)
+            image = Image.open(BytesIO(content), formats=["PNG"])
+        if image.mode != "I;16":
+            kind = PICTURE_MODES.get(image.mode, f"has pixels of the kind {image.mode}")
+            raise FramesError(f"{path} {kind}, not depth: move it out of the folder, or save depth as 16-bit grey PNG")
+        _check_size(path, image.width, image.height)
+        image.verify()  # the checksums; the image must then be opened again
+        return np.asarray(Image.open(BytesIO(content), formats=["PNG"])).astype(np.uint16)
+    except (Image.DecompressionBombWarning, Image.DecompressionBombError) as error:
+        raise FramesError(f"{path} has too many pixels for a depth image") from error
+    except UnidentifiedImageError as error:
+        raise FramesError(f"{path} is not a PNG image, though its name says so: save it as a 16-bit PNG") from error
+    except (OSError, SyntaxError) as error:
+        raise FramesError(f"{path} is damaged or cut off: copy it again") from error
 
 
 def _from_npy(path: Path) -> NDArray[np.generic]:

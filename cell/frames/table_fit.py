@@ -18,9 +18,7 @@ FLOAT_UNITS_M = (1.0, 0.001)
 TOLERANCE = 0.03
 """Relative error of a depth that counts as the table's: noise, and poses that are a few millimetres off."""
 SURE_SHARE = 0.3
-"""Share of the measured pixels that must lie on the table for a guess."""
-POOR_SHARE = 0.1
-"""With a smaller share, the table is not where the poses say."""
+"""Share of the measured pixels that must lie on the table for a guess. A given unit with less is warned of."""
 SAMPLE = 10_000
 """Largest number of measured pixels of each image that are compared."""
 
@@ -138,7 +136,7 @@ def check_poses(frames: Frames, table_z_m: float, unit_m: float | None, units: N
     if _fault(inverted, table_z_m) is None and (fault is not None or table_only_inverted):
         name = frames.pose_name
         turned = "T_" + "_".join(reversed(name.removeprefix("T_").split("_")))
-        why = fault or "with them the depth images show no table, and with their inverses they do"
+        why = fault or "with these poses the depth images show no table, and with their inverses they do"
         raise FramesError(f"{why}: these look like {turned}; invert them, {name} is needed")
     if fault is not None:
         raise FramesError(f"{fault}: check the poses and --table-z; z of the base frame must point up")

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from calibration.errors import HandEyeError
 from cell.frames import FramesRequest, ImportedFrames, import_frames
-from cell.frames.table_fit import POOR_SHARE
+from cell.frames.table_fit import SURE_SHARE
 from service.interchange.scene_options import given_box, given_hand_eye
 from service.problems import INPUT_ERRORS
 
@@ -49,6 +49,9 @@ def _report(imported: ImportedFrames, out: Path, table_z_m: float) -> None:
         )
     if imported.too_far:
         lines.append(f"{imported.too_far} pixels are beyond the range of the recording's 16 bits: they have no depth")
-    if imported.table_share < POOR_SHARE:
-        lines.append("few pixels are at the table: check --table-z, the depth unit and the poses")
+    if imported.table_share < SURE_SHARE:
+        lines.append(
+            f"warning: fewer than {SURE_SHARE:.0%} of the pixels are at the table: check --table-z, the depth unit and "
+            "the poses"
+        )
     print("\n".join([*lines, f"wrote {out}"]), file=sys.stderr)

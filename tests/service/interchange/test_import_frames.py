@@ -76,6 +76,7 @@ def test_flange_poses_and_a_hand_eye_give_the_model_of_the_recording(
     err = capsys.readouterr().err
     assert "4 depth images of 320x200 pixels, camera matrix: camera.json, poses: poses.json (T_base_flange)" in err
     assert "depth unit: 0.0001 m (guessed)" in err
+    assert "warning" not in err
     assert f"wrote {out}" in err
     assert document(out) == document(twin)
     told = read_recording(out).header.provenance
@@ -211,6 +212,14 @@ def test_the_unit_may_be_given_and_is_then_not_guessed(
     assert main(["import", "frames", str(folder), str(out), "--depth-unit=0.0003"]) == 0
     assert "depth unit: 0.0003 m (given)" in capsys.readouterr().err
     assert read_recording(out).header.depth_unit_m == 0.0003
+
+
+def test_a_given_unit_that_does_not_fit_the_table_is_warned_of(
+    recording: Recording, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder, out = write_folder(tmp_path / "in", recording), tmp_path / "out.mcap"
+    assert main(["import", "frames", str(folder), str(out), "--depth-unit=0.00011", *options(recording)]) == 0
+    assert "warning: fewer than 30% of the pixels are at the table" in capsys.readouterr().err
 
 
 def test_the_options_reach_the_recording(recording: Recording, tmp_path: Path) -> None:
