@@ -27,9 +27,9 @@ TIER_COSTS: Mapping[str, Sequence[float]] = {
 """Time of one scene of each tier, in units of the probe. Scenes of a tier with several kinds take them in turn."""
 SPEED_STARTS, SPEED_PROBES = 7, 45.0
 """The speed part starts this many processes, and computes for this many probes."""
-CELL_PACED_S, CELL_PROBES = 225.0, 10.0
+CELL_PACED_S, CELL_PROBES = 135.0, 10.0
 """The cell part waits this long for the simulated arm and camera, and computes for this many probes."""
-SERVICE_PACED_S, SERVICE_PROBES = 340.0, 15.0
+SERVICE_PACED_S, SERVICE_PROBES = 410.0, 25.0
 """The same for the service part."""
 MAX_ELAPSED_SHARE = 0.95
 """A part that takes longer than estimated is taken to be done to this share."""
