@@ -8,10 +8,11 @@ from numpy.typing import NDArray
 from pydantic import AfterValidator, AliasPath, Field, PlainValidator, TypeAdapter, model_validator
 
 from calibration.board import Board
-from calibration.file_forms import STRICT, Form, Numbers6, PinholeMatrix, Time, Transform
+from calibration.file_forms import STRICT, Form, Numbers6, PinholeMatrix, Time, to_transform
 from calibration.hand_eye_result import Verdict
 from calibration.observations import Mounting
 from calibration.result_document import COVARIANCE
+from calibration.transforms import with_nearest_rotation
 
 ASYMMETRY = 1e-6
 """Share of the two variances' geometric mean by which a covariance and its transpose may differ."""
@@ -53,6 +54,12 @@ def _board(value: Any) -> Board | None:
     return None if value is None else Board.from_json(value)
 
 
+def _exact_transform(value: Any) -> NDArray[np.float64]:
+    """Read a transform and make its rotation exact: the inverse kinematics find no joint angles for a rounded one."""
+    return with_nearest_rotation(to_transform(value))
+
+
+ExactTransform = Annotated[NDArray[np.float64], PlainValidator(_exact_transform)]
 CovarianceMatrix = Annotated[list[Numbers6], Field(min_length=6, max_length=6), AfterValidator(_covariance)]
 
 
@@ -122,13 +129,13 @@ class JudgedForm(Form):
 class HandEyeForm(JudgedForm):
     """One that was not refused, of a camera on the flange."""
 
-    T_flange_camera: Transform
+    T_flange_camera: ExactTransform
     created: Time | None = None
     camera_id: str | None = None
     robot_serial: str | None = None
     covariance: _Covariance | None = None
     joint_covariance: Annotated[NDArray[np.float64] | None, PlainValidator(_joint_covariance)] = None
-    T_base_board: Transform | None = None
+    T_base_board: ExactTransform | None = None
     board: Annotated[Board | None, PlainValidator(_board)] = None
     board_scale: NotNegative | None = Field(None, validation_alias=AliasPath("board", "scale"))
     intrinsics: _Intrinsics | None = None

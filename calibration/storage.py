@@ -38,6 +38,7 @@ __all__ = [
     "HandEyeError",
     "activate",
     "load_hand_eye",
+    "looking_back",
     "require_match",
     "write_hand_eye",
     "write_result",
@@ -116,15 +117,25 @@ def load_hand_eye(path: Path, max_age_days: float, now: datetime | None = None) 
     return _parsed(path, content, max_age_days, now or datetime.now(UTC))
 
 
-def activate(run_file: Path, active_file: Path) -> HandEye:
-    """Makes a calibration that was solved the one in use, in one step; the former is kept as `*.previous.json`.
+def activate(
+    run_file: Path, active_file: Path, camera_id: str | None = None, robot_serial: str | None = None
+) -> HandEye:
+    """Make a solved calibration the active one in one step, and keep the former one as `*.previous.json`.
 
-    Raises: as `load_hand_eye`, whatever the age, and OSError when it, or the former one, cannot be written; the former
-    then stays in use.
+    Args:
+        run_file: File of the solved calibration, of any age.
+        active_file: File of the active calibration.
+        camera_id: Device id of the camera that will use it. None: not known, and not compared.
+        robot_serial: Serial number of the robot that will use it. None: not known, and not compared.
+
+    Raises:
+        HandEyeError: As `load_hand_eye` and `require_match`. The former calibration stays active.
+        OSError: A file cannot be written. The former calibration stays active.
     """
     which = "name the file of a solved calibration, or the folder of its run"
     content = _read(run_file, which, which)
     hand_eye = _parsed(run_file, content, float("inf"), datetime.now(UTC))
+    require_match(hand_eye, camera_id, robot_serial)
     active_file.parent.mkdir(parents=True, exist_ok=True)
     former = None
     with contextlib.suppress(FileNotFoundError, IsADirectoryError, TooLargeError):
@@ -190,7 +201,7 @@ def _parsed(path: Path, content: bytes, max_age_days: float, now: datetime) -> H
         camera_id=form.camera_id,
         robot_serial=form.robot_serial,
         sha256=hashlib.sha256(content).hexdigest(),
-        warnings=_looking_back(form.T_flange_camera) + _unknown(form) + tuple(finding.words for finding in findings),
+        warnings=looking_back(form.T_flange_camera) + _unknown(form) + tuple(finding.words for finding in findings),
         covariance=np.array(form.covariance.matrix) if form.covariance else None,
         joint_covariance=form.joint_covariance,
         T_base_board=form.T_base_board,
@@ -217,8 +228,8 @@ def _unknown(form: HandEyeForm) -> tuple[str, ...]:
     )
 
 
-def _looking_back(T_flange_camera: NDArray[np.float64]) -> tuple[str, ...]:
-    """A warning when the camera looks back along the flange's z: hardly a mounting, rather a mistake in the file."""
+def looking_back(T_flange_camera: NDArray[np.float64]) -> tuple[str, ...]:
+    """Return a warning if the camera looks back along the flange's z: this is a mistake in the file, not a mounting."""
     cosine = float(T_flange_camera[2, 2])
     if cosine > BACKWARDS:
         return ()

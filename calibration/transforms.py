@@ -9,6 +9,8 @@ from numpy.typing import ArrayLike, NDArray
 
 ROTATION_TOLERANCE = 1e-4
 """Largest deviation of R^T R from the identity: 0.1 mm at a metre, above the rounding of any file format."""
+EXACT_ROTATION = 1e-12
+"""Largest deviation of R^T R from the identity in a rotation that is exact but for the rounding of float64."""
 
 
 class NotRigidError(ValueError):
@@ -50,6 +52,21 @@ def rigid(T: ArrayLike, name: str) -> NDArray[np.float64]:
     if np.linalg.det(R) < 0:
         raise NotRigidError(f"{name} is mirrored (determinant -1): an axis is flipped")
     return matrix
+
+
+def with_nearest_rotation(T: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the rigid transform `T` (4, 4) with its rotation replaced by the nearest exact rotation.
+
+    A matrix with rounded entries is only approximately a rotation. One that is exact to `EXACT_ROTATION` is returned
+    as it is, bit by bit.
+    """
+    R = T[:3, :3]
+    if np.abs(R.T @ R - np.eye(3)).max() <= EXACT_ROTATION:
+        return T
+    result = T.copy()
+    U, _, Vt = np.linalg.svd(R)
+    result[:3, :3] = U @ Vt
+    return result
 
 
 def inverse(T: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -56,6 +56,11 @@ class SimulatedCamera(CameraSettings):
     errors: float = Field(default=1.0, ge=0.0, le=100.0)
     """Factor on the errors of arm and calibration. 1 is a good cell, 0 a perfect one."""
 
+    @property
+    def device_id(self) -> str:
+        """Device id that the simulated camera reports."""
+        return f"simulated-{self.model}-{self.seed}"
+
     @field_validator("scene")
     @classmethod
     def _known(cls, value: str) -> str:

@@ -5,7 +5,7 @@ from datetime import UTC, datetime
 import numpy as np
 
 from calibration.errors import HandEyeError
-from calibration.storage import require_match
+from calibration.storage import looking_back, require_match
 from cell.cell_calibration import file_in_use, hand_eye_in_use
 from cell.check_camera import AS_IT_STANDS, LEAST_IN_VIEW, TURN_IT
 from cell.check_step import Grounds, Step, failed, ok
@@ -18,6 +18,9 @@ from recognition.table import MAX_HEIGHT_M, MAX_TILT_RAD
 LEAST_PLANE = 0.5
 """Of what is seen near the table's height, this much must be the table."""
 SHOW_IT_ALL = "make x_m and y_m in [workspace] smaller, or let the camera look from farther off by camera.working_m"
+HIDDEN_COSINE = float(np.cos(np.deg2rad(150.0)))
+"""Cosine of the largest angle between the camera's view and the flange's z. Beyond it the arm hides the workspace: 20
+to 82 % of the table in the views of a ur5e at 150 degrees, 55 to 100 % at 180 degrees."""
 MISPLACED = 3.0
 """So many times what recognition corrects, the table is elsewhere."""
 
@@ -83,8 +86,12 @@ def viewpoints(grounds: Grounds) -> Step:
     """Enough viewpoints can be reached from where the arm stands; from home where that is not known."""
     name, least = "viewpoints", grounds.settings.scan.min_views
     assert grounds.hand_eye is not None
+    T_flange_camera = grounds.hand_eye.T_flange_camera
+    if T_flange_camera[2, 2] <= HIDDEN_COSINE:  # the planner does not look for the arm in the pictures
+        cause, _, advice = looking_back(T_flange_camera)[0].partition(": ")
+        return Step(name, "failed", f"{cause}, so that the arm itself hides the workspace", advice)
     q_rad = None if grounds.state is None else grounds.state.q_rad
-    plan = plan_viewpoints(grounds.settings, grounds.hand_eye.T_flange_camera, q_rad)
+    plan = plan_viewpoints(grounds.settings, T_flange_camera, q_rad)
     skipped = {viewpoint.index: viewpoint.reason for viewpoint in plan.viewpoints if viewpoint.reason is not None}
     start = "home" if q_rad is None else "where the arm stands"
     words = f"{plan.reached} of {len(plan.viewpoints)} reached from {start}, planned in {plan.planning_s:.1f} s"

@@ -9,7 +9,7 @@ from typing import Annotated, Self
 
 from pydantic import Discriminator, Field, Tag, field_validator, model_validator
 
-from cell.arm_settings import BASE_RADIUS_M, SimulatedArm, URArm
+from cell.arm_settings import BASE_RADIUS_M, SimulatedArm, URArm, simulated_serial
 from cell.camera_settings import OakCamera, SimulatedCamera
 from cell.strict_settings import Range, StrictSettings, Vector3
 from recognition.parameters import R_MAX, R_MIN
@@ -169,6 +169,20 @@ class CellSettings(StrictSettings):
         """The box in the base frame."""
         floor = self.mounting.table_z_m
         return self.workspace.x_m, self.workspace.y_m, (floor, floor + self.workspace.top_m)
+
+    @property
+    def camera_id(self) -> str | None:
+        """Device id of the camera, or None if the settings do not determine it."""
+        if isinstance(self.camera, SimulatedCamera):
+            return self.camera.device_id
+        device = self.camera.device
+        # An address or a USB port names the place of a camera, and has dots or colons; a device id has none.
+        return device if device is not None and device.isalnum() else None
+
+    @property
+    def robot_serial(self) -> str | None:
+        """Serial number of the robot, or None if the settings do not determine it."""
+        return simulated_serial(self.arm.model) if isinstance(self.arm, SimulatedArm) else None
 
     def for_views(self, views: int | None) -> "CellSettings":
         """For a scan of so many views; None: as many as are told here."""

@@ -1,6 +1,7 @@
 """What is wrong with a configuration, in the words of its file: each key by its name, and what it takes."""
 
 import difflib
+import math
 import types
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -9,6 +10,8 @@ from typing import Annotated, Any, Literal, Union, get_args, get_origin
 
 from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
+
+from cell.strict_settings import unit_hint
 
 SHOWN = 60
 """A longer value is cut off in a message."""
@@ -75,7 +78,7 @@ def _line(item: ErrorDetails, settings: type[BaseModel], variables: Mapping[str,
         if not place.name:
             return words
         return f"{name}: {words}" if isinstance(value, dict | BaseModel) else f"{name} is {_shown(value)}; {words}"
-    return f"{name} is {_shown(value)}; {_taken(place)} is taken{_near_choice(place, value)}"
+    return f"{name} is {_shown(value)}; {_taken(place)} is taken{_near_choice(place, value)}{_other_unit(place, value)}"
 
 
 def _place(settings: type[BaseModel], loc: tuple[int | str, ...]) -> _Place:
@@ -129,13 +132,18 @@ def _taken(place: _Place) -> str:
     plain = _without_none(place.annotation)
     choices = [str(choice) for choice in get_args(plain)] if get_origin(plain) is Literal else []
     words = _one_of(choices) if choices else _kind_of_value(plain, many=False)
-    # The bounds are annotated-types' Ge, Lt and so on, each with an attribute of its own name.
-    bound = {name: getattr(b, name) for b in place.bounds for name in (*_BOUNDS, "min_length") if hasattr(b, name)}
+    bound = _bounds(place)
     if "ge" in bound and "le" in bound:
         return f"{words} from {_number(bound['ge'])} to {_number(bound['le'])}"
     limits = [f"{told} {_number(bound[name])}" for name, told in _BOUNDS.items() if name in bound]
     limits += ["not empty"] if "min_length" in bound else []
     return " ".join([words, ", ".join(limits)]).strip()
+
+
+def _bounds(place: _Place) -> dict[str, Any]:
+    """Return the limits of the setting by name, as `ge` or `min_length`."""
+    # These are annotated-types' Ge, Lt and so on, each with an attribute of its own name.
+    return {name: getattr(b, name) for b in place.bounds for name in (*_BOUNDS, "min_length") if hasattr(b, name)}
 
 
 def _kind_of_value(annotation: Any, *, many: bool) -> str:
@@ -158,6 +166,19 @@ def _near_choice(place: _Place, value: object) -> str:
     choices = [str(choice) for choice in get_args(_without_none(place.annotation)) if isinstance(choice, str)]
     near = difflib.get_close_matches(str(value).lower(), choices, 1, 0.6)
     return f'; did you mean "{near[0]}"?' if near else ""
+
+
+def _other_unit(place: _Place, value: object) -> str:
+    """Return a hint at the unit if a number is plainly in millimetres or degrees."""
+    bound = _bounds(place)
+    if isinstance(value, bool) or not isinstance(value, int | float | str):
+        return ""
+    try:
+        number = float(value)  # a variable of the environment is text
+    except ValueError:
+        return ""
+    low, high = bound.get("ge", bound.get("gt", -math.inf)), bound.get("le", bound.get("lt", math.inf))
+    return unit_hint(place.keys[-1], number, low, high)
 
 
 def _one_of(names: list[str]) -> str:

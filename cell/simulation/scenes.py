@@ -11,6 +11,7 @@ from cell.simulation.crossings import is_closed
 from cell.simulation.drafts import SceneError, Wish, draft
 from cell.simulation.heights import HeightsError
 from cell.simulation.laying import lay_down
+from cell.strict_settings import unit_hint
 
 __all__ = ["SCENES", "SceneError", "StringScene", "make_scene"]
 
@@ -171,7 +172,8 @@ def _check(
         ("clearance", clearance, MIN_SIDE_CLEARANCE, 20.0),
     ):
         if not low <= value <= high:
-            raise SceneError(f"{name}: {what} is {value!r}; from {low:g} to {high:g} is taken")
+            hint = unit_hint(what, value, low, high)
+            raise SceneError(f"{name}: {what} is {value!r}; from {low:g} to {high:g} is taken{hint}")
     if length_m < 12 * radius_m:
         raise SceneError(f"{name}: a string of {length_m:g} m is too short for a radius of {radius_m:g} m")
     if crossings is not None and name not in _CROSSINGS:

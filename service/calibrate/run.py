@@ -17,7 +17,7 @@ from cell.calibration_poses import HELD_OUT, POSES
 from cell.cell import Cell
 from cell.settings import CellSettings
 from service.ask import agreed
-from service.calibrate.activate import activated
+from service.calibrate.activate import activated, activation_command
 from service.calibrate.told import ToldCalibration
 from service.calibrate.words import result_words, verification_words
 from service.config import ConfigError, load_config
@@ -74,7 +74,7 @@ def calibrate_run(config_file: Path | None, wanted: WantedRun) -> int:
         print(result_words(run.result, run.unseen))
         print(verification_words(run.verification), flush=True)  # before anything is asked
     _say(f"images and result are in {folder}")
-    use = _asked_and_activated(run, settings, folder, wanted.yes)
+    use = _asked_and_activated(run, settings, folder, wanted.yes, activation_command(folder, config_file))
     if wanted.as_json:
         document = json.loads((folder / HAND_EYE).read_bytes())
         document |= {
@@ -96,8 +96,8 @@ def _calibrated(cell: Cell, stop_asked: threading.Event, board: Board, poses: in
     return run_calibration(cell, plan, folder, board, told)
 
 
-def _asked_and_activated(run: CalibrationRun, settings: CellSettings, folder: Path, yes: bool) -> Use:
-    """What became of the result. A refused one is not even asked about; --yes is no word for an unverified."""
+def _asked_and_activated(run: CalibrationRun, settings: CellSettings, folder: Path, yes: bool, command: str) -> Use:
+    """Ask whether to activate the result, and do so; `--yes` alone does not activate a result that is not verified."""
     if run.result.verdict == "refuse":
         _say("it is refused, and what was in use stays in use")
         return "unused"
@@ -105,7 +105,7 @@ def _asked_and_activated(run: CalibrationRun, settings: CellSettings, folder: Pa
     if active_file is None:
         _say(f"it is not in use: name {folder / HAND_EYE} in hand_eye.file")
         return "unused"
-    by_hand = f"to use it: pointchain calibrate activate {folder}"
+    by_hand = f"to use it: {command}"
     verified = bool(run.verification.views)
     if yes and not verified:
         _say(f"it is not verified, and so not in use without somebody who decides it; {by_hand}")

@@ -18,6 +18,7 @@ from calibration.result_document import result_document
 from calibration.storage import write_result
 from calibration.verification import Verification, verify
 from calibration.verified import verification_findings
+from service.calibrate.activate import activation_command
 from service.calibrate.words import result_words, verification_words
 from service.problems import problem_document
 
@@ -59,8 +60,9 @@ def calibrate_solve(folder: Path, again: bool, out: Path | None, as_json: bool) 
         return 1
     if not seen.held_out.views:
         say('to verify by views that are not solved from, write "held_out": true in the JSON files of two or more')
-    use = "" if result.verdict == "refuse" else f"; to use it: pointchain calibrate activate {path}"
-    say(f"wrote {path} and {path.with_name(OBSERVATIONS)}{use}")
+    say(f"wrote {path} and {path.with_name(OBSERVATIONS)}")
+    if result.verdict != "refuse":
+        say(f"to use it: {activation_command(path, None)}, with the --config of the cell if it has one")
     return 1 if result.verdict == "refuse" else 0
 
 

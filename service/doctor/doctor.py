@@ -104,7 +104,7 @@ def _examine(store: Examined, running: bool | None) -> Examination:
         own = runs if store.runs.is_relative_to(root) else []
         findings += check_calibrations(store.runs, own, rows, running)
         looked_at["calibrations"] = f"{len(rows.calibrations)} calibrations and verifications by the cell"
-    findings += _tokens(root / FILE)
+    findings += _tokens(root / FILE, store.database if store.database.exists() else root)
     looked_at["tokens"] = FILE if (root / FILE).exists() else "there are none"
     free = shutil.disk_usage(root).free
     looked_at["disk"] = f"{free / 2**30:.1f} GiB free"
@@ -156,7 +156,8 @@ def _unfinished(rows: Rows) -> list[Finding]:
     ]  # fmt: skip
 
 
-def _tokens(path: Path) -> list[Finding]:
+def _tokens(path: Path, of_service: Path) -> list[Finding]:
+    """Check the file of tokens; `of_service` is a path that belongs to the user of the service."""
     if not path.exists():
         return []
     found = []
@@ -169,4 +170,14 @@ def _tokens(path: Path) -> list[Finding]:
     except TokensError as error:
         advice = "put back a copy, or remove it and add the tokens anew: `pointchain token add`"
         found.append(Finding("tokens", "tokens-unreadable", str(path), str(error), advice, False))
+    else:
+        user, file = of_service.stat().st_uid, path.stat()
+        # Root reads every file, and the groups of the user are not known here.
+        if user != 0 and not mode & (0o400 if file.st_uid == user else 0o044):
+            what = (
+                f"the user of the service (uid {user}) cannot read it, since it belongs to uid {file.st_uid} and has "
+                f"mode {mode:03o}: the service refuses every client"
+            )
+            advice = f"give it to that user: `chown {user} {path}` and `chmod 600 {path}`"
+            found.append(Finding("tokens", "tokens-unreadable", str(path), what, advice, False))
     return found

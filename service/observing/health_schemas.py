@@ -27,7 +27,7 @@ class ReadinessChecks(Described):
     recognition: ReadinessCheck
     disk: ReadinessCheck
     service: ReadinessCheck
-    """It is not stopping."""
+    """It is not stopping, and its file of tokens can be read."""
     cell: State
     """Told only: a service whose cell is not ready is, since it connects the cell."""
 

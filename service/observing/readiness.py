@@ -7,6 +7,7 @@ import sqlite3
 from service.context import Context
 from service.database import Database
 from service.observing.health_schemas import ReadinessCheck, ReadinessChecks
+from service.security.tokens import FILE, TokensError, read_tokens
 
 log = logging.getLogger(__name__)
 
@@ -24,7 +25,7 @@ def readiness(service: Context) -> ReadinessChecks:
         store=_store(service.store.database),
         recognition=_well_unless(service.jobs.not_ready, "it waits for work, or is at it"),
         disk=_disk(service),
-        service=_well_unless("the service is stopping" if service.jobs.closed else None, "it takes requests"),
+        service=_well_unless(_no_requests(service), "it takes requests"),
         cell=service.cell.status.state,
     )
 
@@ -33,6 +34,21 @@ def what_is_not(checks: ReadinessChecks) -> list[str]:
     """Each check that failed, in words."""
     named = {"store": checks.store, "recognition": checks.recognition, "disk": checks.disk, "service": checks.service}
     return [f"{name}: {check.words}" for name, check in named.items() if not check.ok]
+
+
+def _no_requests(service: Context) -> str | None:
+    """Return why the service takes no requests, or None if it takes them."""
+    if service.jobs.closed:
+        return "the service is stopping"
+    path = service.store.folder.root / FILE
+    try:
+        read_tokens(path)
+    except TokensError as error:
+        log.warning("the tokens cannot be read: %s", error)
+        # The answer is open to everyone, so that it does not name the folder.
+        reason = str(error).replace(str(path), FILE)
+        return f"{reason}; clients may be refused, also when they stop the arm"
+    return None
 
 
 def _store(database: Database) -> ReadinessCheck:

@@ -21,9 +21,9 @@ async def healthz() -> Health:
 
 @router.get("/readyz", response_model=Readiness, responses=problem_responses(503))
 def readyz(service: Service) -> Any:
-    """The store can be written, recognition waits for work or is at it, the disk has room, and the service is not
-    stopping; else 503, which names what is not. The cell's state is told but does not count: that is for `GET
-    /api/cell`."""
+    """Answer 200 if the database accepts changes, recognition is ready or at work, the disk has room, the service is
+    not stopping, and its file of tokens can be read. Otherwise answer 503 with the checks that failed. The state of the
+    cell is reported but does not count; see `GET /api/cell`."""
     checks = readiness(service)
     wrong = what_is_not(checks)
     return Readiness(checks=checks) if not wrong else _not_ready("; ".join(wrong), checks.model_dump())

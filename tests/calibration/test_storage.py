@@ -79,6 +79,17 @@ def test_the_form_of_recordings_is_taken_with_what_cannot_be_checked(tmp_path: P
     assert [warning.split("does not say ")[1].split(" ")[0] for warning in got.warnings] == ["when", "of", "of"]
 
 
+@pytest.mark.parametrize("decimals", [4, 5, 6])
+def test_a_rounded_matrix_gives_an_exact_rotation(tmp_path: Path, decimals: int) -> None:
+    path = written(tmp_path, T_flange_camera=T.round(decimals).tolist(), T_base_board=T.round(decimals).tolist())
+    got = load(path)
+    assert got.T_base_board is not None
+    for pose in (got.T_flange_camera, got.T_base_board):
+        np.testing.assert_allclose(pose[:3, :3].T @ pose[:3, :3], np.eye(3), rtol=0, atol=1e-14)
+        np.testing.assert_allclose(pose, T, rtol=0, atol=2 * 10.0**-decimals)
+    assert got.sha256 == hashlib.sha256(path.read_bytes()).hexdigest()
+
+
 @pytest.mark.parametrize(("degrees", "warned"), [(0, False), (90, False), (95, False), (110, True), (180, True)])
 def test_a_camera_that_looks_back_at_the_arm_is_a_warning(tmp_path: Path, degrees: float, warned: bool) -> None:
     path = tmp_path / "hand_eye.json"

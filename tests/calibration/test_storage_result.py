@@ -13,6 +13,7 @@ from calibration.board import Board
 from calibration.errors import (
     CalibrationFolderError,
     HandEyeInvalidError,
+    HandEyeMismatchError,
     HandEyeMissingError,
     HandEyeOfTheFutureError,
     HandEyeRefusedError,
@@ -319,5 +320,9 @@ def test_what_cannot_be_used_is_not_activated(tmp_path: Path) -> None:
         activate(tmp_path / "run" / "none.json", active)
     with pytest.raises(HandEyeOfTheFutureError):
         activate(written(tmp_path / "run", result(), created="2999-01-01T00:00:00+00:00"), active)
+    with pytest.raises(HandEyeMismatchError, match="made with camera 1944, this is camera 777"):
+        activate(written(tmp_path / "run", result(), camera_id="1944"), active, camera_id="777")
+    with pytest.raises(HandEyeMismatchError, match="made with robot 2022, this is robot 888"):
+        activate(written(tmp_path / "run", result(), robot_serial="2022"), active, robot_serial="888")
     assert active.read_bytes() == before
     assert not (tmp_path / "hand_eye.previous.json").exists()

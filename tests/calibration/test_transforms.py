@@ -18,6 +18,7 @@ from calibration.transforms import (
     rotation_angle,
     to_quaternion,
     transform_points,
+    with_nearest_rotation,
 )
 
 NEAR = {"rtol": 0, "atol": 1e-13}
@@ -116,6 +117,25 @@ def test_the_tolerance_is_where_it_says() -> None:
     stretched[0, 0] = 1 + 0.51 * ROTATION_TOLERANCE
     with pytest.raises(NotRigidError, match="T is not rigid"):
         rigid(stretched, "T")
+
+
+@settings(deadline=None)
+@given(transforms)
+def test_an_exact_rotation_is_kept_bit_by_bit(T_a_b: np.ndarray) -> None:
+    assert with_nearest_rotation(T_a_b).tobytes() == T_a_b.tobytes()
+
+
+@settings(deadline=None)
+@given(transforms, st.integers(4, 10))
+def test_a_rounded_rotation_becomes_an_exact_one_beside_it(T_a_b: np.ndarray, decimals: int) -> None:
+    rounded = T_a_b.round(decimals)
+    exact = with_nearest_rotation(rounded)
+    R = exact[:3, :3]
+    np.testing.assert_allclose(R.T @ R, np.eye(3), **NEAR)
+    assert np.linalg.det(R) > 0
+    # The nearest rotation is no farther from the rounded one than the original: sqrt(9) roundings of half a unit.
+    assert np.linalg.norm(R - rounded[:3, :3]) <= 1.5 * 10.0**-decimals + 1e-12
+    np.testing.assert_array_equal(exact[:, 3], rounded[:, 3])
 
 
 def with_entry(row: int, column: int, value: float) -> np.ndarray:

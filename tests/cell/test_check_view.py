@@ -1,10 +1,14 @@
 """What joins arm and camera, as a part of testing a cell: calibration, table, viewpoints."""
 
+import json
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from calibration.storage import load_hand_eye
+from calibration.transforms import from_rotation_vector
 from cell import check_view
 from cell.devices import ArmInfo, CameraInfo
 from cell.settings import CellSettings, HandEyeSettings, ScanSettings, WorkspaceSettings
@@ -103,3 +107,29 @@ def test_unreachable_viewpoints_are_told_with_their_reasons() -> None:
     assert step.outcome == "failed"
     assert "reach" in step.words
     assert step.words.endswith("scan.min_views is 8")
+
+
+@pytest.mark.parametrize(("degrees", "outcome"), [(110, "ok"), (151, "failed"), (180, "failed")])
+def test_a_camera_that_looks_back_at_the_arm_sees_no_workspace(degrees: float, outcome: str) -> None:
+    grounds = looking_cell()
+    assert grounds.hand_eye is not None
+    grounds.state = None
+    turned = from_rotation_vector((0, -0.065, 0.045), (np.deg2rad(degrees), 0, 0))
+    step = check_view.viewpoints(replace(grounds, hand_eye=replace(grounds.hand_eye, T_flange_camera=turned)))
+    assert step.outcome == outcome, step
+    if outcome == "ok":
+        return
+    assert step.words.startswith(f"by the hand-eye file the camera looks back at the arm, {degrees} degrees from")
+    assert step.words.endswith("so that the arm itself hides the workspace")
+    assert (step.what_to_do or "").startswith("check that quat_xyzw has the order x, y, z, w")
+
+
+@pytest.mark.parametrize("decimals", [4, 5, 6])
+def test_a_rounded_matrix_reaches_as_many_viewpoints_as_an_exact_one(tmp_path: Path, decimals: int) -> None:
+    T = from_rotation_vector((0.0, -0.065, 0.045), (0.02, 0.01, 0.03))
+    path = tmp_path / "hand_eye.json"
+    path.write_text(json.dumps({"T_flange_camera": T.round(decimals).tolist()}))
+    grounds = looking_cell()
+    grounds.state = None
+    step = check_view.viewpoints(replace(grounds, hand_eye=load_hand_eye(path, 1.0)))
+    assert step.words.startswith("8 of 8 reached")

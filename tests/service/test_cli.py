@@ -199,6 +199,7 @@ def test_simulate_writes_the_same_file_for_the_same_seed(capsys: pytest.CaptureF
         (("--scene", "knot"), "overhand-knot"),
         (("--camera", "kinect"), "oak-d-pro"),
         (("--radius", "1"), "radius"),
+        (("--radius", "4.2"), "metres are expected, and 4.2 looks like millimetres"),
         (("--softness", "0.1"), "softness"),
         (("--views", "0"), "views"),
         (("--seed", "-1"), "seed"),

@@ -228,6 +228,17 @@ def test_variables_alone_make_a_real_cell(monkeypatch: pytest.MonkeyPatch, tmp_p
         ("[camera]\nbody_m = [100, 40, 40]", "in metres, as [0.10, 0.04, 0.04]"),
         ("[camera]\nscene = 'figure8'", "camera.scene is 'figure8'; there are the scenes straight,"),
         ("[camera]\nstring_radius_m = 4.2", "camera.string_radius_m is 4.2; a number from 0.0005 to 0.02 is taken"),
+        ("[scan]\nstring_radius_m = 4.2", "is taken; metres are expected, and 4.2 looks like millimetres"),
+        ("[mounting]\ntable_z_m = -40", "from -3 to 3 is taken; metres are expected, and -40 looks like millimetres"),
+        (
+            "[arm]\nspeed_rad_s = 30",
+            "at most 3.14 is taken; radians per second are expected, and 30 looks like degrees per second",
+        ),
+        (
+            "[arm]\nacceleration_rad_s2 = 80",
+            "radians per second squared are expected, and 80 looks like degrees per second squared",
+        ),
+        ("[arm]\nflange_speed_m_s = 250", "metres per second are expected, and 250 looks like millimetres per second"),
         ("[camera]\nkind = 'oak'\nextended_disparity = 'maybe'", "is 'maybe'; true or false is taken"),
         ("[scan]\nviews = 3", "scan: min_views is 4, more than the 3 views"),
         ("[arm]\nkind = 'ur'\nhost = '10.0.0.1'", "camera.kind is not told"),
@@ -238,6 +249,23 @@ def test_variables_alone_make_a_real_cell(monkeypatch: pytest.MonkeyPatch, tmp_p
 )
 def test_what_is_wrong_with_the_cell_is_told_in_the_words_of_the_file(tmp_path: Path, text: str, told: str) -> None:
     assert told in refusal(write(tmp_path, text))
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "[mounting]\ntable_z_m = 3.5",  # near its limit
+        "[scan]\nstring_radius_m = 0.03",
+        "[scan]\nstring_radius_m = 4200",  # in micrometres
+        "[arm]\nspeed_rad_s = -30",
+        "[arm]\nspeed_rad_s = 'fast'",
+        "[camera]\nfps = 900",
+    ],
+)
+def test_no_unit_is_guessed_where_it_is_not_plain(tmp_path: Path, text: str) -> None:
+    told = refusal(write(tmp_path, text))
+    assert "is taken" in told
+    assert "expected" not in told
 
 
 def test_all_that_is_wrong_is_told_at_once(tmp_path: Path) -> None:
@@ -256,6 +284,7 @@ def test_all_that_is_wrong_is_told_at_once(tmp_path: Path) -> None:
     [
         ("ARM__HOTS", "x", "arm.hots (set by POINTCHAIN_ARM__HOTS): there is no such setting; did you mean host?"),
         ("ARM", "ur", "arm (set by POINTCHAIN_ARM) is 'ur'; it is a section"),
+        ("SCAN__STRING_RADIUS_M", "4.2", "metres are expected, and 4.2 looks like millimetres"),
         ("ARM", '{"speed_rad_s": 0}', "arm.speed_rad_s (set by POINTCHAIN_ARM) is 0;"),
         ("WORKSPACE__X_M", "0.1,0.2", "(set by POINTCHAIN_WORKSPACE__X_M) is '0.1,0.2'; a list of 2 numbers is taken"),
         ("ARN__HOST", "x", "POINTCHAIN_ARN__HOST: there is no such setting; did you mean POINTCHAIN_ARM?"),

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cell.arm_settings import ArmModelName
+from cell.arm_settings import ArmModelName, simulated_serial
 from cell.simulation.controller.admin_server import AdminServer
 from cell.simulation.controller.dashboard import DashboardServer, Identity
 from cell.simulation.controller.events import EventLog
@@ -60,7 +60,7 @@ async def serve(options: ControllerOptions, sockets: dict[int, socket.socket], w
     q_rad = np.array(options.q_rad, dtype=np.float64)
     robot = Robot(options.model, q_rad, options.time_factor, SafetyLimits(options.table_z_m), log, loop.time())
     rtde = RtdeServer(robot, links, options.version)
-    identity = Identity(options.version, serial=f"2025{int(options.model[2:-1]):02d}0001")
+    identity = Identity(options.version, serial=simulated_serial(options.model))
     listeners = _Listeners(
         sockets,
         {

@@ -137,6 +137,11 @@ def test_impossible_worlds_are_refused() -> None:
         simulated_world(real)
 
 
+def test_the_settings_know_the_id_of_the_simulated_camera() -> None:
+    for camera in (settings(), settings(model="ideal", seed=5)):
+        assert camera.camera_id == simulated_world(camera).camera_id
+
+
 def test_with_a_board_it_is_the_same_cell_without_strings() -> None:
     world = simulated_world(settings(scene="overhand-knot", seed=1))
     laid = world.with_board(Board())

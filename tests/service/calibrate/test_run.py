@@ -66,7 +66,7 @@ def test_from_nothing_to_a_calibration_in_use_that_is_verified(
     assert "the arm will move through 17 poses" in err
     assert "of the image covered so far" in err
     assert f"use it from now on, as {active}? [y/N]" in err
-    assert f"to use it: pointchain calibrate activate {run}" in err
+    assert f"to use it: pointchain calibrate activate {run} --config {config}" in err
     document = json.loads(out)
     assert (document["activated"], document["folder"], document["unseen"]) == (False, str(run), [])
     assert document["verification"]["passed"] is True
@@ -101,7 +101,7 @@ def test_one_that_was_not_verified_is_not_taken_into_use_unasked(
     assert code == 0, err
     assert json.loads(out)["activated"] is False
     assert "it is not verified, and so not in use without somebody who decides it" in err
-    assert f"to use it: pointchain calibrate activate {run}" in err
+    assert f"to use it: pointchain calibrate activate {run} --config {config}" in err
     assert not (tmp_path / "data" / "calibration" / "hand_eye.json").exists()
     assert "an error of the board's size or of the focal length goes unnoticed" in err[: err.index("moving to pose")]
 

@@ -14,9 +14,13 @@ from calibration.errors import HandEyeStaleError
 from calibration.observations_file import write_observations
 from calibration.storage import load_hand_eye
 from calibration.transforms import from_rotation_vector
+from service.calibrate.activate import activation_command
 from service.cli import main
 from tests.calibration.board_views import error_of, record
 from tests.calibration.rendered_folder import X, rendered_folder
+
+REAL_CELL = "[arm]\nkind = 'ur'\nhost = '10.0.0.1'\n[camera]\nkind = 'oak'\n"
+"""Camera and robot are not known by their numbers."""
 
 
 @pytest.fixture(scope="module")
@@ -72,6 +76,7 @@ def test_a_folder_is_solved_and_solved_again(capsys: pytest.CaptureFixture[str],
     assert "Verified        the board appears where it lay" in out
     assert "Not seen        03: " in out
     assert "01: 48 of 48 corners" in err
+    assert f"to use it: pointchain calibrate activate {folder / 'hand_eye.json'}, with the --config of the cell" in err
     solved = load_hand_eye(folder / "hand_eye.json", 1.0)
     degrees, millimetres = error_of(solved.T_flange_camera, X)
     # Eleven views by a robot that errs by 0.1 mm and 0.02 degrees along each axis: these are three standard deviations.
@@ -194,19 +199,59 @@ def test_a_verification_that_fails_refuses(capsys: pytest.CaptureFixture[str], s
 def test_activation(
     capsys: pytest.CaptureFixture[str], solved: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    (tmp_path / "cell.toml").write_text("[hand_eye]\nfile = 'cell/used.json'\n")
+    (tmp_path / "cell.toml").write_text(f"{REAL_CELL}[hand_eye]\nfile = 'cell/used.json'\n")
     code, _, err = calibrate(capsys, "activate", solved, "--config", tmp_path / "cell.toml")
     assert code == 0, err
     assert f"active from now on: {tmp_path / 'cell' / 'used.json'}" in err
     assert (tmp_path / "cell" / "used.json").read_bytes() == (solved / "hand_eye.json").read_bytes()
     monkeypatch.setenv("POINTCHAIN_DATA_DIR", str(tmp_path / "data"))
-    code, _, err = calibrate(capsys, "activate", solved / "hand_eye.json")
+    (tmp_path / "other.toml").write_text(REAL_CELL)
+    code, _, err = calibrate(capsys, "activate", solved / "hand_eye.json", "--config", tmp_path / "other.toml")
     assert code == 0, err
     assert (tmp_path / "data" / "calibration" / "hand_eye.json").is_file()
     code, _, err = calibrate(capsys, "activate", tmp_path / "none.json")
     assert code == 1
     assert f"there is no hand-eye calibration {tmp_path / 'none.json'}: name the file of a solved calibration" in err
     assert "hand_eye.file" not in err
+
+
+@pytest.mark.parametrize(
+    ("cell", "told"),
+    [
+        (
+            "[arm]\nkind = 'ur'\nhost = '10.0.0.1'\n[camera]\nkind = 'oak'\ndevice = '184430'\n",
+            "with camera 19443010, this is camera 184430",
+        ),
+        ("[camera]\nkind = 'oak'\n", "with robot 20225500123, this is robot 2025050001"),
+        ("", "with camera 19443010, this is camera simulated-oak-d-pro-3"),
+    ],
+    ids=["another camera", "a simulated arm", "the default cell"],
+)
+def test_a_result_of_another_camera_or_robot_is_not_activated(
+    capsys: pytest.CaptureFixture[str], solved: Path, tmp_path: Path, cell: str, told: str
+) -> None:
+    (tmp_path / "cell.toml").write_text(f"{cell}[hand_eye]\nfile = 'used.json'\n")
+    code, out, err = calibrate(capsys, "activate", solved, "--config", tmp_path / "cell.toml")
+    assert (code, out) == (1, "")
+    assert told in err
+    assert "name the configuration of its own cell with --config" in err
+    assert not (tmp_path / "used.json").exists()
+
+
+@pytest.mark.parametrize("device", ["19443010", "192.168.1.20", "1.2.3"], ids=["same", "address", "port"])
+def test_a_result_is_activated_where_the_camera_is_the_same_or_cannot_be_compared(
+    capsys: pytest.CaptureFixture[str], solved: Path, tmp_path: Path, device: str
+) -> None:
+    (tmp_path / "cell.toml").write_text(f"{REAL_CELL}device = '{device}'\n[hand_eye]\nfile = 'used.json'\n")
+    code, _, err = calibrate(capsys, "activate", solved, "--config", tmp_path / "cell.toml")
+    assert code == 0, err
+    assert (tmp_path / "used.json").exists()
+
+
+def test_the_command_that_activates_names_the_configuration() -> None:
+    assert activation_command(Path("run"), None) == "pointchain calibrate activate run"
+    command = activation_command(Path("my run"), Path("cell.toml"))
+    assert command == "pointchain calibrate activate 'my run' --config cell.toml"
 
 
 def test_a_camera_that_stands_in_the_cell(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:

@@ -4,6 +4,7 @@ there."""
 import dataclasses
 import hashlib
 import json
+import os
 import shutil
 from collections.abc import Callable
 from pathlib import Path
@@ -18,6 +19,9 @@ from service.doctor.repair import repair
 from service.new_rows import NOBODY, new_scan
 from service.store import Store
 from tests.service.stored_data import LIVE, REPLAY, UPLOAD, Data
+
+SERVICE_UID = 4321
+"""User id of a service that does not run as root."""
 
 
 def flip(path: Path, at: int) -> None:
@@ -221,6 +225,28 @@ def test_tokens_that_others_may_read_are_closed(data: Data) -> None:
     assert path.stat().st_mode & 0o777 == 0o600
     path.write_text("{")
     assert data.codes() == {"tokens-unreadable"}
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="only root gives a file to another user")
+@pytest.mark.parametrize(
+    ("owner", "mode", "found"),
+    [
+        (0, 0o600, {"tokens-unreadable"}),
+        (SERVICE_UID, 0o000, {"tokens-unreadable"}),
+        (SERVICE_UID, 0o600, set()),
+        (0, 0o640, {"tokens-open"}),
+    ],
+    ids=["of root", "of nobody", "its own", "of its group"],
+)
+def test_tokens_that_the_service_cannot_read_are_found_by_root_too(
+    data: Data, owner: int, mode: int, found: set[str]
+) -> None:
+    path = data.root / "tokens.json"
+    path.write_text('{"schema_version": 1, "tokens": []}')
+    path.chmod(mode)
+    os.chown(path, owner, -1)
+    os.chown(data.store.database, SERVICE_UID, -1)
+    assert data.codes() == found
 
 
 def test_little_space_is_told(data: Data) -> None:

@@ -67,6 +67,22 @@ def test_a_store_that_somebody_holds_is_not_ready(ready: ServedClient, assert_pr
     assert ready.get("/readyz").status_code == 200
 
 
+def test_tokens_that_cannot_be_read_are_not_ready(ready: ServedClient, assert_problem: AssertProblem) -> None:
+    tokens = ready.app.state.context.store.folder.root / "tokens.json"
+    tokens.write_text("{")
+    try:
+        assert_problem(ready.post("/api/cell/stop"), 401, "unauthorized")
+        answer = ready.get("/readyz")
+        detail = assert_problem(answer, 503, "not-ready")
+        assert "service: tokens.json is damaged: Invalid JSON" in detail
+        assert "clients may be refused, also when they stop the arm" in detail
+        assert str(tokens.parent) not in answer.text, "everyone may read it"
+        assert checks(answer) == WELL | {"service": False}
+    finally:
+        tokens.unlink()
+    assert ready.get("/readyz").status_code == 200
+
+
 def test_a_disk_without_room_or_a_service_that_stops_is_not_ready(
     ready: ServedClient, assert_problem: AssertProblem, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -7,6 +7,7 @@ import time
 import pytest
 from universal_robots_clients import dashboard_client
 
+from cell.arm_settings import simulated_serial
 from cell.simulation.controller.process import RunningController
 from tests.cell.simulation.controller.cell_log import LogSince, wait_for
 
@@ -27,7 +28,7 @@ def test_what_it_says_of_itself(controller: RunningController):
     assert ask(controller, "get loaded program") == "No program loaded"
     assert ask(controller, "PolyscopeVersion").startswith("URSoftware 5.25.1")
     assert ask(controller, "get robot model") == "UR5"
-    assert ask(controller, "get serial number").isdigit()
+    assert ask(controller, "get serial number") == simulated_serial("ur5e")
     assert ask(controller, "ROBOTMODE") == "Robotmode: RUNNING"
     assert ask(controller, "make coffee") == "could not understand: 'make coffee'"
     assert ask(controller, "load weave.urp") == "File not found: weave.urp"
