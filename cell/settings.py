@@ -86,8 +86,8 @@ class HandEyeSettings(StrictSettings):
     folder: Path | None = None
     """Folder of the calibrations that this cell makes. The default is `calibration` in `data_dir`."""
     rough_xyz_m: Vector3 | None = None
-    """Position of the camera in the flange frame, measured with a ruler to 3 cm. The first calibration needs it. If the
-    active calibration differs by more, calibration runs are refused."""
+    """Position of the camera in the flange frame, measured with a ruler to 3 cm. The first calibration needs it. While
+    it is set, calibration runs are refused if the active calibration differs by more than 3 cm or 10 degrees."""
     rough_rotation_rad: Vector3 = (0.0, 0.0, 0.0)
     """Orientation of the camera in the flange frame as a rotation vector, to 10 degrees. Camera axes: x right, y down,
     z forward."""

@@ -111,7 +111,7 @@ PROBLEM_TYPES: dict[str, ProblemType] = {
     "aborted": ProblemType(
         title="It was ended by request",
         statuses=(409,),
-        cause="A person or a program stopped the scan or calibration. What it had recorded is kept.",
+        cause="A person or a program stopped the scan or calibration. The recorded views are kept.",
         action="Find out why it was stopped. Then start a new scan with a new `Idempotency-Key`, or reprocess this one "
         "from its recording.",
         group="Decide whether to scan again",
@@ -119,7 +119,7 @@ PROBLEM_TYPES: dict[str, ProblemType] = {
     "interrupted": ProblemType(
         title="The service stopped meanwhile",
         statuses=(500,),
-        cause="The service stopped while the scan or calibration was running. What it had recorded is kept.",
+        cause="The service stopped while the scan or calibration was running. The recorded views are kept.",
         action="Check where the arm stands. Then start a new scan with a new `Idempotency-Key`, or reprocess this one "
         "from its recording.",
         group="Decide whether to scan again",

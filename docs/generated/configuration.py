@@ -53,7 +53,8 @@ variable. It is generated from the settings classes; do not edit it by hand.
 - A value comes from the first of these sources that has it: command line, environment variable, file, default.
 - The variable of a key is `POINTCHAIN_` and the key in capitals, with two underscores between section and key:
   `POINTCHAIN_ARM__HOST`. Lists are JSON: `POINTCHAIN_WORKSPACE__X_M='[0.2, 0.6]'`. An empty variable counts as not set.
-- An unknown key, section or variable is an error. The message names it and lists what is known.
+- An unknown key, section or variable is an error. The message names it and gives one hint: a similar name that is
+  known, the section or kind that has such a key, or the list of all known names.
 - A running service does not read the file again: restart it after a change. [Test the result](commissioning.md) with
   `pointchain check --config cell.toml`.
 

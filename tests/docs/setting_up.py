@@ -14,7 +14,7 @@ def page(name: str, folder: Path) -> None:
 def before(command: str, folder: Path) -> None:
     """Put what a command needs beside what those before it have made into `folder`."""
     if "session.bag" in command and not (folder / "session.bag").exists():
-        views = read_recording(folder / "knot.mcap").views
+        views = read_recording(folder / "views.mcap").views
         write_bag(folder / "session.bag", "ros1", one_image_each(views, Recorded(encoding="32FC1")))
     if command.startswith("pointchain doctor"):
         (folder / "data").mkdir(exist_ok=True)

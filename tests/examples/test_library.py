@@ -1,6 +1,7 @@
 """The example programs that use recognition as a library."""
 
 import json
+import runpy
 import subprocess
 import sys
 from pathlib import Path
@@ -77,3 +78,14 @@ def test_a_model_without_strings_is_drawn(model_file: Path, tmp_path: Path) -> N
     empty.write_text(json.dumps(model))
     assert run("plot_model.py", empty, picture).returncode == 0
     assert picture.exists()
+
+
+def test_the_accuracy_of_point_clouds_is_measured() -> None:
+    """One scene of the first row: a point cloud for each viewpoint gives the right model."""
+    example = runpy.run_path(str(EXAMPLES / "point_cloud_accuracy.py"))
+    cells = [cell.strip() for cell in example["row"](example["FORMS"][0], 1).strip("|").split("|")]
+    assert cells[1:3] == ["1", "1"]
+    own_mm, cloud_mm = (float(cell.removesuffix(" mm")) for cell in cells[3:])
+    # Twice the table's figures in docs/researcher/own-data.md.
+    assert own_mm < 0.3
+    assert cloud_mm < 0.5

@@ -221,9 +221,9 @@ def test_every_script_inside_a_page_is_allowed_by_its_hash() -> None:
 
 def test_the_licences_of_what_is_inside_go_along() -> None:
     text = (MANUAL_FOLDER / "licences.txt").read_text()
-    for name in ("sphinx", "furo", "sphinx-copybutton"):
+    for name in ("sphinx", "furo", "sphinx-copybutton", "STIX Two Math"):
         assert f"{name}\n\n" in text
-    assert text.count("Copyright") >= 3
+    assert text.count("Copyright") >= 4
 
 
 def test_every_type_of_problem_has_its_section() -> None:
@@ -237,3 +237,12 @@ def test_every_section_that_the_console_links_to_exists() -> None:
     assert len(sections) == 5
     for page, anchor in sections:
         assert anchor in built(MANUAL_FOLDER / page).ids, f"{page}#{anchor}"
+
+
+def test_every_fault_that_the_console_links_to_has_its_type_and_section() -> None:
+    source = (ROOT / "service/console/web/src/ui/manual.tsx").read_text()
+    table = source[source.index("FAULTS") :]
+    faults = re.findall(r'^  "([a-z-]+)": "([a-z-]+)",$', table[: table.index("};")], re.MULTILINE)
+    assert len(faults) == 24
+    assert {slug for slug, _ in faults} <= set(TITLES)
+    assert {section for _, section in faults} <= built(MANUAL_FOLDER / "operator/faults.html").ids

@@ -52,6 +52,18 @@ def test_the_search_finds_a_page(open_console: Open, client: ServedClient) -> No
     assert "search.html" not in page.url
 
 
+def test_equations_have_the_font_of_the_manual_and_fit_the_page(open_console: Open, client: ServedClient) -> None:
+    page = open_console(client, "manual/researcher/method.html", width=1280).page
+    page.evaluate("async () => { await document.fonts.ready }")
+    loaded = "() => [...document.fonts].filter((font) => font.status === 'loaded').map((font) => font.family)"
+    assert "STIX Two Math" in str(page.evaluate(loaded))
+    widths = page.evaluate(
+        "() => [...document.querySelectorAll('div.math')].map((e) => [e.scrollWidth, e.clientWidth])"
+    )
+    assert len(widths) >= 8
+    assert [(needed, there) for needed, there in widths if needed > there] == []
+
+
 @pytest.mark.parametrize(("scheme", "width"), [("light", 1280), ("dark", 360)])
 def test_everybody_can_read_the_manual(
     open_console: Open, client: ServedClient, scheme: Literal["light", "dark"], width: int
@@ -114,11 +126,11 @@ def test_a_fault_and_what_ended_by_it_have_a_link(open_console: Open, cell: Cell
     expect(page.get_by_role("region", name="The last scan")).to_be_visible()
     for region in ("Fault", "The last scan"):
         link = page.get_by_role("region", name=region).get_by_role("link", name="What to do: protective stop")
-        expect(link).to_have_attribute("href", "/manual/planner/errors.html#protective-stop")
+        expect(link).to_have_attribute("href", "/manual/operator/faults.html#protective-stop")
         expect(link).to_have_attribute("target", "_blank")
     page.keyboard.press("4")
     opened = opens(page, "What to do: protective stop")
-    expect(opened.get_by_role("heading", name="protective-stop")).to_be_visible()
+    expect(opened.get_by_role("heading", name="Protective stop")).to_be_visible()
     cell.is_well()
 
 

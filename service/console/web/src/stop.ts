@@ -87,7 +87,7 @@ function outcome(cell: Cell): Said {
   const at = clock(new Date());
   const why = cell.problem?.replace("urn:pointchain:", "");
   if (cell.robot.moving === false || why === "stopped") return ["good", `The arm was stopped, ${at}.`];
-  if (why === "not-connected" || why === "released") return ["sent", `Stop sent, ${at}. No arm is connected here: it has reached none.`];
+  if (why === "not-connected" || why === "released") return ["sent", `Stop sent, ${at}. No arm is connected, so none was stopped.`];
   return ["bad", `Stop sent, ${at}, but nobody knows how the arm stands. Look at it.`];
 }
 

@@ -53,7 +53,9 @@ export function Start({ action }: { action: Action }) {
           />
         )}
       </div>
-      <p class="small">{METHODS[method].hint}</p>
+      <p class="small">
+        Method {METHODS[method].name}: {METHODS[method].hint}
+      </p>
       <Act
         action={action}
         kind="main"

@@ -32,12 +32,42 @@ export function ManualLink({ page, name, children }: ManualLinkProps) {
 
 const SERVICE_PROBLEM = /^urn:pointchain:[a-z0-9-]+$/;
 
+/** The operator's section of each problem type that a person mends at the cell. */
+export const FAULTS: Record<string, string> = {
+  "stopped": "what-stop-does",
+  "aborted": "what-stop-does",
+  "acknowledge-required": "first",
+  "protective-stop": "protective-stop",
+  "too-early": "protective-stop",
+  "emergency-stop": "emergency-stop",
+  "robot-lost": "robot-lost",
+  "motion-failed": "motion-failed",
+  "robot-not-ready": "robot-not-ready",
+  "robot-unreachable": "robot-not-ready",
+  "camera-lost": "camera-lost-or-not-found",
+  "camera-unreachable": "camera-lost-or-not-found",
+  "bad-frame": "bad-images-or-too-few-views",
+  "no-depth": "bad-images-or-too-few-views",
+  "insufficient-views": "bad-images-or-too-few-views",
+  "contradicting-views": "bad-images-or-too-few-views",
+  "calibration": "calibration-missing-old-or-drifted",
+  "calibration-refused": "calibration-missing-old-or-drifted",
+  "viewpoints-unreachable": "viewpoints-out-of-reach",
+  "radius-unknown": "string-not-found-or-not-recognised",
+  "too-crowded": "string-not-found-or-not-recognised",
+  "recognition-timeout": "string-not-found-or-not-recognised",
+  "storage-full": "disk-full",
+  "interrupted": "the-service-does-not-answer",
+};
+
 /** A link to the section on a problem type; nothing for problems that the service did not name. */
 export function WhatToDo({ problem }: { problem: string | null }) {
   if (problem === null || !SERVICE_PROBLEM.test(problem)) return null;
   const slug = slugOf(problem);
+  const fault = FAULTS[slug];
+  const page = fault === undefined ? `planner/errors.html#${slug}` : `operator/faults.html#${fault}`;
   return (
-    <ManualLink page={`planner/errors.html#${slug}`} name={`What to do: ${slug.replaceAll("-", " ")}`}>
+    <ManualLink page={page} name={`What to do: ${slug.replaceAll("-", " ")}`}>
       What to do
     </ManualLink>
   );
