@@ -1,4 +1,4 @@
-"""A recording that is written in one go: it is complete, or it is not there."""
+"""Write a recording completely or not at all."""
 
 import os
 from collections.abc import Iterable

@@ -22,19 +22,19 @@ from cell.whole_recording import require_new, write_whole
 VIEW_PROPERTY = "view"
 """Property that numbers the viewpoint of each point, where a file has it and no other is named."""
 TABLE_M = (-0.01, 0.004)
-"""Points from so far below to so far above the table's height are the table's; a string is higher."""
+"""Points between these heights above the table count as the table's. A string is higher."""
 TABLE_SHARE = 0.2
 """Share of the points that must be the table's, or the views cannot be aligned to it."""
 MARGIN_M = 0.02
-"""Points so far outside the workspace are kept: the neighbours of those inside."""
+"""Points up to this far outside the workspace are kept, as neighbours of those inside."""
 BELOW_M = 0.05
-"""Points so far below the table are kept."""
+"""Points up to this far below the table are kept."""
 MIN_POINTS = 1000
-"""Fewer points from one viewpoint are not a scene."""
+"""Minimum number of points of a viewpoint."""
 MERGED = "one merged file"
-"""The form in which nothing is known of the viewpoint of a point."""
+"""Name of the form in which the viewpoint of a point is unknown."""
 MERGED_POINTS_PER_PIXEL = 8.0
-"""Of a merged cloud, in which the points of several views overlap: the average of so many makes a pixel."""
+"""Mean number of points in a pixel of a merged cloud, in which the points of several views overlap."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,21 +46,23 @@ class CloudRequest:
     view_property: str | None = None
     """Property of a merged file that numbers the viewpoint of each point; None: `view`, where the file has it."""
     string_radius_m: float | None = None
-    """To be kept in the recording."""
+    """Radius of the strings, written into the recording; None: unknown."""
     table_z_m: float = 0.0
+    """Height of the table in the base frame."""
     workspace_m: Box | None = None
+    """Limits along x, y and z in the base frame that recognition works in; None: everything that was measured."""
 
 
 @dataclass(frozen=True)
 class ImportedCloud:
-    """What was made of point clouds."""
+    """Result of `import_cloud`."""
 
     form: str
-    """How the points were given to the viewpoints."""
+    """How the points were assigned to the viewpoints."""
     points: tuple[int, ...]
-    """Of each viewpoint, before hidden ones are removed."""
+    """Number of points of each viewpoint, before hidden ones are removed."""
     hidden: tuple[int, ...]
-    """Of these, hidden by others."""
+    """Number of these that other points hide."""
     sizes: tuple[tuple[int, int], ...]
     """Width and height of each virtual image, pixels."""
     pitch_m: float
@@ -68,11 +70,11 @@ class ImportedCloud:
     depth_unit_m: float
     """Metres per depth count of the recording."""
     notes: tuple[str, ...]
-    """What was ignored, as messages."""
+    """Messages about what was ignored."""
 
 
 def import_cloud(files: Sequence[Path], out: Path, request: CloudRequest) -> ImportedCloud:
-    """Write the recording `out` of the point clouds in `files`. It is complete or not there.
+    """Write the recording `out` from the point clouds in `files`, completely or not at all.
 
     Args:
         files: One PLY file for each viewpoint, in the order of the viewpoints, or one merged file.
@@ -80,10 +82,10 @@ def import_cloud(files: Sequence[Path], out: Path, request: CloudRequest) -> Imp
         request: Viewpoints, and what the caller knows about the scene.
 
     Returns:
-        What was done, and with which rounding.
+        The form of the clouds, the numbers of points, and the rounding.
 
     Raises:
-        RecordingError: The clouds cannot be used (CloudError), `out` exists, or a value of `request` cannot be.
+        RecordingError: The clouds cannot be used (CloudError), `out` exists, or a value of `request` is impossible.
         OSError: The recording cannot be written.
     """
     require_new(out)

@@ -1,4 +1,4 @@
-"""Points out of PLY files, ASCII or binary. Open3D reads them; it is imported when a file is read, and not before."""
+"""Points of PLY files, ASCII or binary. Open3D reads them; it is imported only when a file is read."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -30,7 +30,7 @@ class Cloud:
     views: NDArray[np.int64] | None
     """(N,) number of the viewpoint of each point; None: the file does not have it."""
     notes: tuple[str, ...]
-    """What was ignored, as messages."""
+    """Messages about what was ignored."""
 
 
 def read_cloud(path: Path, view_property: str | None = None, usual_property: str | None = None) -> Cloud:
@@ -39,7 +39,7 @@ def read_cloud(path: Path, view_property: str | None = None, usual_property: str
     Args:
         path: The PLY file.
         view_property: Property of each point that numbers its viewpoint; None: `usual_property`.
-        usual_property: The same, where the file has it; None: not wanted.
+        usual_property: The same, but used only if the file has it.
 
     Raises:
         CloudError: The file cannot be read, is no PLY file, or is damaged.

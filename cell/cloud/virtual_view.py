@@ -14,33 +14,33 @@ from cell.recording_limits import DEFAULT_LIMITS
 WIDEST = np.tan(np.deg2rad(65.0))
 """Points farther than 65 degrees from the optical axis are not in the image."""
 NEAREST_M = 0.03
-"""A viewpoint nearer to a point than this is in the cloud."""
+"""A viewpoint nearer to a point than this is inside the cloud."""
 NEIGHBOURS = 8
 SAMPLE = 4000
-"""Points at which the spacing is measured."""
+"""Number of points at which the spacing is measured."""
 BEHIND_PX = 2.0
-"""Points that are farther behind the front than this many pixels are wide are hidden: the slope of a surface at 63
-degrees to the image."""
+"""A point is hidden if it is farther behind the front than this many pixel widths. A visible surface may be inclined to
+the image by up to 63 degrees."""
 FLATNESS = 0.003
 """Weight that keeps the slope of a pixel's plane at zero where its points do not determine it."""
 
 
 @dataclass(frozen=True, eq=False)
 class VirtualView:
-    """What a virtual camera sees of a point cloud."""
+    """Depth image of a point cloud from one viewpoint."""
 
     depth_m: NDArray[np.float64]
     """(H, W) along the optical axis; 0 where no point is."""
     K: NDArray[np.float64]
     """(3, 3), pixels."""
     T_base_camera: NDArray[np.float64]
-    """(4, 4)."""
+    """(4, 4) camera pose."""
     pitch_m: float
     """Width of a pixel at the median depth of the points."""
     hidden: int
-    """Points that other points hide."""
+    """Number of points that other points hide."""
     outside: int
-    """Points outside the image."""
+    """Number of points outside the image."""
 
 
 def look_at(viewpoint: NDArray[np.float64], target: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -64,10 +64,10 @@ def virtual_view(points: NDArray[np.float64], viewpoint: NDArray[np.float64], po
     Args:
         points: (N, 3), base frame, metres.
         viewpoint: (3,), base frame, metres.
-        points_per_pixel: How many points a pixel gets on average.
+        points_per_pixel: Mean number of points in a pixel.
 
     Raises:
-        CloudError: The viewpoint is in the cloud, or the image would be too large.
+        CloudError: The viewpoint is inside the cloud, or the image would be too large.
     """
     nearest = float(np.linalg.norm(points - viewpoint, axis=1).min())
     where = f"the viewpoint ({', '.join(f'{value:g}' for value in viewpoint)})"
@@ -149,7 +149,7 @@ def _rasterise(
     )
     solved = np.linalg.solve(M, np.stack([sw, suw, svw], axis=1)[filled][..., None])[:, 0, 0]
     result = np.zeros(height * width)
-    # A plane through few points may overshoot: the mean holds there.
+    # A plane through few points may overshoot: the mean is used there.
     mean = sw[filled] / n[filled]
     result[filled] = np.where(np.abs(solved / mean - 1) < BEHIND_PX * step, solved, mean)
     return result.reshape(shape), front

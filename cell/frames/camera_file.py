@@ -32,10 +32,10 @@ class Intrinsics:
 
 
 def read_intrinsics(folder: Path, given: tuple[float, float, float, float] | None) -> Intrinsics:
-    """Return the camera matrix: the one `given` as (fx, fy, cx, cy), else that of the file in `folder`.
+    """Return the camera matrix `given` as (fx, fy, cx, cy), or else the one of the file in `folder`.
 
     Raises:
-        FramesError: There is none, or two, or it is not that of a rectified pinhole camera.
+        FramesError: There is no matrix, or two, or it is not that of a rectified pinhole camera.
     """
     if given is not None:
         fx, fy, cx, cy = given
@@ -44,7 +44,7 @@ def read_intrinsics(folder: Path, given: tuple[float, float, float, float] | Non
     if not there:
         raise FramesError(f"{folder} has no {CAMERA} ({FORM}) and no {MATRIX}: add one, or give --intrinsics")
     if len(there) > 1:
-        raise FramesError(f"{folder} has both {CAMERA} and {MATRIX}: keep the one that holds")
+        raise FramesError(f"{folder} has both {CAMERA} and {MATRIX}: keep the one that is right")
     (path,) = there
     document = read_json(path)
     if path.name == MATRIX:
@@ -65,7 +65,11 @@ def read_intrinsics(folder: Path, given: tuple[float, float, float, float] | Non
 
 
 def read_json(path: Path) -> Any:
-    """Return the document in a JSON file. Raises FramesError."""
+    """Return the document in a JSON file.
+
+    Raises:
+        FramesError: The file cannot be read, is too large, or is not JSON.
+    """
     try:
         return json.loads(read_limited(path, MAX_JSON_BYTES))
     except (FileNotFoundError, IsADirectoryError, TooLargeError) as error:

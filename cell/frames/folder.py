@@ -44,7 +44,7 @@ def depth_images(folder: Path) -> list[Path]:
         raise FramesError(f"{folder} holds no depth images (16-bit .png or .npy){inside}")
     for path in files:
         if path.is_file() and path.suffix.lower() not in (*IMAGES, *IGNORED):
-            what = KINDS.get(path.suffix.lower(), "no depth image that is read here")
+            what = KINDS.get(path.suffix.lower(), "not in a format that is read here")
             raise FramesError(
                 f"{path} is {what}: move it out of the folder, or save its depth as a 16-bit PNG or as NPY"
             )

@@ -22,7 +22,7 @@ from cell.recording_header import Box
 from cell.whole_recording import require_new, write_whole
 
 NEIGHBOURS = 5000
-"""Matrices that `encodable` tries; enough for each of 152 poses out of recordings."""
+"""Number of matrices that `encodable` tries; enough for each of 152 poses of recordings."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,18 +34,20 @@ class FramesRequest:
     hand_eye: str = "none: the poses are the camera's"
     """Where `T_flange_camera` comes from, for the recording's metadata."""
     intrinsics: tuple[float, float, float, float] | None = None
-    """fx, fy, cx, cy in pixels; None: of `camera.json` or `K.json`."""
+    """fx, fy, cx, cy in pixels; None: read from `camera.json` or `K.json`."""
     depth_unit_m: float | None = None
-    """Metres per count, or per unit of floats; None: of `camera.json`, else guessed."""
+    """Metres per count, or per unit of floats; None: read from `camera.json`, else guessed."""
     string_radius_m: float | None = None
-    """To be kept in the recording."""
+    """Radius of the strings, written into the recording; None: unknown."""
     table_z_m: float = 0.0
+    """Height of the table in the base frame."""
     workspace_m: Box | None = None
+    """Limits along x, y and z in the base frame that recognition works in; None: everything that was measured."""
 
 
 @dataclass(frozen=True)
 class ImportedFrames:
-    """What was made of a folder."""
+    """Result of `import_frames`."""
 
     views: int
     width: int
@@ -64,11 +66,11 @@ class ImportedFrames:
     recording_unit_m: float
     """Metres per count of the recording; equal to `unit_m` where counts are kept."""
     too_far: int
-    """Pixels whose depth is beyond the recording's 16 bits; they have none there."""
+    """Number of pixels whose depth exceeds the recording's 16 bits; they have no depth there."""
 
 
 def import_frames(folder: Path, out: Path, request: FramesRequest) -> ImportedFrames:
-    """Write the recording `out` of the depth images in `folder`. It is complete or not there.
+    """Write the recording `out` from the depth images in `folder`, completely or not at all.
 
     Args:
         folder: Depth images, poses and camera matrix.
@@ -79,7 +81,7 @@ def import_frames(folder: Path, out: Path, request: FramesRequest) -> ImportedFr
         What was found in the folder and what was guessed.
 
     Raises:
-        RecordingError: The folder cannot be used (FramesError), `out` exists, or a value of `request` cannot be.
+        RecordingError: The folder cannot be used (FramesError), `out` exists, or a value of `request` is impossible.
         OSError: The recording cannot be written.
     """
     require_new(out)
@@ -123,10 +125,10 @@ def import_frames(folder: Path, out: Path, request: FramesRequest) -> ImportedFr
 
 
 def encodable(T: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return a pose (4, 4) that a reader of the recording gets back as `T`, to the last bit where there is one.
+    """Return a pose (4, 4) that a reader of the recording gets back as `T`, to the last bit if possible.
 
-    Recordings hold rotations as quaternions. The way from a matrix to a quaternion and back changes the last bits of
-    most matrices, so the neighbours of `T` are tried for one that arrives at `T`.
+    Recordings hold rotations as quaternions. The conversion from a matrix to a quaternion and back changes the last
+    bits of most matrices, so the neighbours of `T` are tried until one is converted to `T`.
     """
     if np.array_equal(from_quaternion(T[:3, 3], to_quaternion(T), "the pose"), T):
         return T
@@ -183,7 +185,7 @@ def _unit(
 
 
 def _recording_unit(values: list[NDArray[np.generic]], unit_m: float) -> float:
-    """Return the unit of the images where the recording can have it, else a fine one."""
+    """Return the unit of the images if the recording can have it, else a fine one."""
     largest = max(float(each[measured(each)].max()) for each in values)
     if values[0].dtype.kind in "iu" and largest <= MAX_COUNT:
         return unit_m

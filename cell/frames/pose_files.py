@@ -1,7 +1,7 @@
 """Poses of depth images: one `poses.json`, or a file beside each image.
 
-A pose is a 4x4 matrix, `{"xyz_m": [3], "quat_xyzw": [4]}` or `{"xyz_m": [3], "rotvec_rad": [3]}`; metres. It may stand
-in an object that names it, `{"T_base_camera": ...}` or `{"T_base_flange": ...}`; the name must then be the wanted one.
+A pose is a 4x4 matrix, `{"xyz_m": [3], "quat_xyzw": [4]}` or `{"xyz_m": [3], "rotvec_rad": [3]}`; metres. It may be in
+an object that names it, `{"T_base_camera": ...}` or `{"T_base_flange": ...}`; the name must then be the expected one.
 """
 
 from pathlib import Path
@@ -35,10 +35,10 @@ def read_poses(folder: Path, images: list[Path], name: PoseName) -> tuple[list[N
     Args:
         folder: The folder with the pose files.
         images: The depth images.
-        name: Which poses are wanted.
+        name: Which poses are expected.
 
     Raises:
-        FramesError: A pose is missing, is given twice or is none, or there are more poses than images.
+        FramesError: A pose is missing, is given twice or is invalid, or there are more poses than images.
     """
     beside = {path: _beside(folder, path) for path in images}
     some = next((files[0] for files in beside.values() if files), None)
@@ -55,13 +55,22 @@ def read_poses(folder: Path, images: list[Path], name: PoseName) -> tuple[list[N
         if not files:
             raise FramesError(f"{path} has no pose: add {path.stem}.json or {path.stem}.txt, or remove the image")
         if len(files) > 1:
-            raise FramesError(f"{path} has two poses, {files[0].name} and {files[1].name}: keep the one that holds")
+            raise FramesError(f"{path} has two poses, {files[0].name} and {files[1].name}: keep the one that is right")
     _refuse_poses_without_image(folder, images, name)
     return [_of_file(files[0], name) for files in beside.values()], "a file for each image"
 
 
 def parse_pose(value: Any, where: str, name: PoseName) -> NDArray[np.float64]:
-    """Return the pose (4, 4) that a JSON value gives. Raises FramesError."""
+    """Return the pose (4, 4) that a JSON value gives.
+
+    Args:
+        value: The JSON value.
+        where: Where it stands, for messages.
+        name: Which pose is expected.
+
+    Raises:
+        FramesError: The value is not a rigid transform, or has another name.
+    """
     if isinstance(value, dict):
         named = [key for key in value if isinstance(key, str) and key.startswith("T_")]
         if named and named != [name]:
@@ -95,7 +104,7 @@ def parse_pose(value: Any, where: str, name: PoseName) -> NDArray[np.float64]:
 def _wanted(name: PoseName) -> str:
     if name == "T_base_camera":
         return "T_base_camera, which maps camera points to base, is needed; for flange poses give --hand-eye"
-    return "with --hand-eye, T_base_flange is needed; for camera poses leave out --hand-eye"
+    return "with --hand-eye, T_base_flange is needed; for camera poses omit --hand-eye"
 
 
 def _beside(folder: Path, image: Path) -> list[Path]:

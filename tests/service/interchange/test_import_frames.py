@@ -340,7 +340,7 @@ def one_entry(row: int, column: int, value: float) -> Change:
         (flip_byte, "9.png is damaged or cut off"),
         (lambda folder: (folder / "9.png").write_text("no image"), "9.png is not a PNG image"),
         (lambda folder: (folder / "9.jpg").write_bytes(b""), "9.jpg is a JPEG picture"),
-        (lambda folder: (folder / "9.raw").write_bytes(b""), "9.raw is no depth image that is read here"),
+        (lambda folder: (folder / "9.raw").write_bytes(b""), "9.raw is not in a format that is read here"),
         (lambda folder: np.save(folder / "9.npy", np.ones((200, 320))), "holds both .png and .npy files"),
         (npy(lambda depth: depth * np.nan), "has no pixel with a depth (all are 0 or NaN)"),
         (npy(lambda depth: -depth), "negative depths"),
