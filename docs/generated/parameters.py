@@ -21,12 +21,13 @@ INTRODUCTION = """\
 This page is for people who change the parameters of a method or compare them with the paper. The table is generated
 from the code. [The method](method.md) explains what each parameter does.
 
-All lengths follow the radius $r$ of the string, in the ratios of the paper's Table I. `ChainParameters.for_radius(r)`
-returns them. The third column is for the string of the paper, $r$ = 4.2 mm. The paper gives `z_t`, `r_c`, `r_s` and
-`rho_t` in its text, and the others in Table I. Values that break a condition are refused with `InvalidParametersError`.
+All lengths are proportional to the radius $r$ of the string, in the ratios of the paper's Table I.
+`ChainParameters.for_radius(r)` returns them. The paper's string has $r$ = 4.2 mm. The paper gives `z_t`, `r_c`, `r_s`
+and `rho_t` in its text, and the others in Table I. Values that break a condition are refused with
+`InvalidParametersError`.
 
 `graph` uses `r_n`, `r_f` and `r_cn` in a few places only: for the spacing of the points that bridge a gap, for the
-direction of an end, for sharp bends, for the size of pieces that are in no chain, and for grasps beside crossings.
+direction of an end, for sharp bends, for the minimum size of leftover pieces, and for grasps beside crossings.
 """
 
 USE = """

@@ -2,7 +2,9 @@
 
 from pathlib import Path
 
-from cell.recording import read_recording
+from cell.simulation.camera import camera_model
+from cell.simulation.scenes import make_scene
+from cell.simulation.simulate import simulate
 from tests.cell.bag.bags import Recorded, one_image_each, write_bag
 
 
@@ -14,7 +16,7 @@ def page(name: str, folder: Path) -> None:
 def before(command: str, folder: Path) -> None:
     """Put what a command needs beside what those before it have made into `folder`."""
     if "session.bag" in command and not (folder / "session.bag").exists():
-        views = read_recording(folder / "views.mcap").views
+        views = simulate(make_scene("overhand-knot", seed=3), camera_model("oak-d-pro"), seed=3).views
         write_bag(folder / "session.bag", "ros1", one_image_each(views, Recorded(encoding="32FC1")))
     if command.startswith("pointchain doctor"):
         (folder / "data").mkdir(exist_ok=True)
