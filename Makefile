@@ -16,16 +16,16 @@ help:
 	@echo 'make lint    check style, types and the direction of imports'
 	@echo 'make docs    build the manual, which the service serves at /manual'
 	@echo 'make bench   measure speed, the simulated cell, the service under load, and accuracy'
-	@echo 'make pictures  take the pictures of the console anew, and measure how soon the page is there'
+	@echo 'make pictures  take the pictures of the console again, and measure how soon the page appears'
 	@echo 'make setup   make .venv, the console and the manual; the others do this first when needed'
 	@echo 'make wheel   build the package into dist/, with the console and the manual in it'
-	@echo 'make licences  renew LICENCES.md: what each package may be used for'
-	@echo 'make lock    renew requirements.lock from pyproject.toml; UPGRADE=1 takes newer versions'
+	@echo 'make licences  write LICENCES.md again: what each package may be used for'
+	@echo 'make lock    write requirements.lock again from pyproject.toml; UPGRADE=1 takes newer versions'
 	@echo 'make clean   remove what these commands made'
 
 setup: .venv/.ready service/console/built/.ready service/manual/.ready
 
-# Made anew when what it depends on changes; else there is nothing to do.
+# Made again when what it depends on changes.
 .venv/.ready: requirements.lock pyproject.toml .python-version .ci/setup
 	@.ci/setup
 	@touch $@

@@ -82,7 +82,7 @@ def against_driving(
             who = "end the software that drives the robot already, or " if "rtde_control" in name else ""
             yield RobotNotReadyError(
                 f"another program ({name or 'without a name'}) is on the robot, {state.lower()}: {who}stop it at the "
-                "pendant first; it would be ended otherwise"
+                "pendant first; this software does not end it"
             )
             return
         time.sleep(0.02)

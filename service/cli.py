@@ -112,8 +112,8 @@ def _parser() -> argparse.ArgumentParser:
     bench = commands.add_parser(
         "bench",
         help="measure accuracy, speed, the simulated cell and the service under load",
-        description="Measures speed, memory and growth of recognition on this machine, a live scan of the simulated "
-        "cell, the service under load, and the accuracy of every method on simulated scenes, tier by tier. Prints "
+        description="Measure speed, memory and growth of recognition on this machine, a live scan of the simulated "
+        "cell, the service under load, and the accuracy of every method on simulated scenes, tier by tier. Print "
         "Markdown tables on stdout as they are known, and progress with the remaining time on stderr. The scenes are "
         "the same every time.",
     )

@@ -49,8 +49,11 @@ def read_intrinsics(folder: Path, given: tuple[float, float, float, float] | Non
     document = read_json(path)
     if path.name == MATRIX:
         return Intrinsics(_pinhole(document, str(path)), path.name)
-    if not isinstance(document, dict) or not {"width", "height", "K"} <= document.keys():
-        raise FramesError(f"{path} must be {FORM}")
+    if not isinstance(document, dict):
+        raise FramesError(f"{path} must be an object, as {FORM}")
+    missing = [name for name in ("width", "height", "K") if name not in document]
+    if missing:
+        raise FramesError(f"{path} lacks {', '.join(missing)}: it must be like {FORM}, with the size of its own images")
     unknown = sorted(document.keys() - MEMBERS)
     if unknown:
         raise FramesError(f"{path} has the member {unknown[0]!r}, which is not known here: remove it")

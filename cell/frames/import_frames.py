@@ -15,7 +15,15 @@ from cell.frames.depth_file import MAX_COUNT, fine_unit, measured, read_depth, t
 from cell.frames.errors import FramesError
 from cell.frames.folder import depth_images
 from cell.frames.pose_files import read_poses
-from cell.frames.table_fit import Frames, check_poses, guess_unit, share_on_table, table_units
+from cell.frames.table_fit import (
+    Frames,
+    check_poses,
+    fitting_units,
+    guess_unit,
+    share_on_table,
+    table_offset_m,
+    table_units,
+)
 from cell.recording import RecordingHeader
 from cell.recording_errors import shown
 from cell.recording_header import Box
@@ -60,9 +68,13 @@ class ImportedFrames:
     unit_m: float
     """Metres per count, or per unit of floats, of the images."""
     unit_source: str
-    """`given`, `camera.json` or `guessed`."""
+    """`given`, `camera.json` or `guessed`; a contradiction between the first two is named."""
     table_share: float
     """Share of the measured pixels that are at the table's height."""
+    better_unit_m: float | None
+    """Customary unit that puts the table where the poses say it is, if `unit_m` does not."""
+    table_offset_m: float | None
+    """How far the images show the table above `table_z_m`; None: it cannot be measured."""
     recording_unit_m: float
     """Metres per count of the recording; equal to `unit_m` where counts are kept."""
     too_far: int
@@ -117,11 +129,22 @@ def import_frames(folder: Path, out: Path, request: FramesRequest) -> ImportedFr
     write_whole(out, header, _views(frames, depths, header))
     height, width = values[0].shape
     lost = sum(int(np.count_nonzero(measured(a) & (b == 0))) for a, b in zip(values, depths, strict=True))
-    share = share_on_table(units, unit_m)
+    fitting = fitting_units(frames, units)
     return ImportedFrames(
-        len(images), width, height, source, pose_name, intrinsics.source, unit_m, unit_source, share,
-        recording_unit_m, lost,
-    )  # fmt: skip
+        views=len(images),
+        width=width,
+        height=height,
+        poses=source,
+        pose_name=pose_name,
+        intrinsics=intrinsics.source,
+        unit_m=unit_m,
+        unit_source=unit_source,
+        table_share=share_on_table(units, unit_m),
+        better_unit_m=fitting[0] if len(fitting) == 1 and not np.isclose(fitting[0], unit_m, rtol=0.1) else None,
+        table_offset_m=table_offset_m(frames, request.table_z_m, unit_m),
+        recording_unit_m=recording_unit_m,
+        too_far=lost,
+    )
 
 
 def encodable(T: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -178,6 +201,8 @@ def _unit(
     unit_m, source = request.depth_unit_m, "given"
     if unit_m is None and intrinsics.depth_unit_m is not None:
         unit_m, source = intrinsics.depth_unit_m, intrinsics.source
+    elif intrinsics.depth_unit_m not in (None, unit_m):
+        source = f"given, though {intrinsics.source} has {intrinsics.depth_unit_m:g} m"
     if unit_m is not None and not (np.isfinite(unit_m) and unit_m > 0):
         raise FramesError(f"the depth unit is {unit_m:g}; metres per count are needed, as 0.001")
     check_poses(frames, request.table_z_m, unit_m, units)

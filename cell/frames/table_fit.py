@@ -1,6 +1,6 @@
 """Agreement of depth images with the table: it shows the depth unit, and poses that are inverted."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,6 +19,8 @@ TOLERANCE = 0.03
 """Relative error of a depth that counts as the table's: noise, and poses that are a few millimetres off."""
 SURE_SHARE = 0.3
 """Share of the measured pixels that must lie on the table for a guess. A given unit with less is warned of."""
+NEAR_M = 0.03
+"""Pixels within this height of the table are looked at to measure where it is."""
 SAMPLE = 10_000
 """Largest number of measured pixels of each image that are compared."""
 
@@ -52,12 +54,8 @@ class Frames:
 def table_units(frames: Frames, table_z_m: float) -> NDArray[np.float64]:
     """Return the unit, metres, that would put each sampled pixel on the table; NaN where its ray meets no table."""
     found = []
-    rng = np.random.default_rng(0)  # a fixed stride would miss a pattern of the same period
-    for k, values in enumerate(frames.values):
-        rows, columns = np.nonzero(measured(values))
-        if len(rows) > SAMPLE:
-            chosen = rng.choice(len(rows), SAMPLE, replace=False)
-            rows, columns = rows[chosen], columns[chosen]
+    for k, rows, columns in _sampled(frames):
+        values = frames.values[k]
         T = frames.T_base_camera(k)
         rays = np.column_stack([columns, rows, np.ones(len(rows))]) @ (T[2, :3] @ np.linalg.inv(frames.K))
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -70,6 +68,27 @@ def share_on_table(units: NDArray[np.float64], unit_m: float) -> float:
     """Return the share of the pixels that `unit_m` puts on the table, by the result of `table_units`."""
     with np.errstate(invalid="ignore"):
         return float(np.mean(np.abs(units / unit_m - 1) < TOLERANCE)) if len(units) else 0.0
+
+
+def fitting_units(frames: Frames, units: NDArray[np.float64]) -> list[float]:
+    """Return the customary depth units that put the table where the poses say it is, by the result of `table_units`."""
+    return [unit for unit in _customary(frames) if share_on_table(units, unit) >= SURE_SHARE]
+
+
+def table_offset_m(frames: Frames, table_z_m: float, unit_m: float) -> float | None:
+    """Return how far the images show the table above `table_z_m`: the median over the pixels near it.
+
+    Returns:
+        Metres; None if fewer than `SURE_SHARE` of the measured pixels are within `NEAR_M` of that height.
+    """
+    heights = []
+    for k, rows, columns in _sampled(frames):
+        T = frames.T_base_camera(k)
+        rays = np.column_stack([columns, rows, np.ones(len(rows))]) @ (T[2, :3] @ np.linalg.inv(frames.K))
+        heights.append(T[2, 3] + unit_m * frames.values[k][rows, columns].astype(np.float64) * rays - table_z_m)
+    height = np.concatenate(heights)
+    near = np.abs(height) < NEAR_M
+    return float(np.median(height[near])) if near.mean() >= SURE_SHARE else None
 
 
 def guess_unit(frames: Frames, table_z_m: float, units: NDArray[np.float64]) -> float:
@@ -86,7 +105,7 @@ def guess_unit(frames: Frames, table_z_m: float, units: NDArray[np.float64]) -> 
     Raises:
         FramesError: No customary unit does so, or several do.
     """
-    fitting = [unit for unit in _customary(frames) if share_on_table(units, unit) >= SURE_SHARE]
+    fitting = fitting_units(frames, units)
     if len(fitting) > 1:
         shares = " and ".join(f"{unit:g} m ({share_on_table(units, unit):.0%} of the pixels)" for unit in fitting)
         raise FramesError(
@@ -110,7 +129,8 @@ def guess_unit(frames: Frames, table_z_m: float, units: NDArray[np.float64]) -> 
         poses += " (poses of the flange need --hand-eye)"
     raise FramesError(
         f"the depth unit is not given, and no customary one puts the table at z = {table_z_m:g} m{would}: check "
-        f"{poses}, the camera matrix and --table-z, or give --depth-unit, metres per count"
+        f"{poses}, the camera matrix and --table-z, and that depth is along the optical axis, not along the ray; or "
+        "give --depth-unit, metres per count"
     )
 
 
@@ -139,7 +159,21 @@ def check_poses(frames: Frames, table_z_m: float, unit_m: float | None, units: N
         why = fault or "with these poses the depth images show no table, and with their inverses they do"
         raise FramesError(f"{why}: these look like {turned}; invert them, {name} is needed")
     if fault is not None:
-        raise FramesError(f"{fault}: check the poses and --table-z; z of the base frame must point up")
+        raise FramesError(
+            f"{fault}: check the order of quaternions (x, y, z, w), the camera axes (x right, y down, z forward) and "
+            "--table-z; z of the base frame must point up"
+        )
+
+
+def _sampled(frames: Frames) -> Iterator[tuple[int, NDArray[np.intp], NDArray[np.intp]]]:
+    """Yield the number of each image, and the rows and columns of up to `SAMPLE` of its measured pixels."""
+    rng = np.random.default_rng(0)  # a fixed stride would miss a pattern of the same period
+    for k, values in enumerate(frames.values):
+        rows, columns = np.nonzero(measured(values))
+        if len(rows) > SAMPLE:
+            chosen = rng.choice(len(rows), SAMPLE, replace=False)
+            rows, columns = rows[chosen], columns[chosen]
+        yield k, rows, columns
 
 
 def _customary(frames: Frames) -> tuple[float, ...]:

@@ -96,7 +96,7 @@ allowed_hosts = ["cell.example.com"]
 max_age_days = 90
 ```
 
-In a container, leave out `host`, `port`, `data_dir` and `hand_eye.file`; see [Run it in a container](container.md).
+In a container, omit the top-level keys `host`, `port` and `data_dir`, and `hand_eye.file`; see [Run it in a container](container.md).
 
 ## Rules between keys
 

@@ -7,7 +7,7 @@ from service.problem_types import PROBLEM_TYPES, Group, ProblemType
 INTRODUCTION = """\
 # Errors
 
-For authors of planners and for operators: every type of error, its cause, and what to do.
+This page is for authors of planners and for operators. It lists every type of error, its cause, and what to do.
 
 Each answer that is not a success is a problem document (RFC 9457) with the content type `application/problem+json`.
 A scan or calibration without a result has the same document as its `problem`. The commands that print JSON, such as

@@ -6,13 +6,13 @@ import math
 import sys
 import traceback
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 from recognition.gripper import Gripper
-from recognition.model import SCHEMA, Method
+from recognition.model import SCHEMA, Method, PointChainModel
 from recognition.pipeline import Recognition
 from service.problems import INPUT_ERRORS, problem_document
 from service.trace import write_trace
@@ -54,6 +54,8 @@ class Line:
     """One JSON document, without a line break: the model, or `{"schema", "error"}`, and `recording` and `asked`."""
     reason: str | None = None
     """Why there is no model."""
+    notes: tuple[str, ...] = ()
+    """Messages about views that the model does not use."""
 
 
 def recognise_file(
@@ -66,7 +68,7 @@ def recognise_file(
     path = Path(file) if path is None else path
     try:
         recognition = recognise_recording(path, asked.radius_m, asked.method, on_stage, asked.gripper, asked.settings)
-        line = _line(file, asked, recognition.model.to_json(), path)
+        line = replace(_line(file, asked, recognition.model.to_json(), path), notes=_notes(recognition.model))
     except INPUT_ERRORS as error:
         return failed(file, asked, error.slug, str(error), path)
     except OSError as error:
@@ -80,6 +82,11 @@ def recognise_file(
     if trace is not None:
         _write_trace(recognition, trace / path.stem, path)
     return line
+
+
+def _notes(model: PointChainModel) -> tuple[str, ...]:
+    """Return a message for each view that recognition excluded: nothing else on the command line shows it."""
+    return tuple(f"view {view.index} was not used: {view.reason}" for view in model.quality.views if not view.used)
 
 
 def failed(file: str, asked: Asked, slug: str, reason: str, path: Path) -> Line:

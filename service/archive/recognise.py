@@ -119,8 +119,8 @@ def _lines(names: Sequence[str], asked: Asked, where: Where) -> Iterator[Line]:
             coming = (recognise_file(name, asked, where.trace, bar.set_postfix_str) for name in names)
         for line in coming:
             bar.update()
-            if line.reason is not None:
-                bar.write(f"pointchain recognise: {line.file}: {line.reason}", file=sys.stderr)
+            for message in line.notes if line.reason is None else (line.reason,):
+                bar.write(f"pointchain recognise: {line.file}: {message}", file=sys.stderr)
             yield line
 
 

@@ -62,7 +62,7 @@ def _add_frames(kinds: "argparse._SubParsersAction[argparse.ArgumentParser]") ->
     frames = kinds.add_parser(
         "frames",
         help="a folder of depth images (16-bit PNG or NPY) with camera matrix and poses",
-        description="Writes a recording of a folder of depth images: a view for each image, in the order of the "
+        description="Write a recording of a folder of depth images: a view for each image, in the order of the "
         "numbers in the file names. The folder also holds the camera matrix (camera.json or K.json) and the poses "
         "(poses.json, or a .json or .txt file beside each image).",
     )
@@ -95,7 +95,7 @@ def _add_cloud(kinds: "argparse._SubParsersAction[argparse.ArgumentParser]") -> 
     cloud = kinds.add_parser(
         "cloud",
         help="point clouds (PLY) with the positions that they were taken from",
-        description="Writes a recording of point clouds in the base frame, in metres. The points that are visible "
+        description="Write a recording of point clouds in the base frame, in metres. The points that are visible "
         "from each viewpoint become the depth image of a virtual camera there. Give one file for each viewpoint, or "
         "one merged file with several viewpoints.",
     )

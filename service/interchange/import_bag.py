@@ -7,7 +7,7 @@ from pathlib import Path
 from calibration.errors import HandEyeError
 from cell.bag.import_bag import Imported, Wanted, import_bag
 from cell.recording_errors import shown
-from service.interchange.scene_options import given_box, given_hand_eye
+from service.interchange.scene_options import given_box, given_hand_eye, given_radius
 from service.problems import INPUT_ERRORS
 
 COMMAND = "pointchain import bag"
@@ -37,7 +37,7 @@ def _wanted(options: argparse.Namespace) -> Wanted:
         camera_frame=options.camera_frame,
         depth_unit_m=options.depth_unit,
         rectified=options.rectified,
-        string_radius_m=options.radius,
+        string_radius_m=given_radius(options),
         table_z_m=options.table_z,
         workspace_m=given_box(options),
         **hand_eye,

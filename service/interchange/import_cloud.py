@@ -6,7 +6,7 @@ from pathlib import Path
 
 from cell.cloud import CloudRequest, ImportedCloud, import_cloud
 from cell.cloud.import_cloud import MERGED
-from service.interchange.scene_options import given_box
+from service.interchange.scene_options import given_box, given_radius
 from service.problems import INPUT_ERRORS
 
 COMMAND = "pointchain import cloud"
@@ -14,14 +14,14 @@ COMMAND = "pointchain import cloud"
 
 def import_recording(options: argparse.Namespace) -> int:
     """Import as the options say, and return the exit code."""
-    request = CloudRequest(
-        viewpoints_m=options.viewpoint,
-        view_property=options.view_property,
-        string_radius_m=options.radius,
-        table_z_m=options.table_z,
-        workspace_m=given_box(options),
-    )
     try:
+        request = CloudRequest(
+            viewpoints_m=options.viewpoint,
+            view_property=options.view_property,
+            string_radius_m=given_radius(options),
+            table_z_m=options.table_z,
+            workspace_m=given_box(options),
+        )
         imported = import_cloud(options.clouds, options.out, request)
     except INPUT_ERRORS as error:
         print(f"{COMMAND}: {error}", file=sys.stderr)

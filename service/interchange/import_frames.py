@@ -7,8 +7,11 @@ from pathlib import Path
 from calibration.errors import HandEyeError
 from cell.frames import FramesRequest, ImportedFrames, import_frames
 from cell.frames.table_fit import SURE_SHARE
-from service.interchange.scene_options import given_box, given_hand_eye
+from service.interchange.scene_options import given_box, given_hand_eye, given_radius
 from service.problems import INPUT_ERRORS
+
+OFFSET_M = 0.003
+"""A table farther than this from `--table-z` is warned of: recognition corrects 4 mm, and the poses err too."""
 
 COMMAND = "pointchain import frames"
 
@@ -20,7 +23,7 @@ def import_recording(options: argparse.Namespace) -> int:
             **given_hand_eye(options, COMMAND),
             intrinsics=None if options.intrinsics is None else tuple(options.intrinsics),
             depth_unit_m=options.depth_unit,
-            string_radius_m=options.radius,
+            string_radius_m=given_radius(options),
             table_z_m=options.table_z,
             workspace_m=given_box(options),
         )
@@ -50,8 +53,17 @@ def _report(imported: ImportedFrames, out: Path, table_z_m: float) -> None:
     if imported.too_far:
         lines.append(f"{imported.too_far} pixels are beyond the range of the recording's 16 bits: they have no depth")
     if imported.table_share < SURE_SHARE:
+        unit = (
+            f"the depth unit ({imported.better_unit_m:g} m would fit)" if imported.better_unit_m else "the depth unit"
+        )
         lines.append(
-            f"warning: fewer than {SURE_SHARE:.0%} of the pixels are at the table: check --table-z, the depth unit and "
+            f"warning: fewer than {SURE_SHARE:.0%} of the pixels are at the table: check {unit}, --table-z, the poses "
+            "and the camera matrix"
+        )
+    elif imported.table_offset_m is not None and abs(imported.table_offset_m) > OFFSET_M:
+        shown_m = table_z_m + imported.table_offset_m
+        lines.append(
+            f"warning: the images show the table at z = {shown_m:.4f} m, not {table_z_m:g} m: give --table-z, or check "
             "the poses"
         )
     print("\n".join([*lines, f"wrote {out}"]), file=sys.stderr)

@@ -17,6 +17,17 @@ def add_scene_options(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def given_radius(options: argparse.Namespace) -> float | None:
+    """Return the string radius, metres; None if the option is not given.
+
+    Raises:
+        InvalidParametersError: Recognition accepts no such radius, for example one in millimetres.
+    """
+    from recognition.parameters import ChainParameters
+
+    return None if options.radius is None else ChainParameters.for_radius(options.radius).r
+
+
 def given_box(
     options: argparse.Namespace,
 ) -> tuple[tuple[float, float], tuple[float, float], tuple[float, float]] | None:

@@ -1,5 +1,6 @@
 """`pointchain recognise` over many recordings: by several processes, into a file, gone on with after it was ended."""
 
+import dataclasses
 import json
 import os
 import signal
@@ -14,6 +15,7 @@ import psutil
 import pyarrow.parquet as pq
 import pytest
 
+from calibration.transforms import from_rotation_vector
 from cell.simulation.camera import camera_model
 from cell.simulation.scenes import make_scene
 from cell.simulation.simulate import simulate, write_simulation
@@ -297,3 +299,18 @@ def wait(for_what: Callable[[], bool]) -> None:
     while not for_what():
         assert time.monotonic() < limit_s, "it did not happen"
         time.sleep(0.01)
+
+
+def test_a_view_that_is_not_used_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    scan = simulate(make_scene("loop", 2), camera_model("ideal", (320, 200)), 2, views=6)
+    moved = from_rotation_vector((0.03, 0.0, 0.0), (0.0, 0.0, 0.0))
+    views = [
+        dataclasses.replace(view, T_base_flange=moved @ view.T_base_flange) if view.index == 3 else view
+        for view in scan.views
+    ]
+    write_simulation(dataclasses.replace(scan, views=tuple(views)), tmp_path / "scan.mcap")
+    assert main(["recognise", str(tmp_path / "scan.mcap")]) == 0
+    printed = capsys.readouterr()
+    reasons = [view["reason"] for view in json.loads(printed.out)["quality"]["views"] if not view["used"]]
+    assert len(reasons) == 1
+    assert printed.err == f"pointchain recognise: {tmp_path / 'scan.mcap'}: view 3 was not used: {reasons[0]}\n"

@@ -114,7 +114,7 @@ def test_the_reason_why_the_cell_is_not_ready_has_a_link(open_console: Open, cli
     page = open_console(client).page
     expect(page.get_by_role("banner").get_by_role("status")).to_contain_text("Not connected yet")
     opened = opens(page, "What to do: not connected")
-    assert opened.url.endswith("/manual/planner/errors.html#not-connected")
+    assert opened.url.endswith("/manual/operator/faults.html#not-connected")
 
 
 def test_a_fault_and_what_ended_by_it_have_a_link(open_console: Open, cell: Cell) -> None:

@@ -95,7 +95,7 @@ def test_what_is_wrong_is_said_and_nothing_written(
             "pointchain import bag: there is no topic /a of type Image; --depth-topic may be: /camera",
         ),
         (["--hand-eye=none.json"], "there is no hand-eye calibration none.json"),
-        (["--radius=-1"], "string_radius_m is -1; it must be positive"),
+        (["--radius=-1"], "the string radius is -1 m; it must be positive"),
         (["--table-z=nan"], "table_z_m is nan; a finite number is needed"),
     ]:
         assert main(["import", "bag", str(bag), str(out), *wrong]) == 1

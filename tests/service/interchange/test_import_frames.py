@@ -218,8 +218,37 @@ def test_a_given_unit_that_does_not_fit_the_table_is_warned_of(
     recording: Recording, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     folder, out = write_folder(tmp_path / "in", recording), tmp_path / "out.mcap"
-    assert main(["import", "frames", str(folder), str(out), "--depth-unit=0.00011", *options(recording)]) == 0
-    assert "warning: fewer than 30% of the pixels are at the table" in capsys.readouterr().err
+    camera = json.loads((folder / "camera.json").read_text())
+    (folder / "camera.json").write_text(json.dumps(camera | {"depth_unit_m": 0.0001}))
+    assert main(["import", "frames", str(folder), str(out), "--depth-unit=0.001", *options(recording)]) == 0
+    err = capsys.readouterr().err
+    assert "depth unit: 0.001 m (given, though camera.json has 0.0001 m); with it, 0% of the pixels" in err
+    assert "warning: fewer than 30% of the pixels are at the table: check the depth unit (0.0001 m would fit)" in err
+
+
+@pytest.mark.parametrize(("table_z_m", "warned"), [(0.0, False), (-0.001, False), (0.007, True), (-0.005, True)])
+def test_a_table_at_another_height_is_measured(
+    recording: Recording, tmp_path: Path, capsys: pytest.CaptureFixture[str], table_z_m: float, warned: bool
+) -> None:
+    """The scene's table is at z = 0. Its hand-eye error of 0.15 degrees moves it by 1.3 mm at 0.5 m."""
+    folder, out = write_folder(tmp_path / "in", recording), tmp_path / "out.mcap"
+    assert main(["import", "frames", str(folder), str(out), f"--table-z={table_z_m}"]) == 0
+    err = capsys.readouterr().err
+    assert ("warning" in err) == warned
+    if warned:
+        measured_m = float(err.split("show the table at z = ")[1].split(" m")[0])
+        assert abs(measured_m) < 0.002
+
+
+def test_a_radius_in_millimetres_is_refused(
+    recording: Recording, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder, out = write_folder(tmp_path / "in", recording), tmp_path / "out.mcap"
+    assert main(["import", "frames", str(folder), str(out), "--radius=4.2"]) == 1
+    assert (
+        "the string radius is 4.2 m; radii from 0.0005 to 0.02 m are taken (metres, not mm)" in capsys.readouterr().err
+    )
+    assert not out.exists()
 
 
 def test_the_options_reach_the_recording(recording: Recording, tmp_path: Path) -> None:

@@ -95,27 +95,32 @@ function Fact({ name, look, children }: { name: string; look: Look; children: Co
 /** What was told last can be taken for what is. */
 const fresh = computed(() => !lost.value && Boolean(caller.value));
 
+/** Says so where a device is simulated: an operator must not take it for a real one. */
+function kindWords(device: { kind: string }): string {
+  return device.kind === "simulated" ? " (simulated)" : "";
+}
+
 function Robot() {
   const robot = cell.value?.robot;
   if (!robot || !fresh.value) return <Fact name="Robot" look="none">not known</Fact>;
   const { robot_mode, safety_mode } = robot;
   if (robot_mode === null || safety_mode === null) {
     const unheard = cell.value?.state === "fault" && robot.age_s !== null;
-    const words = unheard ? `not heard for ${span(robot.age_s ?? 0)}: see its pendant` : `${robot.model}, not connected`;
+    const words = unheard ? `not heard for ${span(robot.age_s ?? 0)}: see its pendant` : `${robot.model}, not connected${kindWords(robot)}`;
     return <Fact name="Robot" look={unheard ? "warn" : "none"}>{words}</Fact>;
   }
   const safe = safety_mode === "normal" || safety_mode === "reduced";
   const look = !safe ? "bad" : robot_mode === "running" ? "good" : "warn";
   const moves = robot.moving === true ? ", moving" : "";
-  return <Fact name="Robot" look={look}>{`${words(robot_mode)}${moves}; safety: ${words(safety_mode)}`}</Fact>;
+  return <Fact name="Robot" look={look}>{`${words(robot_mode)}${moves}; safety: ${words(safety_mode)}${kindWords(robot)}`}</Fact>;
 }
 
 function Camera() {
   const camera = cell.value?.camera;
   if (!camera || !fresh.value) return <Fact name="Camera" look="none">not known</Fact>;
-  if (camera.width === null || cell.value?.state === "not_ready") return <Fact name="Camera" look="none">not connected</Fact>;
+  if (camera.width === null || cell.value?.state === "not_ready") return <Fact name="Camera" look="none">{`not connected${kindWords(camera)}`}</Fact>;
   const [warning] = camera.warnings;
-  return <Fact name="Camera" look={warning ? "warn" : "good"}>{warning ?? `${camera.width} x ${camera.height}`}</Fact>;
+  return <Fact name="Camera" look={warning ? "warn" : "good"}>{warning ?? `${camera.width} x ${camera.height}${kindWords(camera)}`}</Fact>;
 }
 
 function CalibrationFact() {

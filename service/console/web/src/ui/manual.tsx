@@ -34,6 +34,8 @@ const SERVICE_PROBLEM = /^urn:pointchain:[a-z0-9-]+$/;
 
 /** The operator's section of each problem type that a person mends at the cell. */
 export const FAULTS: Record<string, string> = {
+  "not-connected": "not-connected",
+  "released": "not-connected",
   "stopped": "what-stop-does",
   "aborted": "what-stop-does",
   "acknowledge-required": "first",
