@@ -69,7 +69,7 @@ def as_clouds(scan: SimulatedScan, merged: bool, folder: Path) -> Path:
         file.write_bytes(to_ply(points))
     header = scan.header
     request = CloudRequest(
-        viewpoints_m=[view.T_base_camera[:3, 3] for view in scan.views],
+        viewpoints_m=[view.T_base_camera[:3, 3].tolist() for view in scan.views],
         string_radius_m=header.string_radius_m,
         table_z_m=header.table_z_m,
         workspace_m=header.workspace_m,

@@ -96,7 +96,8 @@ allowed_hosts = ["cell.example.com"]
 max_age_days = 90
 ```
 
-In a container, omit the top-level keys `host`, `port` and `data_dir`, and `hand_eye.file`; see [Run it in a container](container.md).
+In a container, omit the top-level keys `host`, `port` and `data_dir`, and `hand_eye.file`. See
+[Run it in a container](container.md).
 
 ## Rules between keys
 
