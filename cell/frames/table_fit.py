@@ -54,13 +54,10 @@ class Frames:
 def table_units(frames: Frames, table_z_m: float) -> NDArray[np.float64]:
     """Return the unit, metres, that would put each sampled pixel on the table; NaN where its ray meets no table."""
     found = []
-    for k, rows, columns in _sampled(frames):
-        values = frames.values[k]
-        T = frames.T_base_camera(k)
-        rays = np.column_stack([columns, rows, np.ones(len(rows))]) @ (T[2, :3] @ np.linalg.inv(frames.K))
+    for camera_z_m, rays, values in _sampled(frames):
         with np.errstate(divide="ignore", invalid="ignore"):
-            expected_m = (table_z_m - T[2, 3]) / rays
-            found.append(np.where(expected_m > 0, expected_m / values[rows, columns].astype(np.float64), np.nan))
+            expected_m = (table_z_m - camera_z_m) / rays
+            found.append(np.where(expected_m > 0, expected_m / values, np.nan))
     return np.concatenate(found)
 
 
@@ -81,14 +78,9 @@ def table_offset_m(frames: Frames, table_z_m: float, unit_m: float) -> float | N
     Returns:
         Metres; None if fewer than `SURE_SHARE` of the measured pixels are within `NEAR_M` of that height.
     """
-    heights = []
-    for k, rows, columns in _sampled(frames):
-        T = frames.T_base_camera(k)
-        rays = np.column_stack([columns, rows, np.ones(len(rows))]) @ (T[2, :3] @ np.linalg.inv(frames.K))
-        heights.append(T[2, 3] + unit_m * frames.values[k][rows, columns].astype(np.float64) * rays - table_z_m)
-    height = np.concatenate(heights)
-    near = np.abs(height) < NEAR_M
-    return float(np.median(height[near])) if near.mean() >= SURE_SHARE else None
+    heights_m = np.concatenate([z_m + unit_m * values * rays - table_z_m for z_m, rays, values in _sampled(frames)])
+    near = np.abs(heights_m) < NEAR_M
+    return float(np.median(heights_m[near])) if near.mean() >= SURE_SHARE else None
 
 
 def guess_unit(frames: Frames, table_z_m: float, units: NDArray[np.float64]) -> float:
@@ -165,15 +157,20 @@ def check_poses(frames: Frames, table_z_m: float, unit_m: float | None, units: N
         )
 
 
-def _sampled(frames: Frames) -> Iterator[tuple[int, NDArray[np.intp], NDArray[np.intp]]]:
-    """Yield the number of each image, and the rows and columns of up to `SAMPLE` of its measured pixels."""
+def _sampled(frames: Frames) -> Iterator[tuple[float, NDArray[np.float64], NDArray[np.float64]]]:
+    """Yield the camera's height, and the rays and depths (N,) of up to `SAMPLE` measured pixels, for each image.
+
+    A ray is the rise in the base frame per unit of depth.
+    """
     rng = np.random.default_rng(0)  # a fixed stride would miss a pattern of the same period
     for k, values in enumerate(frames.values):
         rows, columns = np.nonzero(measured(values))
         if len(rows) > SAMPLE:
             chosen = rng.choice(len(rows), SAMPLE, replace=False)
             rows, columns = rows[chosen], columns[chosen]
-        yield k, rows, columns
+        T = frames.T_base_camera(k)
+        rays = np.column_stack([columns, rows, np.ones(len(rows))]) @ (T[2, :3] @ np.linalg.inv(frames.K))
+        yield float(T[2, 3]), rays, values[rows, columns].astype(np.float64)
 
 
 def _customary(frames: Frames) -> tuple[float, ...]:
