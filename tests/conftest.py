@@ -1,12 +1,21 @@
-"""What is told to pytest on its command line."""
+"""Options of the tests on pytest's command line, and signals of the processes that tests start."""
+
+import signal
 
 import pytest
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
+    """Add the options of the tests of a controller."""
     group = parser.getgroup("pointchain")
     group.addoption(
         "--host",
         help="with `-m ursim`: the controller to drive in place of the virtual one, as URSim's. ITS ARM MOVES",
     )
     group.addoption("--model", default="ur5e", choices=("ur3e", "ur5e", "ur10e"), help="which arm it has (%(default)s)")
+
+
+def pytest_configure() -> None:
+    """Let Ctrl-C reach the processes that tests start: what a shell starts in the background ignores it."""
+    if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
