@@ -34,6 +34,7 @@ from calibration.hand_eye_result import Finding, Verdict
 from calibration.storage_write import check_place, write_hand_eye, write_result
 
 __all__ = [
+    "CHECK_ROTATION",
     "HandEye",
     "HandEyeError",
     "activate",
@@ -50,6 +51,11 @@ time zone, is no reason to stop work: it only makes the file's age a day wrong."
 BACKWARDS = -0.2
 """Cosine of the angle between the camera's view and the flange's z from which on it looks back: 102 degrees. Across is
 the most that a mounting is meant to turn it."""
+CHECK_ROTATION = (
+    "check that quat_xyzw has the order x, y, z, w, the real part last, and that T_flange_camera is not given the "
+    "other way round"
+)
+"""What to do about a camera that looks back."""
 LARGEST_BYTES = 16 << 20
 
 
@@ -201,7 +207,7 @@ def _parsed(path: Path, content: bytes, max_age_days: float, now: datetime) -> H
         camera_id=form.camera_id,
         robot_serial=form.robot_serial,
         sha256=hashlib.sha256(content).hexdigest(),
-        warnings=looking_back(form.T_flange_camera) + _unknown(form) + tuple(finding.words for finding in findings),
+        warnings=_backwards(form.T_flange_camera) + _unknown(form) + tuple(finding.words for finding in findings),
         covariance=np.array(form.covariance.matrix) if form.covariance else None,
         joint_covariance=form.joint_covariance,
         T_base_board=form.T_base_board,
@@ -228,17 +234,17 @@ def _unknown(form: HandEyeForm) -> tuple[str, ...]:
     )
 
 
-def looking_back(T_flange_camera: NDArray[np.float64]) -> tuple[str, ...]:
+def looking_back(T_flange_camera: NDArray[np.float64]) -> str:
+    """Return a message that the camera looks back at the arm, with the angle between its view and the flange's z."""
+    degrees = np.degrees(np.arccos(max(float(T_flange_camera[2, 2]), -1.0)))
+    return f"by the hand-eye file the camera looks back at the arm, {degrees:.0f} degrees from the flange's z"
+
+
+def _backwards(T_flange_camera: NDArray[np.float64]) -> tuple[str, ...]:
     """Return a warning if the camera looks back along the flange's z: this is a mistake in the file, not a mounting."""
-    cosine = float(T_flange_camera[2, 2])
-    if cosine > BACKWARDS:
+    if T_flange_camera[2, 2] > BACKWARDS:
         return ()
-    degrees = np.degrees(np.arccos(max(cosine, -1.0)))
-    return (
-        f"by the hand-eye file the camera looks back at the arm, {degrees:.0f} degrees from the flange's z: check that "
-        "quat_xyzw has the order x, y, z, w, the real part last, and that T_flange_camera is not given the other way "
-        "round",
-    )
+    return (f"{looking_back(T_flange_camera)}: {CHECK_ROTATION}",)
 
 
 def _check_age(path: Path, created: datetime | None, max_age_days: float, now: datetime) -> None:

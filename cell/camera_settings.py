@@ -40,6 +40,11 @@ class CameraSettings(StrictSettings):
         return value
 
 
+def simulated_camera_id(model: str, seed: int) -> str:
+    """Return the device id that a simulated camera reports."""
+    return f"simulated-{model}-{seed}"
+
+
 class SimulatedCamera(CameraSettings):
     """A simulated OAK camera, which views a simulated scene."""
 
@@ -55,11 +60,6 @@ class SimulatedCamera(CameraSettings):
     """Radius of the simulated strings."""
     errors: float = Field(default=1.0, ge=0.0, le=100.0)
     """Factor on the errors of arm and calibration. 1 is a good cell, 0 a perfect one."""
-
-    @property
-    def device_id(self) -> str:
-        """Device id that the simulated camera reports."""
-        return f"simulated-{self.model}-{self.seed}"
 
     @field_validator("scene")
     @classmethod

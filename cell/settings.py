@@ -10,7 +10,7 @@ from typing import Annotated, Self
 from pydantic import Discriminator, Field, Tag, field_validator, model_validator
 
 from cell.arm_settings import BASE_RADIUS_M, SimulatedArm, URArm, simulated_serial
-from cell.camera_settings import OakCamera, SimulatedCamera
+from cell.camera_settings import OakCamera, SimulatedCamera, simulated_camera_id
 from cell.strict_settings import Range, StrictSettings, Vector3
 from recognition.parameters import R_MAX, R_MIN
 
@@ -174,9 +174,9 @@ class CellSettings(StrictSettings):
     def camera_id(self) -> str | None:
         """Device id of the camera, or None if the settings do not determine it."""
         if isinstance(self.camera, SimulatedCamera):
-            return self.camera.device_id
+            return simulated_camera_id(self.camera.model, self.camera.seed)
         device = self.camera.device
-        # An address or a USB port names the place of a camera, and has dots or colons; a device id has none.
+        # An IP address or a USB port has dots or colons; a device id has none.
         return device if device is not None and device.isalnum() else None
 
     @property

@@ -1,6 +1,7 @@
 """Measure how much accuracy recognition loses on point clouds, compared with the depth images that they come from.
 
-Prints the table of docs/researcher/own-data.md, on simulated scans of random strings. Ten scenes take a few minutes.
+Prints the table of docs/researcher/own-data.md, on simulated scans of random strings. Ten scenes take about ten
+minutes.
 
     python examples/point_cloud_accuracy.py [SCENES]
 """

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from calibration.board import Board
 from calibration.storage import HandEye
 from calibration.transforms import inverse, transform_points
-from cell.camera_settings import SimulatedCamera
+from cell.camera_settings import SimulatedCamera, simulated_camera_id
 from cell.errors import CellSettingsError
 from cell.settings import CellSettings
 from cell.simulation.board import lay_board, plate
@@ -57,7 +57,7 @@ class SimulatedWorld:
     @property
     def camera_id(self) -> str:
         """The simulated camera's device id."""
-        return f"simulated-{self.camera.name}-{self.seed}"
+        return simulated_camera_id(self.camera.name, self.seed)
 
     @property
     def told_hand_eye(self) -> HandEye:

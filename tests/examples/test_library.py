@@ -86,6 +86,6 @@ def test_the_accuracy_of_point_clouds_is_measured() -> None:
     cells = [cell.strip() for cell in example["row"](example["FORMS"][0], 1).strip("|").split("|")]
     assert cells[1:4] == ["1", "1", "0"]
     own_mm, cloud_mm = (float(cell.removesuffix(" mm")) for cell in cells[4:])
-    # Twice the table's figures in docs/researcher/own-data.md.
+    # About twice the table's figures in docs/researcher/own-data.md.
     assert own_mm < 0.3
     assert cloud_mm < 0.5

@@ -263,9 +263,9 @@ def test_what_is_wrong_with_the_cell_is_told_in_the_words_of_the_file(tmp_path: 
     ],
 )
 def test_no_unit_is_guessed_where_it_is_not_plain(tmp_path: Path, text: str) -> None:
-    told = refusal(write(tmp_path, text))
-    assert "is taken" in told
-    assert "expected" not in told
+    message = refusal(write(tmp_path, text))
+    assert "is taken" in message
+    assert "expected" not in message
 
 
 def test_all_that_is_wrong_is_told_at_once(tmp_path: Path) -> None:

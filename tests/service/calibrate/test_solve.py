@@ -216,7 +216,7 @@ def test_activation(
 
 
 @pytest.mark.parametrize(
-    ("cell", "told"),
+    ("cell", "expected"),
     [
         (
             "[arm]\nkind = 'ur'\nhost = '10.0.0.1'\n[camera]\nkind = 'oak'\ndevice = '184430'\n",
@@ -228,12 +228,12 @@ def test_activation(
     ids=["another camera", "a simulated arm", "the default cell"],
 )
 def test_a_result_of_another_camera_or_robot_is_not_activated(
-    capsys: pytest.CaptureFixture[str], solved: Path, tmp_path: Path, cell: str, told: str
+    capsys: pytest.CaptureFixture[str], solved: Path, tmp_path: Path, cell: str, expected: str
 ) -> None:
     (tmp_path / "cell.toml").write_text(f"{cell}[hand_eye]\nfile = 'used.json'\n")
     code, out, err = calibrate(capsys, "activate", solved, "--config", tmp_path / "cell.toml")
     assert (code, out) == (1, "")
-    assert told in err
+    assert expected in err
     assert "name the configuration of its own cell with --config" in err
     assert not (tmp_path / "used.json").exists()
 
