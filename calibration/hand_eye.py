@@ -5,24 +5,24 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.assumed import Assumed
-from calibration.board_pose import BoardPoses, board_poses
-from calibration.board_size import adjust_with_size
-from calibration.camera_check import check_mounting
-from calibration.diagnosis import check_not_mirrored, check_together
+from calibration.assessment.acceptance import covariance_to_report, eight_views_to_report, gate
+from calibration.assessment.diagnosis import check_not_mirrored, check_together
+from calibration.assessment.solved_evidence import picture_evidence, pose_evidence
+from calibration.assessment.view_reports import pose_reports, view_reports
 from calibration.errors import HandEyeInputError
-from calibration.gates import covariance_to_report, eight_views_to_report, gate
-from calibration.hand_eye_result import HandEyeResult
-from calibration.input_check import check_camera_moved, check_observations, check_poses
-from calibration.normal_equations import Problem, Unknowns
+from calibration.geometry.se3 import inverses
+from calibration.input_checks.camera import check_mounting
+from calibration.input_checks.observations import check_camera_moved, check_observations, check_poses
 from calibration.observations import Mounting, Observations
-from calibration.pose_solution import Poses, solve_weighted
-from calibration.pose_stack import inverses
-from calibration.repeated_poses import stand_ins, stand_ins_of_poses, with_repeated
-from calibration.reprojection import LENS, camera_matrix, corners_of
-from calibration.robust_start import robust_start
-from calibration.solved_evidence import picture_evidence, pose_evidence
-from calibration.view_reports import pose_reports, view_reports
+from calibration.pose_estimation.board_pose import BoardPoses, board_poses
+from calibration.pose_estimation.duplicate_poses import stand_ins, stand_ins_of_poses, with_repeated
+from calibration.pose_estimation.projection import LENS, camera_matrix, corners_of
+from calibration.result import HandEyeResult
+from calibration.solver.board_size import adjust_with_size
+from calibration.solver.initialisation import robust_start
+from calibration.solver.noise import Assumed
+from calibration.solver.pose_solution import Poses, solve_weighted
+from calibration.solver.problem import Problem, Unknowns
 
 FEWEST_POSES = 3
 """Views without which there is no solution at all; the gates ask for more."""
@@ -48,9 +48,9 @@ def solve_hand_eye(observations: Observations, assumed: Assumed | None = None) -
 
     Example:
         >>> import numpy as np
-        >>> from calibration.board import Board
+        >>> from calibration.target.board import Board
         >>> from calibration.observations import BoardView, Observations
-        >>> from calibration.transforms import from_rotation_vector, inverse, transform_points
+        >>> from calibration.geometry.transforms import from_rotation_vector, inverse, transform_points
         >>> board, K = Board(), np.array([[805.0, 0, 639.5], [0, 805.0, 399.5], [0, 0, 1]])
         >>> T_flange_camera = from_rotation_vector((0.03, -0.06, 0.05), (0.1, 0.05, 0.4))
         >>> T_base_board = from_rotation_vector((0.4, 0.1, 0.0), (np.pi, 0.0, 0.0))

@@ -7,7 +7,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.board import Board
+from calibration.target.board import Board
 
 Mounting = Literal["eye-in-hand", "eye-to-hand"]
 """`eye-in-hand`: the camera is on the flange and the board in the cell. `eye-to-hand`: the other way round."""

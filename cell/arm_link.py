@@ -21,7 +21,7 @@ from typing import Any, NoReturn
 
 import numpy as np
 
-from calibration.transforms import from_rotation_vector
+from calibration.geometry.transforms import from_rotation_vector
 from cell.arm_program import DASHBOARD_S, OurProgram
 from cell.arm_reading import STEADY_RAD_S, arm_state, fastest, silence
 from cell.arm_settings import ArmSettings

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.transforms import from_rotation_vector, inverse
+from calibration.geometry.transforms import from_rotation_vector, inverse
 from cell.devices import ArmState
 from cell.errors import RobotLostError
 from cell.ur_reading import Reading

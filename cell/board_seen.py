@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibration.calibration_setup import Setup
+from calibration.dataset.setup import Setup
 from calibration.observations import BoardView
 
 ACROSS, DOWN = 8, 5
@@ -27,8 +27,8 @@ class BoardSeen:
 
 def board_seen(view: BoardView, setup: Setup) -> BoardSeen:
     """Of a view that shows the board."""
-    from calibration.board_pose import board_poses
-    from calibration.reprojection import corners_of
+    from calibration.pose_estimation.board_pose import board_poses
+    from calibration.pose_estimation.projection import corners_of
 
     rms_px = float(board_poses(corners_of(setup.observations((view,)))).rms_px[0])
     parts = (view.pixels / setup.image_size * (ACROSS, DOWN)).astype(np.int64).clip(0, (ACROSS - 1, DOWN - 1))

@@ -1,8 +1,9 @@
 """Calibrating and verifying in the cell: the arm goes from look to look while the board is found in the pictures.
 
-Every picture and its pose are on the disk before the arm leaves, in the folder form of `calibration.folder`: what was
-taken until something went wrong can still be solved with `pointchain calibrate solve`. The solution is worked out when
-the arm is home: it keeps this process busy, and a moving arm is stopped by its watchdog when it is not heard in time.
+Every picture and its pose are on the disk before the arm leaves, in the folder form of `calibration.dataset.folder`:
+what was taken until something went wrong can still be solved with `pointchain calibrate solve`. The solution is worked
+out when the arm is home: it keeps this process busy, and a moving arm is stopped by its watchdog when it is not heard
+in time.
 """
 
 from collections.abc import Iterable
@@ -11,18 +12,18 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Protocol
 
-from calibration.board import Board
-from calibration.calibration_setup import Setup
-from calibration.disk import replace_synced
+from calibration.dataset.atomic_write import replace_synced
+from calibration.dataset.detect_views import numbered_alike
+from calibration.dataset.folder import HAND_EYE, SETUP, write_setup, write_view
+from calibration.dataset.setup import Setup
 from calibration.errors import BoardDetectionError, CalibrationFolderError, HandEyeError
-from calibration.folder import HAND_EYE, SETUP, write_setup, write_view
-from calibration.hand_eye_result import HandEyeResult
-from calibration.input_check import FEWEST_VIEWS
+from calibration.input_checks.observations import FEWEST_VIEWS
 from calibration.observations import BoardView
-from calibration.observe import numbered_alike
-from calibration.storage import write_result
-from calibration.verification import Verification, verify
-from calibration.verified import verification_findings
+from calibration.result import HandEyeResult
+from calibration.storage.hand_eye_file import write_result
+from calibration.target.board import Board
+from calibration.verification.verification import Verification, verify
+from calibration.verification.verified import verification_findings
 from cell.board_seen import ACROSS, DOWN, BoardSeen, board_seen
 from cell.cell import Cell
 from cell.devices import View
@@ -176,7 +177,7 @@ class _Looks:
 
     def detect(self, view: View) -> None:
         """Looks for the board in a view that is on the disk."""
-        from calibration.detection import detect_board
+        from calibration.target.detection import detect_board
 
         assert view.image is not None
         name = self._names[view.index]

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from calibration.board import Board
+from calibration.target.board import Board
 from cell.errors import ViewpointsError
 from cell.look_at import Bearing
 from cell.optics import camera_optics

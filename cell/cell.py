@@ -6,8 +6,8 @@ import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 
-from calibration.board import Board
-from calibration.storage import HandEye
+from calibration.storage.hand_eye_file import HandEye
+from calibration.target.board import Board
 from cell.calibration_poses import HELD_OUT, POSES
 from cell.camera import LiveCamera
 from cell.cell_calibration import rough_hand_eyes, verifiable_hand_eye

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from calibration.errors import HandEyeError
-from calibration.storage import HandEye, load_hand_eye, require_match
-from calibration.transforms import from_rotation_vector, inverse, rotation_angle
+from calibration.geometry.transforms import from_rotation_vector, inverse, rotation_angle
+from calibration.storage.hand_eye_file import HandEye, load_hand_eye, require_match
 from cell.errors import CalibrationError
 from cell.settings import HandEyeSettings
 from cell.simulation.world import SimulatedWorld

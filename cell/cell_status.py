@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
-from calibration.storage import HandEye
+from calibration.storage.hand_eye_file import HandEye
 from cell.devices import ArmInfo, ArmState, CameraInfo
 from cell.errors import CellError, EmergencyStopError, MotionError, ProtectiveStopError, RobotLostError
 from cell.viewpoints import ViewpointPlan

@@ -4,7 +4,7 @@ import time
 
 import numpy as np
 
-from calibration.transforms import inverse, rotation_angle
+from calibration.geometry.transforms import inverse, rotation_angle
 from cell import dashboard, probe
 from cell.arm_settings import SimulatedArm
 from cell.check_step import Grounds, Step, failed, ok

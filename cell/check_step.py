@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
-from calibration.storage import HandEye
+from calibration.storage.hand_eye_file import HandEye
 from cell.devices import ArmInfo, ArmState, CameraInfo, Frame
 from cell.equipment import Equipment
 from cell.settings import CellSettings

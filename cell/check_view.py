@@ -5,7 +5,7 @@ from datetime import UTC, datetime
 import numpy as np
 
 from calibration.errors import HandEyeError
-from calibration.storage import CHECK_ROTATION, looking_back, require_match
+from calibration.storage.hand_eye_file import CHECK_ROTATION, looking_back, require_match
 from cell.cell_calibration import file_in_use, hand_eye_in_use
 from cell.check_camera import AS_IT_STANDS, LEAST_IN_VIEW, TURN_IT
 from cell.check_step import Grounds, Step, failed, ok
@@ -13,7 +13,7 @@ from cell.devices import View
 from cell.errors import CalibrationError
 from cell.table_seen import share_in_view, table_seen
 from cell.viewpoints import plan_viewpoints
-from recognition.table import MAX_HEIGHT_M, MAX_TILT_RAD
+from recognition.preprocessing.table_plane import MAX_HEIGHT_M, MAX_TILT_RAD
 
 LEAST_PLANE = 0.5
 """Of what is seen near the table's height, this much must be the table."""

@@ -3,7 +3,7 @@
 import logging
 from dataclasses import dataclass
 
-from calibration.storage import HandEye
+from calibration.storage.hand_eye_file import HandEye
 from cell.cell_calibration import require_its_own
 from cell.devices import ArmInfo, ArmState, CameraInfo
 from cell.equipment import Equipment

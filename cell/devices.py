@@ -7,7 +7,7 @@ from typing import Literal, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.transforms import rigid
+from calibration.geometry.transforms import rigid
 
 
 class InvalidViewError(ValueError):
@@ -26,7 +26,7 @@ class View:
 
     Example:
         >>> import numpy as np
-        >>> from calibration.transforms import from_rotation_vector
+        >>> from calibration.geometry.transforms import from_rotation_vector
         >>> view = View(
         ...     index=0,
         ...     depth=np.full((400, 640), 500, dtype=np.uint16),

@@ -7,7 +7,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.board import Board
+from calibration.target.board import Board
 from cell.arm import UrArm
 from cell.arm_settings import SimulatedArm, URArm
 from cell.camera import LiveCamera

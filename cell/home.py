@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.transforms import inverse
+from calibration.geometry.transforms import inverse
 from cell.collision import CollisionModel
 from cell.errors import ViewpointsError
 from cell.kinematics import jacobian, link_frames

@@ -12,7 +12,7 @@ import numpy as np
 from ik_geo.ik_geo import Robot
 from numpy.typing import ArrayLike, NDArray
 
-from calibration.transforms import from_rotation_vector
+from calibration.geometry.transforms import from_rotation_vector
 from cell.arm_settings import ArmModelName
 
 JOINT_LIMIT_RAD = 2.0 * np.pi

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from calibration.transforms import rotation_angle
+from calibration.geometry.transforms import rotation_angle
 from cell.camera_settings import OakCamera
 from cell.devices import CameraInfo
 from cell.errors import CameraUnreachableError

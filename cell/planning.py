@@ -8,8 +8,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.board import Board
-from calibration.storage import HandEye
+from calibration.storage.hand_eye_file import HandEye
+from calibration.target.board import Board
 from cell.calibration_poses import plan_calibration, plan_verification
 from cell.cell_calibration import (
     RoughHandEyes,

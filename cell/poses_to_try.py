@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.transforms import inverse
+from calibration.geometry.transforms import inverse
 from cell.look_at import Bearing, least_distance, look_at, two_rings
 from cell.optics import CameraOptics
 from cell.settings import CellSettings

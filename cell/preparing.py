@@ -3,8 +3,8 @@
 import time
 from collections.abc import Callable
 
-from calibration.board import Board
-from calibration.storage import HandEye
+from calibration.storage.hand_eye_file import HandEye
+from calibration.target.board import Board
 from cell.cell_status import KeptStatus
 from cell.connecting import connect_equipment
 from cell.equipment import Equipment

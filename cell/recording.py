@@ -17,7 +17,7 @@ import numpy as np
 from google.protobuf.timestamp_pb2 import Timestamp
 from mcap.writer import CompressionType, Writer
 
-from calibration.disk import sync_folder
+from calibration.dataset.atomic_write import sync_folder
 from cell.devices import View
 from cell.hashed_file import HashedFile, Written
 from cell.mcap_channels import register_channel
@@ -51,7 +51,7 @@ class RecordingWriter:
         >>> from pathlib import Path
         >>> from tempfile import TemporaryDirectory
         >>> import numpy as np
-        >>> from calibration.transforms import from_rotation_vector
+        >>> from calibration.geometry.transforms import from_rotation_vector
         >>> T_flange_camera = from_rotation_vector((0.0, 0.0, 0.05), (0.0, 0.0, 0.0))
         >>> header = RecordingHeader(depth_unit_m=0.001, string_radius_m=0.0042, T_flange_camera=T_flange_camera)
         >>> view = View(

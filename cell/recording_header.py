@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.transforms import NotRigidError, rigid
+from calibration.geometry.transforms import NotRigidError, rigid
 from cell.recording_errors import RecordingHeaderError
 
 METADATA = "pointchain"

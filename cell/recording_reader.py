@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NoReturn
 
-from calibration.transforms import NotRigidError
+from calibration.geometry.transforms import NotRigidError
 from cell.devices import InvalidViewError, View
 from cell.mcap_stream import TopicMessage, read_contents
 from cell.recording_contents import Contents, Parts, collect

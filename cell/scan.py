@@ -12,7 +12,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.transforms import inverse, rotation_angle
+from calibration.geometry.transforms import inverse, rotation_angle
 from cell.devices import Arm, ArmState, Camera, View
 from cell.errors import BadFrameError, CameraLostError, MissingViewsError, RobotNotReadyError
 from cell.viewpoints import ViewpointPlan

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.transforms import inverse, transform_points
+from calibration.geometry.transforms import inverse, transform_points
 from cell.devices import View
 from cell.settings import CellSettings
-from recognition.preprocess import deproject
+from recognition.preprocessing.target_cloud import deproject
 
 GRID = 20
 """The workspace's floor is asked for at so many places each way."""

@@ -14,7 +14,7 @@ from google.protobuf.message import DecodeError
 from google.protobuf.timestamp_pb2 import Timestamp
 from numpy.typing import NDArray
 
-from calibration.transforms import NotRigidError, from_quaternion, to_quaternion
+from calibration.geometry.transforms import NotRigidError, from_quaternion, to_quaternion
 from cell.devices import View
 from cell.recording_errors import RecordingContentError, RecordingTooLargeError
 

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.transforms import inverse, transform_points
+from calibration.geometry.transforms import inverse, transform_points
 from cell.arm_settings import BASE_RADIUS_M
 from cell.collision import CollisionModel, collision_model
 from cell.kinematics import forward, link_frames

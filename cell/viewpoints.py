@@ -17,7 +17,7 @@ from cell.pose_choice import PoseChoice, choose_poses
 from cell.poses_to_try import PoseToTry, Sight, poses_to_try
 from cell.route import Route, best_route
 from cell.settings import CellSettings
-from recognition.coverage import Coverage, Look, table_coverage, told_coverage
+from recognition.preprocessing.coverage import Coverage, Look, table_coverage, told_coverage
 
 OVERLAP_M = 0.01
 """Where the arm stands its capsules, thicker than itself, may overlap something by this."""

@@ -6,8 +6,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from recognition.neighbourhoods import neighbourhood_means
-from recognition.outlier_filter import LINE_RATIO, inliers
+from recognition.geometry.neighbours import neighbourhood_means
+from recognition.geometry.outlier_filter import LINE_RATIO, inliers
 from recognition.parameters import ChainParameters
 
 

@@ -8,34 +8,34 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from recognition.arrival import receive
+from recognition.assembly.chains import fitted_chains
+from recognition.assembly.crossings import find_crossings
+from recognition.assembly.fitted_crossings import fitted_crossings
+from recognition.assembly.missed_ends import without_missed_ends
+from recognition.assembly.torn_ends import torn_ends
+from recognition.assembly.unexplained import left_over, unexplained
 from recognition.centre_line import CentreLine, estimate_centre_line
-from recognition.chains import make_chains, sharp_bends
-from recognition.cover import Cover
-from recognition.coverage import unseen_parts
-from recognition.crossings import find_crossings
-from recognition.ends import extend_ends
-from recognition.enhanced import EnhancedMatching, match_enhanced
 from recognition.errors import InvalidParametersError
-from recognition.fitted_chains import fitted_chains
-from recognition.fitted_crossings import fitted_crossings
-from recognition.graph import Graph, told_doubts, trace_strands
-from recognition.grasps import find_grasps
-from recognition.gripper import Gripper
-from recognition.joining import Strand
-from recognition.matching import match
-from recognition.missed_ends import without_missed_ends
-from recognition.model import METHODS, Chain, Crossing, Method, PointChainModel, Quality
-from recognition.normals import NormalCloud
+from recognition.grasping.grasp_planner import find_grasps
+from recognition.grasping.gripper import Gripper
+from recognition.model.model import METHODS, Chain, Crossing, Method, PointChainModel, Quality
 from recognition.parameters import ChainParameters, check_settings
-from recognition.preprocess import DepthView, Scene, TargetCloud
-from recognition.reconstruction import Reconstruction, reconstruct
-from recognition.refinement import Refinement, refine
-from recognition.registration import Registration, register
-from recognition.string_radius import measured_parameters
-from recognition.thinning import thin
-from recognition.torn_ends import torn_ends
-from recognition.unexplained import left_over, unexplained
+from recognition.preprocessing.coverage import unseen_parts
+from recognition.preprocessing.normals import NormalCloud
+from recognition.preprocessing.target_cloud import DepthView, Scene, TargetCloud
+from recognition.radius_estimation import measured_parameters
+from recognition.refinement.refinement import Refinement, refine
+from recognition.registration.registration import Registration, register
+from recognition.shirakawa.chains import make_chains, sharp_bends
+from recognition.shirakawa.end_extension import extend_ends
+from recognition.shirakawa.enhanced_matching import EnhancedMatching, match_enhanced
+from recognition.shirakawa.matching import match
+from recognition.shirakawa.reconstruction import Reconstruction, reconstruct
+from recognition.shirakawa.thinning import thin
+from recognition.strand import Strand
+from recognition.tracing.height_map import Cover
+from recognition.tracing.trace import Graph, told_doubts, trace_strands
+from recognition.view_ingestion import receive
 
 STAGES = ("preprocess", "registration", "centre_line", "matching", "reconstruction", "refinement", "topology", "grasps")
 """Names of the stages in `on_stage` and `timing_s`, in order. `stages_of` returns those of one method."""
@@ -158,7 +158,7 @@ def recognise(
         >>> from cell.simulation.scenes import make_scene
         >>> from cell.simulation.simulate import simulate
         >>> from recognition.parameters import ChainParameters
-        >>> from recognition.preprocess import Scene
+        >>> from recognition.preprocessing.target_cloud import Scene
         >>> scan = simulate(make_scene("loop", seed=1), camera_model("oak-d-pro"), seed=1)
         >>> scene = Scene(workspace_m=scan.header.workspace_m)
         >>> model = recognise(scan.views, ChainParameters.for_radius(0.0042), scene).model

@@ -14,7 +14,7 @@ from cell.simulation.benchmark import accuracy, tables
 from cell.simulation.benchmark.growth import Growth, measure_growth
 from cell.simulation.benchmark.speed import Speed, measure_speed
 from cell.simulation.tiers import TIERS
-from recognition.model import METHODS
+from recognition.model.model import METHODS
 from service.bench_cell import cell_table, measure_cell
 from service.bench_estimate import (
     accuracy_s,

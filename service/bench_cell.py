@@ -23,7 +23,7 @@ from cell.settings import CellSettings
 from cell.simulation.benchmark.tables import table
 from cell.simulation.controller.admin import AdminClient
 from cell.simulation.controller.process import start_controller
-from recognition.gripper import Gripper
+from recognition.grasping.gripper import Gripper
 from service.bench_process import MeasurementError
 from service.config_sections import LimitsConfig
 from service.data_folder import DataFolder

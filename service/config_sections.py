@@ -4,7 +4,7 @@ from typing import Literal
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from recognition.gripper import Gripper
+from recognition.grasping.gripper import Gripper
 
 
 class LimitsConfig(BaseModel):
@@ -60,7 +60,7 @@ class LogConfig(BaseModel):
 
 
 class GripperConfig(BaseModel):
-    """The gripper that grasps are found for; each key as in `recognition.gripper.Gripper`, metres."""
+    """The gripper that grasps are found for; each key as in `recognition.grasping.gripper.Gripper`, metres."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 

@@ -18,7 +18,7 @@ from cell.settings import CellSettings
 from cell.simulation.scoring import score
 from cell.simulation.simulate import truth_path
 from cell.simulation.world import simulated_world, world_truth
-from recognition.model import PointChainModel
+from recognition.model.model import PointChainModel
 from service.data_folder import MODEL, PREVIEW
 from service.scan_once import Wanted, take_scan
 from service.trace import write_trace

@@ -18,7 +18,7 @@ from typing import Any
 from cell.cell import Cell
 from cell.errors import StoppedError
 from cell.stops import TOO_LATE
-from recognition.gripper import Gripper
+from recognition.grasping.gripper import Gripper
 from service.calibrations.drift_watch import DriftWatch
 from service.calibrations.runner import CalibrationRunner
 from service.live import keep_recording

@@ -4,8 +4,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
-from calibration.board import Board
-from recognition.model import Method
+from calibration.target.board import Board
+from recognition.model.model import Method
 from service.database import new_id, now
 from service.idempotency import Key
 from service.tables import CalibrationRow, KeyRow, ScanRow

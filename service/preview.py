@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from recognition.model import Chain, PointChainModel
+from recognition.model.model import Chain, PointChainModel
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -10,7 +10,7 @@ from fastapi.exceptions import RequestValidationError
 from fastapi.responses import JSONResponse
 from starlette.exceptions import HTTPException
 
-from calibration.transforms import NotRigidError
+from calibration.geometry.transforms import NotRigidError
 from cell.devices import InvalidViewError
 from cell.errors import CellError, TooEarlyError
 from cell.recording_errors import RecordingError, RecordingTooLargeError

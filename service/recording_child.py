@@ -10,7 +10,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from calibration.transforms import from_quaternion, rigid
+from calibration.geometry.transforms import from_quaternion, rigid
 from cell.recording_errors import RecordingError
 from cell.recording_reader import read_recording
 

@@ -3,7 +3,7 @@ shape, what is set. Metres, base frame."""
 
 import numpy as np
 
-from calibration.storage import HandEye
+from calibration.storage.hand_eye_file import HandEye
 from cell.arm_settings import ArmModelName
 from cell.collision import PARTS, collision_model
 from cell.kinematics import ALPHA_RAD, ARMS

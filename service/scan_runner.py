@@ -13,7 +13,7 @@ from typing import Any
 from cell.cell import Cell
 from cell.errors import CellError, StoppedError
 from cell.recording_header import RecordingHeader
-from recognition.gripper import Gripper
+from recognition.grasping.gripper import Gripper
 from service.calibrations.drift_watch import DriftWatch
 from service.data_folder import PREVIEW
 from service.database import now

@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, ConfigDict, Field, StrictBool
 
-from recognition.model import Method
+from recognition.model.model import Method
 from recognition.parameters import R_MAX, R_MIN
 from service.described import Described
 

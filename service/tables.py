@@ -5,7 +5,7 @@ import sqlite3
 from dataclasses import dataclass
 from typing import Any, Literal
 
-from recognition.model import Method
+from recognition.model.model import Method
 from service.schemas import ScanState, ViewState
 
 
@@ -133,7 +133,7 @@ class CalibrationViewRow:
 @dataclass(frozen=True)
 class ScanErrorRow:
     """What a live scan told of the error of the calibration that it was made with; the numbers are those of
-    `recognition.common_error.CommonError`. It outlasts the scan."""
+    `recognition.registration.hand_eye_error.CommonError`. It outlasts the scan."""
 
     scan: str
     calibration_sha256: str

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from recognition.model import Crossing, PointChainModel
+from recognition.model.model import Crossing, PointChainModel
 from recognition.pipeline import Recognition
 
 if TYPE_CHECKING:

@@ -16,8 +16,8 @@ from cell.child_log import SetUp
 from cell.devices import View
 from cell.recording import read_recording
 from cell.recording_header import RecordingHeader
-from recognition.gripper import Gripper
-from recognition.model import Method, PointChainModel
+from recognition.grasping.gripper import Gripper
+from recognition.model.model import Method, PointChainModel
 from recognition.parameters import ChainParameters
 from recognition.pipeline import Recognition
 from service.observing.json_log import log_scan

@@ -10,15 +10,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.disk import write_synced
+from calibration.dataset.atomic_write import write_synced
 from cell.devices import View
 from cell.recording import RecordingHeader, read_recording
-from recognition.common_error import CommonError
-from recognition.gripper import Gripper
-from recognition.model import Method, PointChainModel
+from recognition.grasping.gripper import Gripper
+from recognition.model.model import Method, PointChainModel
 from recognition.parameters import ChainParameters
 from recognition.pipeline import Recognition, recognise
-from recognition.preprocess import Scene
+from recognition.preprocessing.target_cloud import Scene
+from recognition.registration.hand_eye_error import CommonError
 from service.data_folder import CLOUD, MODEL
 from service.observing.view_outcomes import ViewOutcome, view_outcomes
 from service.preview import draw_preview

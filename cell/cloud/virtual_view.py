@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 from scipy.spatial import KDTree
 
-from calibration.transforms import inverse, transform_points
+from calibration.geometry.transforms import inverse, transform_points
 from cell.cloud.errors import CloudError
 from cell.recording_limits import DEFAULT_LIMITS
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.disk import TooLargeError, read_limited
+from calibration.dataset.atomic_write import TooLargeError, read_limited
 from cell.frames.errors import FramesError
 
 CAMERA, MATRIX = "camera.json", "K.json"

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from calibration.transforms import from_quaternion, to_quaternion
+from calibration.geometry.transforms import from_quaternion, to_quaternion
 from cell.devices import InvalidViewError, View
 from cell.frames.camera_file import Intrinsics, read_intrinsics
 from cell.frames.depth_file import MAX_COUNT, fine_unit, measured, read_depth, to_counts

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import ValidationError
 
-from calibration.file_forms import Form, Numbers3, to_transform
-from calibration.transforms import from_rotation_vector, rigid
+from calibration.dataset.forms import Form, Numbers3, to_transform
+from calibration.geometry.transforms import from_rotation_vector, rigid
 from cell.frames.camera_file import CAMERA, MATRIX, read_json
 from cell.frames.errors import FramesError
 from cell.frames.folder import natural_order

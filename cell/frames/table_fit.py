@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.transforms import inverse
+from calibration.geometry.transforms import inverse
 from cell.frames.depth_file import measured
 from cell.frames.errors import FramesError
 from cell.frames.pose_files import PoseName

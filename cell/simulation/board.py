@@ -5,9 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.board import Board
-from calibration.board_picture import board_picture
-from calibration.transforms import inverse
+from calibration.geometry.transforms import inverse
+from calibration.target.board import Board
+from calibration.target.rendering import board_picture
 from cell.simulation.clutter import Box
 
 THICKNESS_M = 0.003

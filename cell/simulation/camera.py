@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.transforms import rigid
+from calibration.geometry.transforms import rigid
 from cell.simulation import meshes
 from cell.simulation.noise import MEDIAN_OF_FIVE, StereoNoise, StillImage, expose, still_image
 from cell.simulation.scenes import StringScene

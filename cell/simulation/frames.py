@@ -6,7 +6,7 @@ from types import ModuleType
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.transforms import inverse
+from calibration.geometry.transforms import inverse
 from cell.simulation.board import Print
 from cell.simulation.camera import DepthCamera, Look
 from cell.simulation.picture import PictureCamera, developed, lighting

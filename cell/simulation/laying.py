@@ -9,7 +9,7 @@ from cell.simulation.drafts import Draft, Wish, choose_over
 from cell.simulation.heights import HeightsError, lay
 from cell.simulation.settling import settle
 from cell.simulation.shapes import STEP_M, tightest_bend
-from recognition.polyline import arc_length, points_at
+from recognition.geometry.polyline import arc_length, points_at
 
 MIN_BEND = 2.5
 """No string is bent tighter than this many radii: it would buckle."""

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from recognition.polyline import arc_length, points_at
+from recognition.geometry.polyline import arc_length, points_at
 
 DENSE_M = 0.0005
 """Distance of the samples that stand for a line."""

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.transforms import from_rotation_vector, inverse
+from calibration.geometry.transforms import from_rotation_vector, inverse
 from cell.look_at import least_distance, look_at, two_rings
 
 T_FLANGE_CAMERA = from_rotation_vector((0.03, -0.06, 0.05), (0.1, 0.05, 0.4))

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from cell.simulation.rod_contacts import contacts, strand_numbers
 from cell.simulation.shapes import STEP_M
-from recognition.polyline import evenly
+from recognition.geometry.polyline import evenly
 
 _STEP_M = 0.003
 _STEPS = 120

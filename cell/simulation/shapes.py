@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cell.simulation.crossings import is_closed
-from recognition.polyline import arc_length, evenly
+from recognition.geometry.polyline import arc_length, evenly
 
 STEP_M = 0.001
 """Distance of the points of a scene's curves."""

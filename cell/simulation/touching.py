@@ -3,7 +3,7 @@
 import numpy as np
 
 from cell.simulation.shapes import STEP_M, Plan, bent, bow, polyline_length, rotated
-from recognition.polyline import evenly
+from recognition.geometry.polyline import evenly
 
 SNUG = 1.002
 """Distance of strands in contact, in units of the sum of their radii: nothing may lie inside anything."""

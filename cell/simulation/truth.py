@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from cell.simulation.crossings import at, plan_crossings
 from cell.simulation.scenes import StringScene
-from recognition.polyline import arc_length, points_at
+from recognition.geometry.polyline import arc_length, points_at
 
 STEP_M = 0.002
 """Distance of the points of the written curves."""

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from cell.simulation.clearance import MIN_ANGLE_RAD, SIDE_CLEARANCE, clear
 from cell.simulation.crossings import PlanCrossing, plan_crossings
 from cell.simulation.shapes import STEP_M, polyline_length
-from recognition.polyline import evenly
+from recognition.geometry.polyline import evenly
 
 _STEP_M = 0.003
 _CHUNK_STEPS = 70

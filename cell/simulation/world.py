@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.board import Board
-from calibration.storage import HandEye
-from calibration.transforms import inverse, transform_points
+from calibration.geometry.transforms import inverse, transform_points
+from calibration.storage.hand_eye_file import HandEye
+from calibration.target.board import Board
 from cell.camera_settings import SimulatedCamera, simulated_camera_id
 from cell.errors import CellSettingsError
 from cell.settings import CellSettings

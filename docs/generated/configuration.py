@@ -13,7 +13,7 @@ from annotated_types import Ge, Gt, Le, Lt
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
-from recognition.gripper import Gripper
+from recognition.grasping.gripper import Gripper
 from service.config import PREFIX, ServiceConfig
 from service.config_sections import GripperConfig
 

@@ -7,7 +7,7 @@ import textwrap
 from dataclasses import fields
 from itertools import pairwise
 
-from recognition.model import METHODS
+from recognition.model.model import METHODS
 from recognition.parameters import R_MAX, R_MIN, USED_BY, ChainParameters
 
 TABLE_I_R = 0.0042

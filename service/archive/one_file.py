@@ -11,8 +11,8 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from recognition.gripper import Gripper
-from recognition.model import SCHEMA, Method, PointChainModel
+from recognition.grasping.gripper import Gripper
+from recognition.model.model import SCHEMA, Method, PointChainModel
 from recognition.pipeline import Recognition
 from service.problems import INPUT_ERRORS, problem_document
 from service.trace import write_trace

@@ -4,9 +4,9 @@ import shlex
 import sys
 from pathlib import Path
 
+from calibration.dataset.folder import HAND_EYE
 from calibration.errors import HandEyeError, HandEyeMismatchError
-from calibration.folder import HAND_EYE
-from calibration.storage import HandEye, activate
+from calibration.storage.hand_eye_file import HandEye, activate
 from service.config import ConfigError, load_config
 
 

@@ -4,12 +4,12 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from calibration.board import BoardError, usual_board
+from calibration.target.board import BoardError, usual_board
 
 
 def calibrate_board(out: Path, told: dict[str, Any], paper: str) -> int:
     """Writes the board with the fields `told` as PDF to `out`; 0 when that is done."""
-    from calibration.board_print import write_board_pdf  # brings matplotlib along
+    from calibration.target.pdf import write_board_pdf  # brings matplotlib along
 
     try:
         board = usual_board(told)

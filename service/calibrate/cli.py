@@ -128,7 +128,7 @@ def _add_board_options(parser: argparse.ArgumentParser) -> None:
 
 
 def told_board(options: argparse.Namespace) -> dict[str, Any]:
-    """The fields of `calibration.board.Board` that were told."""
+    """The fields of `calibration.target.board.Board` that were told."""
     return {name: value for name in BOARD_OPTIONS if (value := getattr(options, name)) is not None}
 
 

@@ -8,10 +8,10 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any, Literal
 
-from calibration.board import Board, BoardError, usual_board
+from calibration.dataset.folder import HAND_EYE, SETUP
 from calibration.errors import HandEyeError
-from calibration.folder import HAND_EYE, SETUP
-from calibration.storage import activate
+from calibration.storage.hand_eye_file import activate
+from calibration.target.board import Board, BoardError, usual_board
 from cell.calibrating import CalibrationRun, run_calibration
 from cell.calibration_poses import HELD_OUT, POSES
 from cell.cell import Cell

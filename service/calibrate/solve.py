@@ -6,18 +6,18 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from calibration.detection import BoardSighting
+from calibration.dataset.detect_views import observe
+from calibration.dataset.folder import HAND_EYE, read_folder
+from calibration.dataset.observations_file import OBSERVATIONS, load_kept_observations
 from calibration.errors import BoardDetectionError, HandEyeError
-from calibration.folder import HAND_EYE, read_folder
 from calibration.hand_eye import solve_hand_eye
-from calibration.hand_eye_result import HandEyeResult
 from calibration.observations import Observations
-from calibration.observations_file import OBSERVATIONS, load_kept_observations
-from calibration.observe import observe
-from calibration.result_document import result_document
-from calibration.storage import write_result
-from calibration.verification import Verification, verify
-from calibration.verified import verification_findings
+from calibration.result import HandEyeResult
+from calibration.storage.document import result_document
+from calibration.storage.hand_eye_file import write_result
+from calibration.target.detection import BoardSighting
+from calibration.verification.verification import Verification, verify
+from calibration.verification.verified import verification_findings
 from service.calibrate.activate import activation_command
 from service.calibrate.words import result_words, verification_words
 from service.problems import problem_document

@@ -6,7 +6,7 @@ import threading
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from calibration.verification import Verification
+from calibration.verification.verification import Verification
 from cell.calibrating import run_verification
 from cell.cell import Cell
 from cell.errors import CellError

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from calibration.hand_eye_result import HandEyeResult, ViewReport
-from calibration.verification import Verification
+from calibration.result import HandEyeResult, ViewReport
+from calibration.verification.verification import Verification
 
 NAME_WIDTH = 16
 LINE_WIDTH = 120

@@ -1,7 +1,7 @@
 """Making the result of a calibration the one in use."""
 
-from calibration.folder import HAND_EYE
-from calibration.storage import HandEyeError, activate
+from calibration.dataset.folder import HAND_EYE
+from calibration.storage.hand_eye_file import HandEyeError, activate
 from cell.cell import Cell
 from service.calibrations.runner import run_folder
 from service.calibrations.store import CalibrationStore

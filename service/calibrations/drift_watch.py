@@ -5,10 +5,10 @@ import threading
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.drift import LATEST, RECENT, Drift, ScanError, judge_drift
-from calibration.storage import HandEye
-from recognition.common_error import CommonError
-from recognition.pose_prior import PoseSigmas
+from calibration.storage.hand_eye_file import HandEye
+from calibration.verification.drift import LATEST, RECENT, Drift, ScanError, judge_drift
+from recognition.registration.hand_eye_error import CommonError
+from recognition.registration.pose_prior import PoseSigmas
 from service.calibrations.store import CalibrationStore
 from service.tables import ScanErrorRow
 

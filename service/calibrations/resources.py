@@ -7,8 +7,8 @@ from dataclasses import asdict
 
 import numpy as np
 
-from calibration.drift import Drift
-from calibration.storage import HandEye
+from calibration.storage.hand_eye_file import HandEye
+from calibration.verification.drift import Drift
 from cell.cell import Cell
 from cell.errors import CellError
 from service import wall_clock

@@ -1,8 +1,8 @@
-"""A solved calibration as it goes over HTTP: what `calibration.result_document` writes. Metres, radians, pixels."""
+"""A solved calibration as it goes over HTTP: what `calibration.storage.document` writes. Metres, radians, pixels."""
 
 from typing import Any
 
-from calibration.hand_eye_result import Verdict
+from calibration.result import Verdict
 from service.described import Described
 
 

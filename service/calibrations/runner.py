@@ -8,9 +8,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from calibration.board import Board
+from calibration.dataset.folder import HAND_EYE
 from calibration.errors import BoardDetectionError, HandEyeError
-from calibration.folder import HAND_EYE
+from calibration.target.board import Board
 from cell.board_seen import BoardSeen
 from cell.calibrating import run_calibration, run_verification
 from cell.cell import Cell

@@ -4,8 +4,17 @@ from typing import Annotated, Any, Literal
 
 from pydantic import ConfigDict, Field, JsonValue
 
-from calibration.board import FEWEST, LARGEST_PITCH_M, MARKERS, MOST, SMALLEST_PITCH_M, Board, BoardKind, usual_board
-from calibration.hand_eye_result import Verdict
+from calibration.result import Verdict
+from calibration.target.board import (
+    FEWEST,
+    LARGEST_PITCH_M,
+    MARKERS,
+    MOST,
+    SMALLEST_PITCH_M,
+    Board,
+    BoardKind,
+    usual_board,
+)
 from cell.board_seen import ACROSS, DOWN
 from service.calibrations.result_schema import CalibrationResult, FindingResource, VerificationResource
 from service.described import Described

@@ -15,7 +15,7 @@ from uuid import uuid4
 
 import httpx
 
-from recognition.model import Method, PointChainModel
+from recognition.model.model import Method, PointChainModel
 from service.client.errors import (
     NOT_SENT,
     AwayError,

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from pydantic import ValidationError
 
 from recognition.errors import RecognitionError
-from recognition.model import (
+from recognition.model.model import (
     Chain,
     Crossing,
     Grasp,

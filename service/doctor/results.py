@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from calibration.folder import HAND_EYE
+from calibration.dataset.folder import HAND_EYE
 from service.data_folder import CLOUD, ID, MODEL
 from service.doctor.finding import REPAIR, Finding
 from service.doctor.recordings import changed, hash_file

@@ -9,9 +9,9 @@ from typing import Any, NoReturn
 from mcap.writer import MCAP0_MAGIC
 from pydantic import ValidationError
 
-from calibration.disk import TooLargeError, read_limited
+from calibration.dataset.atomic_write import TooLargeError, read_limited
 from cell.recording import read_result
-from recognition.model import SCHEMA
+from recognition.model.model import SCHEMA
 from service.interchange.errors import ExportError
 from service.model_schema import ModelDocument
 

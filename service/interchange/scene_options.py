@@ -44,7 +44,7 @@ def given_hand_eye(options: argparse.Namespace, command: str) -> dict[str, Any]:
     Raises:
         HandEyeError: The file cannot be used.
     """
-    from calibration.storage import load_hand_eye
+    from calibration.storage.hand_eye_file import load_hand_eye
 
     if options.hand_eye is None:
         return {}

@@ -6,7 +6,7 @@ from anyio import to_thread
 from fastapi import APIRouter, Depends, Path, Response
 from fastapi.responses import FileResponse
 
-from calibration.board import BoardError
+from calibration.target.board import BoardError
 from cell.errors import CellError
 from service.calibrations.activation import activate_run
 from service.calibrations.resources import RUNS, calibration_warnings, in_use, run_resource

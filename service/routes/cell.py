@@ -6,7 +6,7 @@ from typing import Any
 from anyio import to_thread
 from fastapi import APIRouter, Request, Response
 
-from calibration.storage import HandEye
+from calibration.storage.hand_eye_file import HandEye
 from service.calibrations.resources import calibration_warnings, recent_drift, usable_hand_eye
 from service.calibrations.schemas import CellWarning
 from service.cell_schemas import CellResource, PlanRequest, cell_resource

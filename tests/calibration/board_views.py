@@ -7,10 +7,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from calibration.board import Board
-from calibration.hand_eye_result import HandEyeResult
+from calibration.geometry.transforms import from_rotation_vector, inverse, rotation_angle
 from calibration.observations import BoardView, Mounting, Observations
-from calibration.transforms import from_rotation_vector, inverse, rotation_angle
+from calibration.result import HandEyeResult
+from calibration.target.board import Board
 
 Plan = Callable[[np.random.Generator, int], NDArray[np.float64]]
 """(generator, count) -> (count, 4, 4) `T_middle_camera`: where the cameras are from the board's middle, in its axes."""

@@ -7,9 +7,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.board import Board
-from calibration.board_picture import DOTS, BoardPicture, board_picture
-from calibration.transforms import from_rotation_vector, transform_points
+from calibration.geometry.transforms import from_rotation_vector, transform_points
+from calibration.target.board import Board
+from calibration.target.rendering import DOTS, BoardPicture, board_picture
 
 K_1280 = np.array([[763.0, 0.0, 639.5], [0.0, 763.0, 399.5], [0.0, 0.0, 1.0]])
 """A camera of 1280 x 800 pixels."""

@@ -5,10 +5,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.board import Board
-from calibration.calibration_setup import Setup
-from calibration.folder import write_setup, write_view
-from calibration.transforms import from_rotation_vector, inverse
+from calibration.dataset.folder import write_setup, write_view
+from calibration.dataset.setup import Setup
+from calibration.geometry.transforms import from_rotation_vector, inverse
+from calibration.target.board import Board
 from tests.calibration.board_views import realistic_plan
 from tests.calibration.rendered_board import K_640, image_size, render
 

@@ -8,10 +8,10 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from calibration.errors import HandEyeInputError
+from calibration.geometry.transforms import from_rotation_vector, inverse
 from calibration.hand_eye import solve_hand_eye, solve_poses
-from calibration.hand_eye_result import HandEyeResult
 from calibration.observations import Mounting, Observations
-from calibration.transforms import from_rotation_vector, inverse
+from calibration.result import HandEyeResult
 from tests.calibration.board_views import (
     Noise,
     Plan,

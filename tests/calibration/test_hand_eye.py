@@ -6,13 +6,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from calibration.assumed import Assumed
-from calibration.board_pose import board_poses
 from calibration.errors import HandEyeInputError
+from calibration.geometry.se3 import small_motion
 from calibration.hand_eye import solve_hand_eye, solve_poses
 from calibration.observations import Mounting, Observations
-from calibration.pose_stack import small_motion
-from calibration.reprojection import corners_of
+from calibration.pose_estimation.board_pose import board_poses
+from calibration.pose_estimation.projection import corners_of
+from calibration.solver.noise import Assumed
 from tests.calibration.board_views import (
     NOISE_FREE,
     Noise,

@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from calibration.assumed import Assumed
-from calibration.board_pose import board_poses
+from calibration.geometry.transforms import inverse
 from calibration.hand_eye import solve_hand_eye
-from calibration.hand_eye_result import HandEyeResult
-from calibration.reprojection import corners_of
-from calibration.transforms import inverse
+from calibration.pose_estimation.board_pose import board_poses
+from calibration.pose_estimation.projection import corners_of
+from calibration.result import HandEyeResult
+from calibration.solver.noise import Assumed
 from tests.calibration.board_views import (
     Noise,
     Recorded,

@@ -12,8 +12,8 @@ from kinhec.generator import GenerationError, generate_sequence
 from kinhec.io import Sequence
 from kinhec.plans import build_plan, load_tier
 
+from calibration.geometry.se3 import inverses
 from calibration.hand_eye import solve_poses
-from calibration.pose_stack import inverses
 
 OURS = "pointchain"
 

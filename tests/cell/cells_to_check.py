@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.storage import write_hand_eye
-from calibration.transforms import from_rotation_vector, inverse
+from calibration.geometry.transforms import from_rotation_vector, inverse
+from calibration.storage.hand_eye_file import write_hand_eye
 from cell.arm_settings import URArm
 from cell.camera_settings import OakCamera, SimulatedCamera
 from cell.check_step import Grounds

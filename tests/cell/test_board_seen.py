@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import ArrayLike
 
-from calibration.calibration_setup import Setup
+from calibration.dataset.setup import Setup
 from calibration.observations import BoardView
 from cell.board_seen import board_seen
 from tests.calibration.board_views import NOISE_FREE, record

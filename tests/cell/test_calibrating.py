@@ -13,15 +13,15 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from calibration.board import Board
-from calibration.calibration_setup import Setup
+from calibration.dataset.detect_views import observe
+from calibration.dataset.folder import HAND_EYE, read_folder
+from calibration.dataset.setup import Setup
 from calibration.errors import CalibrationFolderError
-from calibration.folder import HAND_EYE, read_folder
+from calibration.geometry.transforms import from_rotation_vector, inverse, rotation_angle
 from calibration.hand_eye import solve_hand_eye
-from calibration.observe import observe
-from calibration.storage import activate, load_hand_eye, write_hand_eye
-from calibration.transforms import from_rotation_vector, inverse, rotation_angle
-from calibration.verification import Verification
+from calibration.storage.hand_eye_file import activate, load_hand_eye, write_hand_eye
+from calibration.target.board import Board
+from calibration.verification.verification import Verification
 from cell.arm_settings import SimulatedArm, URArm
 from cell.board_seen import BoardSeen
 from cell.calibrating import CalibrationRun, run_calibration, run_verification

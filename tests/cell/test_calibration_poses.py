@@ -4,8 +4,8 @@ from functools import cache
 import numpy as np
 import pytest
 
-from calibration.board import Board
-from calibration.transforms import from_rotation_vector, inverse, rotation_angle, transform_points
+from calibration.geometry.transforms import from_rotation_vector, inverse, rotation_angle, transform_points
+from calibration.target.board import Board
 from cell.arm_settings import SimulatedArm
 from cell.calibration_poses import LARGEST_RATIO, LEAST_RATIO, OFF_MIDDLE_M, plan_calibration, plan_verification
 from cell.camera_settings import SimulatedCamera

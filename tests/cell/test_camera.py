@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from calibration.transforms import inverse
+from calibration.geometry.transforms import inverse
 from cell.arm_settings import SimulatedArm
 from cell.camera import LiveCamera
 from cell.camera_settings import OakCamera, SimulatedCamera

@@ -31,7 +31,7 @@ from cell.simulation.world import simulated_world, world_truth
 from cell.viewpoints import ViewpointPlan
 from recognition.parameters import ChainParameters
 from recognition.pipeline import recognise
-from recognition.preprocess import Scene
+from recognition.preprocessing.target_cloud import Scene
 from tests.cell.loopback import free_host
 from tests.processes import children
 
@@ -349,7 +349,7 @@ def test_without_a_robot_the_error_says_what_to_check() -> None:
 def test_without_robot_or_camera_the_errors_name_them(tmp_path: Path) -> None:
     from datetime import UTC, datetime
 
-    from calibration.storage import write_hand_eye
+    from calibration.storage.hand_eye_file import write_hand_eye
 
     file = tmp_path / "hand_eye.json"
     write_hand_eye(file, np.eye(4), created=datetime.now(UTC))

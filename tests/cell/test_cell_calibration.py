@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from calibration.storage import write_hand_eye
-from calibration.transforms import from_rotation_vector
+from calibration.geometry.transforms import from_rotation_vector
+from calibration.storage.hand_eye_file import write_hand_eye
 from cell.cell_calibration import rough_hand_eyes
 from cell.errors import CalibrationError
 from cell.settings import CellSettings, HandEyeSettings

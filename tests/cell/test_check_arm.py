@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from calibration.transforms import from_rotation_vector
+from calibration.geometry.transforms import from_rotation_vector
 from cell import check_arm
 from cell.arm import UrArm
 from cell.arm_settings import SimulatedArm, URArm

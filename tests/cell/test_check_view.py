@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from calibration.storage import load_hand_eye
-from calibration.transforms import from_rotation_vector
+from calibration.geometry.transforms import from_rotation_vector
+from calibration.storage.hand_eye_file import load_hand_eye
 from cell import check_view
 from cell.devices import ArmInfo, CameraInfo
 from cell.settings import CellSettings, HandEyeSettings, ScanSettings, WorkspaceSettings

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from calibration.transforms import from_rotation_vector
+from calibration.geometry.transforms import from_rotation_vector
 from cell.arm_settings import ArmModelName, SimulatedArm
 from cell.camera_settings import SimulatedCamera
 from cell.collision import CollisionModel, collision_model

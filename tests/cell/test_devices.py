@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from calibration.transforms import NotRigidError, from_rotation_vector, transform_points
+from calibration.geometry.transforms import NotRigidError, from_rotation_vector, transform_points
 from cell.devices import InvalidViewError, View
 
 VIEW = View(

@@ -4,7 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from calibration.transforms import rigid
+from calibration.geometry.transforms import rigid
 from cell.arm_settings import ArmModelName
 from cell.kinematics import (
     ARMS,

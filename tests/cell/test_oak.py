@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from calibration.transforms import inverse
+from calibration.geometry.transforms import inverse
 from cell.camera_settings import OakCamera, SimulatedCamera
 from cell.check_step import failed
 from cell.devices import CameraInfo

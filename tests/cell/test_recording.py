@@ -18,7 +18,7 @@ from hypothesis.extra import numpy as hnp
 from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 
-from calibration.transforms import from_rotation_vector
+from calibration.geometry.transforms import from_rotation_vector
 from cell.devices import View
 from cell.recording import (
     Limits,

@@ -15,7 +15,7 @@ import pytest
 from mcap.reader import make_reader
 from mcap.records import ChunkIndex
 
-from calibration.transforms import from_rotation_vector
+from calibration.geometry.transforms import from_rotation_vector
 from cell.devices import View
 from cell.recording import RecordingError, RecordingHeader, RecordingWriter, read_recording
 

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from calibration.transforms import from_rotation_vector
+from calibration.geometry.transforms import from_rotation_vector
 from cell.recording import RecordingHeader, RecordingHeaderError
 from cell.recording_header import parse_header, to_hand_eye, to_metadata
 

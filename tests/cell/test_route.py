@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from calibration.transforms import from_rotation_vector
+from calibration.geometry.transforms import from_rotation_vector
 from cell import route
 from cell.collision import CollisionModel, collision_model
 from cell.joint_paths import JointPaths, travel_rad

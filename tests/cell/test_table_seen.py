@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from calibration.transforms import from_rotation_vector
+from calibration.geometry.transforms import from_rotation_vector
 from cell.devices import View
 from cell.look_at import look_at
 from cell.settings import CellSettings, MountingSettings, WorkspaceSettings

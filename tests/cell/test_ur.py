@@ -9,7 +9,7 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from calibration.transforms import from_rotation_vector
+from calibration.geometry.transforms import from_rotation_vector
 from cell.child import Child, ChildLostError
 from cell.errors import RobotLostError, RobotNotReadyError, RobotUnreachableError, StoppedError
 from cell.probe import RTDE_PORT

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from mcap.writer import MCAP0_MAGIC
 
-from calibration.transforms import from_rotation_vector
+from calibration.geometry.transforms import from_rotation_vector
 from cell.devices import View
 from cell.recording import (
     RecordingCorruptError,

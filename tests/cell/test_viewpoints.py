@@ -7,7 +7,7 @@ import matplotlib.image
 import numpy as np
 import pytest
 
-from calibration.transforms import inverse, transform_points
+from calibration.geometry.transforms import inverse, transform_points
 from cell.arm_settings import ArmModelName, SimulatedArm
 from cell.camera_settings import CameraName, SimulatedCamera
 from cell.collision import collision_model

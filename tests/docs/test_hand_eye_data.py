@@ -5,8 +5,8 @@ from pathlib import Path
 
 import numpy as np
 
-from calibration.folder import read_folder, read_setup, write_view
-from calibration.storage import load_hand_eye
+from calibration.dataset.folder import read_folder, read_setup, write_view
+from calibration.storage.hand_eye_file import load_hand_eye
 from tests.docs.pages import DOCS, blocks
 
 SETUP, POSE, HAND_EYE = (b.text for b in blocks(DOCS / "integrator/hand-eye-data.md") if b.language == "json")

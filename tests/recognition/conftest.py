@@ -7,10 +7,10 @@ import pytest
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
-from recognition.normals import NormalCloud
+from recognition.geometry.polyline import arc_length, points_at
 from recognition.parameters import ChainParameters
-from recognition.polyline import arc_length, points_at
-from recognition.registration import Registration
+from recognition.preprocessing.normals import NormalCloud
+from recognition.registration.registration import Registration
 
 Points = NDArray[np.float64]
 

@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from recognition.model import Chain, Crossing, StrandPoint
-from recognition.topology import OVER, CrossingElement, EndElement, PData, SegmentElement
+from recognition.model.model import Chain, Crossing, StrandPoint
+from recognition.model.topology import OVER, CrossingElement, EndElement, PData, SegmentElement
 
 Strings = tuple[tuple[Chain, ...], tuple[Crossing, ...]]
 """Chains, and how they cross."""

@@ -8,11 +8,11 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from calibration.transforms import from_rotation_vector
+from calibration.geometry.transforms import from_rotation_vector
 from cell.devices import View
-from recognition.model import METHODS, Method
+from recognition.model.model import METHODS, Method
 from recognition.parameters import ChainParameters
-from recognition.preprocess import Scene
+from recognition.preprocessing.target_cloud import Scene
 
 Image = NDArray[np.float64]
 DOWN = np.diag([1.0, -1.0, -1.0])

@@ -2,11 +2,11 @@
 
 import numpy as np
 
-from recognition.grasps import find_grasps
-from recognition.gripper import Gripper
-from recognition.model import Chain, Crossing, Grasp
+from recognition.grasping.grasp_planner import find_grasps
+from recognition.grasping.gripper import Gripper
+from recognition.model.model import Chain, Crossing, Grasp
 from recognition.parameters import ChainParameters
-from recognition.preprocess import Scene
+from recognition.preprocessing.target_cloud import Scene
 
 R = 0.0042
 PARAMETERS = ChainParameters.for_radius(R)

@@ -11,9 +11,9 @@ from hypothesis import strategies as st
 from cell.simulation.camera import camera_model
 from cell.simulation.scenes import make_scene
 from cell.simulation.simulate import SimulatedScan, simulate
-from recognition.model import METHODS, Method, PointChainModel
+from recognition.model.model import METHODS, Method, PointChainModel
 from recognition.parameters import ChainParameters
-from recognition.preprocess import Scene
+from recognition.preprocessing.target_cloud import Scene
 from tests.recognition.odd_scans import FAULTS, POSES, Case, Image, cases
 from tests.recognition.validity import check
 

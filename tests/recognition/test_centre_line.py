@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from recognition.centre_line import estimate_centre_line
-from recognition.outlier_filter import NEIGHBOURS
+from recognition.geometry.outlier_filter import NEIGHBOURS
 from recognition.parameters import ChainParameters
 
 

@@ -11,19 +11,19 @@ import numpy as np
 import pytest
 from scipy.spatial import KDTree
 
-from calibration.transforms import from_rotation_vector, transform_points
+from calibration.geometry.transforms import from_rotation_vector, transform_points
 from cell.devices import View
 from cell.simulation.camera import camera_model
 from cell.simulation.poses import NO_ERRORS
 from cell.simulation.scenes import make_scene
 from cell.simulation.simulate import SimulatedScan, simulate
 from recognition.errors import InsufficientViewsError, InvalidParametersError, NoDepthError
-from recognition.fragments import Fragment, link
-from recognition.line_nodes import LineNodes
-from recognition.model import METHODS, Method
+from recognition.model.model import METHODS, Method
 from recognition.parameters import ChainParameters
 from recognition.pipeline import Recognition, recognise, stages_of
-from recognition.preprocess import Scene
+from recognition.preprocessing.target_cloud import Scene
+from recognition.tracing.fragments import Fragment, link
+from recognition.tracing.nodes import LineNodes
 
 
 @pytest.fixture(scope="module")
@@ -312,7 +312,7 @@ def test_an_end_behind_which_string_was_lost_is_unseen_and_that_is_told(
             fragments += fragment.pieces(kept, np.zeros(len(kept), dtype=bool))
         return fragments
 
-    monkeypatch.setattr("recognition.graph.link", without_its_first_40_mm)
+    monkeypatch.setattr("recognition.tracing.trace.link", without_its_first_40_mm)
     model = recognise(scan.views, table_1, scene).model
     (chain,) = model.chains
     assert chain.length_m < 0.39

@@ -9,7 +9,7 @@ from cell.simulation.camera import camera_model
 from cell.simulation.scenes import make_scene
 from cell.simulation.simulate import SimulatedScan, simulate
 from recognition.errors import InvalidParametersError
-from recognition.model import METHODS, Method
+from recognition.model.model import METHODS, Method
 from recognition.parameters import USED_BY, ChainParameters, check_settings
 from recognition.pipeline import recognise
 

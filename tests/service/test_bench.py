@@ -13,7 +13,7 @@ from cell.simulation.benchmark.speed import Speed, Timing
 from cell.simulation.camera import camera_model
 from cell.simulation.scenes import make_scene
 from cell.simulation.simulate import SimulatedScan, simulate
-from recognition.model import METHODS
+from recognition.model.model import METHODS
 from service.bench_estimate import Probe
 from service.bench_process import MeasurementError
 from service.bench_service import Answers, ServiceTimes

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from calibration.storage import write_hand_eye
-from calibration.transforms import from_rotation_vector
+from calibration.geometry.transforms import from_rotation_vector
+from calibration.storage.hand_eye_file import write_hand_eye
 from cell.check_step import Outcome, Step
 from service import check
 from service.cli import main

@@ -7,7 +7,7 @@ import pytest
 from cell.arm_settings import SimulatedArm, URArm
 from cell.camera_settings import OakCamera
 from cell.settings import CellSettings, HandEyeSettings
-from recognition.gripper import Gripper
+from recognition.grasping.gripper import Gripper
 from service.config import ConfigError, load_config
 
 

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.transforms import from_rotation_vector
+from calibration.geometry.transforms import from_rotation_vector
 from cell.devices import View
 from cell.recording_header import RecordingHeader
 from service.depth_picture import HIGH_M, LARGEST, LOW_M, draw_depth

@@ -11,7 +11,7 @@ from typing import Any
 import httpx
 import pytest
 
-from calibration.storage import write_hand_eye
+from calibration.storage.hand_eye_file import write_hand_eye
 from cell.simulation.poses import T_FLANGE_CAMERA
 from tests.service.conftest import Serve
 from tests.service.live_cell import SCAN, LiveCell, live_cell

@@ -4,7 +4,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
-from calibration.board import Board
+from calibration.target.board import Board
 from cell.errors import CameraUnreachableError
 from service.new_rows import NOBODY, new_calibration, new_scan
 from service.place import Place

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from cell.viewpoints import Leg, Viewpoint, ViewpointPlan
-from recognition.coverage import Coverage
+from recognition.preprocessing.coverage import Coverage
 from service.plan_schema import PlanDocument
 
 Q_RAD = np.array([0.1, -1.2, 1.3, -1.4, -1.5, 0.6])

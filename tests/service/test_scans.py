@@ -15,7 +15,7 @@ import httpx
 import numpy as np
 import pytest
 
-from calibration.transforms import from_rotation_vector
+from calibration.geometry.transforms import from_rotation_vector
 from cell.devices import View
 from cell.recording import RecordingHeader, RecordingWriter, read_recording
 from service.model_schema import GraspsDocument, ModelDocument

@@ -11,10 +11,10 @@ import pytest
 from cell.simulation.camera import camera_model
 from cell.simulation.scenes import make_scene
 from cell.simulation.simulate import simulate
-from recognition.model import METHODS, Method
+from recognition.model.model import METHODS, Method
 from recognition.parameters import ChainParameters
 from recognition.pipeline import Recognition, recognise
-from recognition.preprocess import Scene
+from recognition.preprocessing.target_cloud import Scene
 from service.trace import STAGE_PICTURES, stage_figures, write_trace
 
 COMMON = ("target_cloud", "registered_cloud", "centre_line")

@@ -17,7 +17,7 @@ from cell.devices import View
 from cell.errors import RobotLostError
 from cell.recording import read_recording
 from cell.recording_header import RecordingHeader
-from recognition.gripper import Gripper
+from recognition.grasping.gripper import Gripper
 from service.preview import draw_preview
 from service.worker import RecognitionWorker, TaskFailedError
 from service.worker_process import Task, _draw

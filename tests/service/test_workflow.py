@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from recognition.errors import InvalidParametersError
-from recognition.gripper import Gripper
-from recognition.model import Chain, Crossing, PointChainModel, StrandPoint
+from recognition.grasping.gripper import Gripper
+from recognition.model.model import Chain, Crossing, PointChainModel, StrandPoint
 from recognition.parameters import ChainParameters
 from recognition.pipeline import STAGES, stages_of
 from service.model_schema import ModelDocument

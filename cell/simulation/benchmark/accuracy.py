@@ -10,7 +10,7 @@ from cell.simulation.benchmark.intervals import Interval, wilson_interval
 from cell.simulation.benchmark.processes import in_processes
 from cell.simulation.benchmark.sigma import SigmaCounts, sigma_counts, sigma_shares
 from cell.simulation.scoring import Score, score
-from recognition.model import METHODS, Method
+from recognition.model.model import METHODS, Method
 
 ALL = "all"
 """Name of the row for all tiers together."""
@@ -61,7 +61,7 @@ def run_case(tier_and_seed: tuple[str, int]) -> list[CaseResult]:
     from recognition.errors import RecognitionError
     from recognition.parameters import ChainParameters
     from recognition.pipeline import recognise
-    from recognition.preprocess import Scene
+    from recognition.preprocessing.target_cloud import Scene
 
     tier, seed = tier_and_seed
     scan = simulate(make_case(tier, seed))

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from cell.simulation.benchmark.literal_matching import match_enhanced
 from cell.simulation.benchmark.literal_reconstruction import reconstruct
 from recognition.parameters import ChainParameters
-from recognition.preprocess import DepthView, Scene
+from recognition.preprocessing.target_cloud import DepthView, Scene
 
 OUTLIER_NEIGHBOURS, OUTLIER_STD = 20, 2.0
 """Of the statistical outlier filter: Open3D's usual values."""

@@ -14,7 +14,7 @@ from cell.devices import View
 from cell.simulation.benchmark.memory import current_rss_bytes, peak_rss_bytes
 from cell.simulation.benchmark.processes import in_fresh_process
 from recognition.parameters import ChainParameters
-from recognition.preprocess import Scene
+from recognition.preprocessing.target_cloud import Scene
 
 SCENE, SEED, CROSSINGS = "random", 2, 2
 """The scene that is timed, like the one of the paper: one string of 0.4 m, r = 4.2 mm."""

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.transforms import from_rotation_vector, inverse
+from calibration.geometry.transforms import from_rotation_vector, inverse
 from cell import kinematics
 from cell.arm_settings import ArmModelName
 from cell.simulation.controller.motion import Joints

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from calibration.transforms import inverse
+from calibration.geometry.transforms import inverse
 from cell import kinematics
 from cell.simulation.controller.arm import Goal, UnreachableGoalError
 from cell.simulation.controller.goals import joint_goal, line_goal, path_goals

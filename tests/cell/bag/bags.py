@@ -13,7 +13,7 @@ from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as Writer2
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from calibration.transforms import to_quaternion
+from calibration.geometry.transforms import to_quaternion
 from cell.devices import View
 
 Kind = Literal["ros1", "sqlite3", "mcap"]

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from calibration.transforms import from_rotation_vector
+from calibration.geometry.transforms import from_rotation_vector
 from cell.bag.import_bag import Imported, Wanted, import_bag
 from cell.devices import View
 from cell.recording import Recording, read_recording

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from calibration.transforms import from_rotation_vector
+from calibration.geometry.transforms import from_rotation_vector
 from cell.bag.import_bag import Wanted, import_bag
 from cell.recording import read_recording
 from tests.cell.bag.bags import (

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation, Slerp
 
-from calibration.transforms import from_rotation_vector, inverse
+from calibration.geometry.transforms import from_rotation_vector, inverse
 from cell.bag.errors import BagError
 from cell.bag.import_bag import import_bag
 from cell.devices import View

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from calibration.transforms import from_quaternion, to_quaternion
+from calibration.geometry.transforms import from_quaternion, to_quaternion
 from cell.frames.depth_file import fine_unit, to_counts
 from cell.frames.folder import natural_order
 from cell.frames.import_frames import encodable

@@ -13,7 +13,7 @@ from cell.simulation.poses import NO_ERRORS
 from cell.simulation.scenes import make_scene
 from cell.simulation.scoring import Score
 from cell.simulation.simulate import SimulatedScan, simulate
-from recognition.model import METHODS
+from recognition.model.model import METHODS
 
 
 def simulated(views: int) -> SimulatedScan:

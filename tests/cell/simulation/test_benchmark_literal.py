@@ -10,7 +10,7 @@ from cell.simulation.scenes import make_scene
 from cell.simulation.scoring import score
 from cell.simulation.simulate import simulate
 from recognition.parameters import ChainParameters
-from recognition.preprocess import Scene
+from recognition.preprocessing.target_cloud import Scene
 
 R = 0.0042
 PARAMETERS = ChainParameters.for_radius(R)

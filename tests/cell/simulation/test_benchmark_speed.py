@@ -14,7 +14,7 @@ from cell.simulation.benchmark.growth import Growth, Row, linear, rows
 from cell.simulation.benchmark.speed import Input, Speed, Timing, simulated_input
 from recognition.errors import NoDepthError
 from recognition.parameters import ChainParameters
-from recognition.preprocess import Scene
+from recognition.preprocessing.target_cloud import Scene
 
 VIEW_S, REST_S = 1.0, 5.0
 """What the test's recognition takes for a view, and after the last."""

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from calibration.board import Board
-from calibration.detection import detect_board
-from calibration.transforms import inverse, transform_points
+from calibration.geometry.transforms import inverse, transform_points
+from calibration.target.board import Board
+from calibration.target.detection import detect_board
 from cell.camera_settings import CameraName, SimulatedCamera
 from cell.look_at import look_at
 from cell.settings import CellSettings

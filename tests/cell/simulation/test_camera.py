@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from calibration.transforms import NotRigidError, transform_points
+from calibration.geometry.transforms import NotRigidError, transform_points
 from cell.look_at import look_at
 from cell.simulation.camera import CAMERAS, CameraModelError, DepthCamera, camera_model
 from cell.simulation.clutter import Box

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from calibration.transforms import inverse, transform_points
+from calibration.geometry.transforms import inverse, transform_points
 from cell.camera_settings import SimulatedCamera
 from cell.exposures import median
 from cell.look_at import look_at

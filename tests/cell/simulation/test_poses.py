@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from calibration.transforms import inverse, rigid, rotation_angle, transform_points
+from calibration.geometry.transforms import inverse, rigid, rotation_angle, transform_points
 from cell.look_at import ELEVATIONS_RAD, look_at
 from cell.simulation.camera import CAMERAS
 from cell.simulation.poses import (

@@ -6,7 +6,7 @@ from cell.simulation.clutter import distance_to_box
 from cell.simulation.scenes import SCENES, SceneError, StringScene, make_scene
 from cell.simulation.shapes import polyline_length
 from cell.simulation.truth import true_crossings
-from recognition.polyline import arc_length
+from recognition.geometry.polyline import arc_length
 
 FIXED_CROSSINGS = {"straight": 0, "arc": 0, "loop": 1, "figure-eight": 1, "overhand-knot": 3, "coil": 2}
 

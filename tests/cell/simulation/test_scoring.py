@@ -4,7 +4,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from calibration.transforms import from_rotation_vector, transform_points
+from calibration.geometry.transforms import from_rotation_vector, transform_points
 from cell.simulation.scenes import make_scene
 from cell.simulation.scoring import ScoringError, score
 from cell.simulation.truth import scene_truth

@@ -12,7 +12,7 @@ from cell.simulation.scenes import StringScene, make_scene
 from cell.simulation.shapes import polyline_length, tightest_bend
 from cell.simulation.simulate import simulate
 from cell.simulation.truth import scene_truth, true_crossings
-from recognition.polyline import arc_length
+from recognition.geometry.polyline import arc_length
 
 R = 0.0042
 

@@ -4,8 +4,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from calibration.board import Board
-from calibration.transforms import inverse, rigid, rotation_angle, transform_points
+from calibration.geometry.transforms import inverse, rigid, rotation_angle, transform_points
+from calibration.target.board import Board
 from cell.arm_settings import URArm
 from cell.camera_settings import OakCamera, SimulatedCamera
 from cell.errors import CellSettingsError

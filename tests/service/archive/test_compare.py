@@ -14,7 +14,7 @@ from cell.simulation.scenes import make_scene
 from cell.simulation.simulate import simulate
 from recognition.parameters import ChainParameters
 from recognition.pipeline import recognise
-from recognition.preprocess import Scene
+from recognition.preprocessing.target_cloud import Scene
 from service.archive.changes import change
 from service.archive.errors import ArchiveError
 from service.cli import main

@@ -11,8 +11,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from calibration.storage import load_hand_eye
-from calibration.transforms import inverse, rotation_angle
+from calibration.geometry.transforms import inverse, rotation_angle
+from calibration.storage.hand_eye_file import load_hand_eye
 from cell.simulation.poses import T_FLANGE_CAMERA
 from service.cli import main
 from tests.cell.loopback import free_host

@@ -10,10 +10,10 @@ import cv2
 import numpy as np
 import pytest
 
+from calibration.dataset.observations_file import write_observations
 from calibration.errors import HandEyeStaleError
-from calibration.observations_file import write_observations
-from calibration.storage import load_hand_eye
-from calibration.transforms import from_rotation_vector
+from calibration.geometry.transforms import from_rotation_vector
+from calibration.storage.hand_eye_file import load_hand_eye
 from service.calibrate.activate import activation_command
 from service.cli import main
 from tests.calibration.board_views import error_of, record

@@ -14,12 +14,12 @@ import httpx
 import numpy as np
 import pytest
 
-from calibration.board import Board
+from calibration.target.board import Board
 from cell.board_seen import BoardSeen
 from cell.camera_settings import SimulatedCamera
 from cell.settings import CellSettings
 from cell.simulation.world import simulated_world
-from recognition.common_error import CommonError
+from recognition.registration.hand_eye_error import CommonError
 from service.data_folder import DataFolder
 from service.database import new_id
 from service.new_rows import NOBODY, new_calibration, new_scan

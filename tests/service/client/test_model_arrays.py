@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from recognition.model import PointChainModel
+from recognition.model.model import PointChainModel
 from service.client.model_arrays import ModelError, model_from_json
 from service.workflow import recognise_recording
 

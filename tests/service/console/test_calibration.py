@@ -6,7 +6,7 @@ from dataclasses import replace
 import pytest
 from playwright.sync_api import expect
 
-from calibration.board import Board, usual_board
+from calibration.target.board import Board, usual_board
 from service.new_rows import new_calibration
 from tests.service.calibrations.test_api import REFUSED
 from tests.service.conftest import Serve, ServedClient

@@ -15,7 +15,7 @@ from playwright.sync_api import Page, Route, expect
 from cell.simulation.camera import camera_model
 from cell.simulation.scenes import make_scene
 from cell.simulation.simulate import simulate, write_simulation
-from recognition.grasp_places import FAR_M
+from recognition.grasping.candidates import FAR_M
 from service.new_rows import NOBODY, new_scan
 from service.problems import problem_document
 from tests.service.conftest import Serve, ServedClient, wait_until

@@ -13,7 +13,7 @@ from typing import Any
 import httpx
 import pytest
 
-from calibration.storage import write_hand_eye
+from calibration.storage.hand_eye_file import write_hand_eye
 from cell.simulation.poses import T_FLANGE_CAMERA
 from service.config_sections import RetentionConfig
 from service.data_folder import DataFolder
@@ -55,7 +55,7 @@ def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
         def now(cls, tz: Any = None) -> datetime:  # type: ignore[override]
             return datetime.now(tz) + clock.off
 
-    for module in ("calibration.storage", "cell.planning"):
+    for module in ("calibration.storage.hand_eye_file", "cell.planning"):
         monkeypatch.setattr(f"{module}.datetime", Moment)
     monkeypatch.setattr(time, "time", lambda real=time.time: real() + clock.off.total_seconds())
     return clock

@@ -16,7 +16,7 @@ from cell.simulation.poses import NO_ERRORS
 from cell.simulation.scenes import make_scene
 from cell.simulation.scoring import score
 from cell.simulation.simulate import SimulatedScan, simulate
-from recognition.preprocess import deproject
+from recognition.preprocessing.target_cloud import deproject
 from service.cli import main
 from service.workflow import recognise_recording
 

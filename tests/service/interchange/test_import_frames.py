@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 import pytest
 
-from calibration.transforms import inverse, to_quaternion
+from calibration.geometry.transforms import inverse, to_quaternion
 from cell.recording import Recording, read_recording
 from cell.simulation.camera import camera_model
 from cell.simulation.scenes import make_scene

@@ -4,7 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from calibration.transforms import from_rotation_vector
+from calibration.geometry.transforms import from_rotation_vector
 from cell import kinematics
 from cell.arm_settings import ArmModelName
 from cell.simulation.controller.poses import line_steps, nearest_solution, pose_matrix, pose_vector, twist

@@ -1,0 +1,1 @@
+"""From a solved calibration to findings and a verdict."""

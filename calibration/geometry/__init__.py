@@ -1,0 +1,1 @@
+"""Rigid transforms, one at a time and stacked."""

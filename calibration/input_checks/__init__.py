@@ -1,0 +1,1 @@
+"""Checks of the camera, the observations and the motion before a calibration is solved."""

@@ -1,0 +1,1 @@
+"""Projection of board corners, and the pose of a board from its corners."""

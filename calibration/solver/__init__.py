@@ -1,0 +1,1 @@
+"""From checked observations to the hand-eye transform with its covariance."""

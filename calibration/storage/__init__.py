@@ -1,0 +1,1 @@
+"""The hand-eye calibration as a JSON document and as a file."""

@@ -1,0 +1,262 @@
+"""The hand-eye calibration on disk: where the camera is on the flange, who measured it with what, and when.
+
+A JSON file: `schema_version` 1, `created` (ISO 8601 with a time zone), `camera_id` and `robot_serial` (null where not
+known), and `T_flange_camera` as `{"xyz_m": [x, y, z], "quat_xyzw": [x, y, z, w]}`, metres. One that was solved here
+also tells how sure it is and what was found, as `calibration.storage.document` writes it; whatever else is in it is
+left to its writer. The form that recordings carry, `{"T_flange_camera": 4x4 matrix}` alone, is taken too; its age and
+its camera are then not known.
+"""
+
+import contextlib
+import hashlib
+from dataclasses import dataclass
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.dataset.atomic_write import TooLargeError, read_limited, replace_synced
+from calibration.dataset.forms import read_form
+from calibration.errors import (
+    HandEyeError,
+    HandEyeInvalidError,
+    HandEyeMismatchError,
+    HandEyeMissingError,
+    HandEyeOfTheFutureError,
+    HandEyeRefusedError,
+    HandEyeStaleError,
+    HandEyeUnreadableError,
+)
+from calibration.result import Finding, Verdict
+from calibration.storage.schema import HandEyeForm, JudgedForm, Metrics
+from calibration.storage.writer import check_place, write_hand_eye, write_result
+from calibration.target.board import Board
+
+__all__ = [
+    "CHECK_ROTATION",
+    "HandEye",
+    "HandEyeError",
+    "activate",
+    "load_hand_eye",
+    "looking_back",
+    "require_match",
+    "write_hand_eye",
+    "write_result",
+]
+
+CLOCKS_APART = timedelta(hours=25)
+"""So much may the clock of the machine that wrote a file be ahead of ours. A day's mistake in either, by date or by
+time zone, is no reason to stop work: it only makes the file's age a day wrong."""
+BACKWARDS = -0.2
+"""Cosine of the angle between the camera's view and the flange's z from which on it looks back: 102 degrees. Across is
+the most that a mounting is meant to turn it."""
+CHECK_ROTATION = (
+    "check that quat_xyzw has the order x, y, z, w, the real part last, and that T_flange_camera is not given the "
+    "other way round"
+)
+"""What to do about a camera that looks back."""
+LARGEST_BYTES = 16 << 20
+
+
+@dataclass(frozen=True, eq=False)
+class HandEye:
+    """A calibration that was read from a file and may be used."""
+
+    T_flange_camera: NDArray[np.float64]
+    """(4, 4) camera pose on the flange; maps camera points to the flange frame, metres."""
+    created: datetime | None
+    """Time of the measurement, with a time zone, or None if not known."""
+    camera_id: str | None
+    """Device id of the camera, or None if not known."""
+    robot_serial: str | None
+    """Serial number of the robot, or None if not known."""
+    sha256: str
+    """SHA-256 of the content of the file, hexadecimal."""
+    warnings: tuple[str, ...] = ()
+    """What could not be checked, and what looks wrong."""
+    covariance: NDArray[np.float64] | None = None
+    """(6, 6) as in `HandEyeResult`. This and the following fields are None if the file does not have them."""
+    joint_covariance: NDArray[np.float64] | None = None
+    """(12, 12) or (17, 17) as in `HandEyeResult`."""
+    T_base_board: NDArray[np.float64] | None = None
+    """(4, 4) pose of the board during the calibration."""
+    board: Board | None = None
+    """The board of the calibration, with its size as given."""
+    board_scale: float | None = None
+    """Estimated size of the board, as a share of the given size."""
+    K: NDArray[np.float64] | None = None
+    """(3, 3) fitted pinhole matrix, pixels."""
+    robot_sigma_m: float | None = None
+    """Estimated noise of the robot's position along one axis, metres, one sigma."""
+    robot_sigma_rad: float | None = None
+    """Estimated noise of the robot's rotation about one axis, radians, one sigma."""
+    eight_views_m: float | None = None
+    """Predicted bound, metres. In 95 % of scans, no two of eight views disagree by more."""
+    views_used: int | None = None
+    """Number of views that it was solved from."""
+    verdict: Verdict | None = None
+    """`accept` or `warn`; a refused calibration is not loaded."""
+    findings: tuple[Finding, ...] = ()
+    """Findings that do not refuse the calibration. Their messages are among the warnings."""
+
+
+def load_hand_eye(path: Path, max_age_days: float, now: datetime | None = None) -> HandEye:
+    """Read a hand-eye calibration from a file and check that it may be used.
+
+    Args:
+        path: The JSON file.
+        max_age_days: Maximum age. `math.inf` accepts any age.
+        now: Time with a time zone. None: the clock of this machine.
+
+    Raises:
+        HandEyeMissingError: There is no such file.
+        HandEyeUnreadableError: The file cannot be read.
+        HandEyeInvalidError: The content is not valid, or the camera stands in the cell.
+        HandEyeRefusedError: The calibration was refused when it was solved.
+        HandEyeStaleError: It is too old.
+        HandEyeOfTheFutureError: Its date is in the future.
+    """
+    content = _read(
+        path, "calibrate, or name another file in hand_eye.file", "hand_eye.file names the JSON file itself"
+    )
+    return _parsed(path, content, max_age_days, now or datetime.now(UTC))
+
+
+def activate(
+    run_file: Path, active_file: Path, camera_id: str | None = None, robot_serial: str | None = None
+) -> HandEye:
+    """Make a solved calibration the active one in one step, and keep the former one as `*.previous.json`.
+
+    Args:
+        run_file: File of the solved calibration, of any age.
+        active_file: File of the active calibration.
+        camera_id: Device id of the camera that will use it. None: not known, and not compared.
+        robot_serial: Serial number of the robot that will use it. None: not known, and not compared.
+
+    Raises:
+        HandEyeError: As `load_hand_eye` and `require_match`. The former calibration stays active.
+        OSError: A file cannot be written. The former calibration stays active.
+    """
+    which = "name the file of a solved calibration, or the folder of its run"
+    content = _read(run_file, which, which)
+    hand_eye = _parsed(run_file, content, float("inf"), datetime.now(UTC))
+    require_match(hand_eye, camera_id, robot_serial)
+    active_file.parent.mkdir(parents=True, exist_ok=True)
+    former = None
+    with contextlib.suppress(FileNotFoundError, IsADirectoryError, TooLargeError):
+        former = read_limited(active_file, LARGEST_BYTES)
+    if former not in (None, content):  # activated twice, it is not its own former one
+        replace_synced(previous_of(active_file), former)
+    replace_synced(active_file, content)
+    return hand_eye
+
+
+def previous_of(active_file: Path) -> Path:
+    """Where the calibration is kept that was in use before."""
+    return active_file.with_name(f"{active_file.stem}.previous.json")
+
+
+def require_match(hand_eye: HandEye, camera_id: str | None, robot_serial: str | None) -> None:
+    """Refuses a calibration of another camera or robot; what either side does not know is let pass.
+
+    Raises:
+        HandEyeMismatchError: with both names.
+    """
+    for what, measured, found in (
+        ("camera", hand_eye.camera_id, camera_id),
+        ("robot", hand_eye.robot_serial, robot_serial),
+    ):
+        if measured is not None and found is not None and measured != found:
+            raise HandEyeMismatchError(
+                f"the hand-eye calibration was made with {what} {measured}, this is {what} {found}: calibrate anew, "
+                "or name the right file in hand_eye.file"
+            )
+
+
+def _read(path: Path, missing: str, no_file: str) -> bytes:
+    """The file's content; `missing` and `no_file` say what to do when there is none, or something else."""
+    try:
+        return read_limited(path, LARGEST_BYTES)
+    except FileNotFoundError as error:
+        raise HandEyeMissingError(f"there is no hand-eye calibration {path}: {missing}") from error
+    except IsADirectoryError as error:
+        raise HandEyeUnreadableError(f"{error}: {no_file}") from error
+    except TooLargeError as error:
+        raise HandEyeUnreadableError(f"{error}; it is no calibration") from error
+    except OSError as error:
+        raise HandEyeUnreadableError(f"{path} cannot be read: {error.strerror}") from error
+
+
+def _parsed(path: Path, content: bytes, max_age_days: float, now: datetime) -> HandEye:
+    judged = read_form(JudgedForm, content, path, HandEyeInvalidError)
+    findings = tuple(Finding(**vars(told)) for told in judged.findings or [])
+    if judged.refusals:
+        why = "; ".join(judged.refusals)
+        raise HandEyeRefusedError(f"the calibration {path} was refused when it was solved: {why}")
+    if judged.mounting != "eye-in-hand" or judged.T_base_camera is not None:
+        raise HandEyeInvalidError(
+            f"{path} is of a camera that stands in the cell (eye-to-hand): a camera on the flange is needed here"
+        )
+    form = read_form(HandEyeForm, content, path, HandEyeInvalidError)
+    check_place(path, form.T_flange_camera)
+    _check_age(path, form.created, max_age_days, now)
+    return HandEye(
+        T_flange_camera=form.T_flange_camera,
+        created=form.created,
+        camera_id=form.camera_id,
+        robot_serial=form.robot_serial,
+        sha256=hashlib.sha256(content).hexdigest(),
+        warnings=_backwards(form.T_flange_camera) + _unknown(form) + tuple(finding.words for finding in findings),
+        covariance=np.array(form.covariance.matrix) if form.covariance else None,
+        joint_covariance=form.joint_covariance,
+        T_base_board=form.T_base_board,
+        board=form.board,
+        board_scale=form.board_scale,
+        K=np.array(form.intrinsics.K) if form.intrinsics else None,
+        verdict=form.verdict,
+        findings=findings,
+        **vars(form.metrics or Metrics()),
+    )
+
+
+def _unknown(form: HandEyeForm) -> tuple[str, ...]:
+    """Warnings of what cannot be checked."""
+    told = {
+        "when it was made": form.created,
+        "of which camera it is": form.camera_id,
+        "of which robot it is": form.robot_serial,
+    }
+    return tuple(
+        f"the hand-eye file does not say {about}, which is not checked: calibrate anew to have it known"
+        for about, value in told.items()
+        if value is None
+    )
+
+
+def looking_back(T_flange_camera: NDArray[np.float64]) -> str:
+    """Return a message that the camera looks back at the arm, with the angle between its view and the flange's z."""
+    degrees = np.degrees(np.arccos(max(float(T_flange_camera[2, 2]), -1.0)))
+    return f"by the hand-eye file the camera looks back at the arm, {degrees:.0f} degrees from the flange's z"
+
+
+def _backwards(T_flange_camera: NDArray[np.float64]) -> tuple[str, ...]:
+    """Return a warning if the camera looks back along the flange's z: this is a mistake in the file, not a mounting."""
+    if T_flange_camera[2, 2] > BACKWARDS:
+        return ()
+    return (f"{looking_back(T_flange_camera)}: {CHECK_ROTATION}",)
+
+
+def _check_age(path: Path, created: datetime | None, max_age_days: float, now: datetime) -> None:
+    if created is None:
+        return
+    if created > now + CLOCKS_APART:
+        raise HandEyeOfTheFutureError(
+            f"{path} was made at {created.isoformat()}, and it is {now.isoformat(timespec='seconds')} now: set this "
+            "machine's clock, or calibrate anew"
+        )
+    days = (now - created) / timedelta(days=1)
+    if not days <= max_age_days:
+        raise HandEyeStaleError(
+            f"{path} is {days:.1f} days old, and hand_eye.max_age_days is {max_age_days:g}: calibrate anew"
+        )

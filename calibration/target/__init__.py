@@ -1,0 +1,1 @@
+"""Calibration boards: geometry, rendering, printing, and detection in images."""

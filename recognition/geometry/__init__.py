@@ -1,0 +1,1 @@
+"""Geometry that several stages share: polylines, neighbourhoods, voxels, planar intersections, matching in graphs."""

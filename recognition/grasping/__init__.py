@@ -1,0 +1,1 @@
+"""From chains and crossings to grasps of a parallel gripper."""

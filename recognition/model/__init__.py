@@ -1,0 +1,1 @@
+"""The point chain model, its topology and its JSON document."""

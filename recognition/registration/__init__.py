@@ -1,0 +1,1 @@
+"""From the point clouds of all views to one cloud, with the covariance of the corrected camera poses."""

@@ -1,0 +1,1 @@
+"""The graph method: from centre points to fragments of strands, and from these to strands."""

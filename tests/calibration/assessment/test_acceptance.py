@@ -1,0 +1,240 @@
+"""Every limit has its own code, words with the measured value, the limit and what to do, and is met from both sides."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from calibration.assessment.acceptance import UNVERIFIED_SCALE_SIGMA, covariance_to_report, eight_views_to_report, gate
+from calibration.assessment.evidence import Evidence
+from calibration.geometry.transforms import from_rotation_vector
+from tests.calibration.board_views import realistic_plan, record
+
+RECORDED = record(seed=1, count=12, plan=realistic_plan)
+SIGMA_M, SIGMA_RAD = 2e-4, float(np.radians(0.03))
+GOOD = Evidence(
+    mounting="eye-in-hand",
+    names=tuple(view.name for view in RECORDED.observations.views),
+    T_base_flange=RECORDED.T_base_flange,
+    T_camera_board=RECORDED.T_camera_board,
+    used=np.ones(12, dtype=bool),
+    distance_m=np.full(12, 0.4),
+    X=RECORDED.X,
+    Y=RECORDED.Y,
+    covariance=np.diag([SIGMA_RAD**2 / 3] * 3 + [SIGMA_M**2 / 3] * 3),
+    robot_sigma_m=1e-4,
+    robot_sigma_rad=float(np.radians(0.02)),
+    left_out_m=4e-4,
+    lever_m=np.array([0.0, 0.0, 0.5]),
+    pixel_sigma_px=0.2,
+    K_told=RECORDED.K,
+    K=RECORDED.K,
+    board_scale=1.0,
+    board_scale_sigma=0.001,
+)
+
+
+def codes(evidence: Evidence) -> list[str]:
+    return [finding.code for finding in gate(evidence)]
+
+
+def with_sigmas(sigma_m: float, sigma_rad: float) -> Evidence:
+    """Of the place and of the direction, all axes together."""
+    return replace(GOOD, covariance=np.diag([sigma_rad**2 / 3] * 3 + [sigma_m**2 / 3] * 3))
+
+
+def with_focal(share: float, axis: int = 0) -> Evidence:
+    K = RECORDED.K.copy()
+    K[axis, axis] *= 1 + share
+    return replace(GOOD, K=K)
+
+
+def with_centre(x_px: float, y_px: float) -> Evidence:
+    K = RECORDED.K.copy()
+    K[:2, 2] += (x_px, y_px)
+    return replace(GOOD, K=K)
+
+
+def using(count: int) -> Evidence:
+    return replace(GOOD, used=np.arange(12) < count)
+
+
+def test_a_good_calibration_passes():
+    assert gate(GOOD) == ()
+
+
+def test_a_solution_that_still_moved_is_refused():
+    finding = gate(replace(GOOD, settled=False))[0]
+    assert finding.code == "not-settled"
+    assert finding.refuses
+
+
+@pytest.mark.parametrize(
+    ("evidence", "code", "measured", "limit"),
+    [
+        (with_sigmas(1.1e-3, SIGMA_RAD), "uncertain-place", "1.10 mm", "1 mm"),
+        (with_sigmas(SIGMA_M, np.radians(0.16)), "uncertain-direction", "0.16 degrees", "0.15"),
+        (replace(GOOD, pixel_sigma_px=0.65), "corner-noise", "0.65 pixels", "0.6"),
+        (replace(GOOD, robot_sigma_m=1.1e-3 / np.sqrt(3)), "robot-error", "1.10 mm", "1 mm"),
+        (replace(GOOD, robot_sigma_rad=np.radians(0.26) / np.sqrt(3)), "robot-error", "0.26 degrees", "0.25"),
+        (replace(GOOD, left_out_m=1.6e-3), "left-out-error", "1.60 mm", "1.50"),
+        (with_focal(0.011), "focal-length", "+1.10 %", "1 %"),
+        (with_focal(-0.011, axis=1), "focal-length", "-1.10 %", "1 %"),
+        (replace(GOOD, K=RECORDED.K @ np.diag([1.003, 0.997, 1.0])), "focal-length", "+0.60 %", "0.5 %"),
+        (with_centre(6.5, 0.0), "optical-axis", "+6.5", "6.0"),
+        (with_centre(3.0, -7.0), "optical-axis", "-7.0", "6.0"),
+        (replace(GOOD, k1=-0.03, k1_sigma=0.002), "lens-distortion", "-0.030", "0.015"),
+        (replace(GOOD, k1=0.03, k1_sigma=0.004), "lens-distortion", "+0.030", "0.024"),
+        (replace(GOOD, board_scale=1.0045), "board-scale", "+0.45 %", "0.40 %"),
+        (replace(GOOD, board_scale=0.9965, board_scale_sigma=0.0005), "board-scale", "-0.35 %", "0.30 %"),
+        (using(7), "too-few-views", "7 views", "8"),
+    ],
+)
+def test_beyond_a_limit(evidence, code, measured, limit):
+    findings = {finding.code: finding for finding in gate(evidence)}
+    assert findings[code].refuses
+    assert measured in findings[code].words
+    said, to_do = findings[code].words.split(":", maxsplit=1)
+    assert limit in said
+    assert to_do.strip()
+
+
+@pytest.mark.parametrize(
+    "evidence",
+    [
+        with_sigmas(0.95e-3, np.radians(0.14)),
+        replace(GOOD, pixel_sigma_px=0.59),
+        replace(GOOD, robot_sigma_m=0.95e-3 / np.sqrt(3), robot_sigma_rad=np.radians(0.24) / np.sqrt(3)),
+        replace(GOOD, left_out_m=1.45e-3),
+        replace(GOOD, left_out_m=1.9e-3, distance_m=np.full(12, 1.0)),
+        with_focal(0.0045),
+        replace(GOOD, K=RECORDED.K @ np.diag([1.0095, 1.0095, 1.0])),
+        with_centre(-5.5, 5.5),
+        replace(GOOD, k1=0.014, k1_sigma=0.001),
+        replace(GOOD, k1=0.03, k1_sigma=0.006),
+        replace(GOOD, board_scale=1.0029, board_scale_sigma=0.0005),
+        replace(GOOD, board_scale=1.0039, board_scale_sigma=0.001),
+        using(9),
+    ],
+)
+def test_within_a_limit(evidence):
+    assert gate(evidence) == ()
+
+
+def test_only_one_thing_is_said_of_one_fault():
+    assert codes(with_focal(0.02)) == ["focal-length"]
+    assert codes(replace(GOOD, board_scale=1.01)) == ["board-scale"]
+
+
+def test_less_than_seven_tenths_of_the_views():
+    # Two of three agree, and nothing is wrong with the rest that could be named.
+    (finding,) = gate(using(8))
+    assert finding.code == "inconsistent"
+    assert "8 of 12" in finding.words
+    assert "9 are needed" in finding.words
+
+
+def test_views_without_a_board_pose_agree_and_disagree_with_nothing():
+    # Four of twelve showed too little of the board: the other eight all agree.
+    B = RECORDED.T_camera_board.copy()
+    B[8:] = np.nan
+    assert gate(replace(using(8), T_camera_board=B)) == ()
+    # Of ten with a pose, six agree.
+    B = RECORDED.T_camera_board.copy()
+    B[10:] = np.nan
+    found = {finding.code: finding.words for finding in gate(replace(using(6), T_camera_board=B))}
+    assert "6 of 10" in found["inconsistent"]
+    assert "7 are needed" in found["inconsistent"]
+
+
+def test_the_cause_takes_the_place_of_the_doubt():
+    B = RECORDED.T_camera_board.copy()
+    B[6:] = B[6:] @ from_rotation_vector([0.01, 0.0, 0.0], [0.0, 0.0, 0.0])
+    findings = gate(replace(using(6), T_camera_board=B))
+    assert [finding.code for finding in findings] == ["board-moved", "too-few-views"]
+    assert "from view 07 on" in findings[0].words
+
+
+def test_a_few_bad_views_among_good_ones_are_no_cause():
+    B = RECORDED.T_camera_board.copy()
+    bad = [2, 5, 9]
+    B[bad] = B[bad] @ from_rotation_vector([0.03, 0.01, 0.0], [0.0, 0.1, 0.0])
+    assert gate(replace(GOOD, T_camera_board=B, used=~np.isin(np.arange(12), bad))) == ()
+
+
+def test_three_left_out_at_one_end_may_be_the_right_ones():
+    A = RECORDED.T_base_flange.copy()
+    A[3:] = A[3:] @ from_rotation_vector([0.0, 0.0, 0.12], [0.0, 0.0, 0.3])
+    (finding,) = gate(replace(GOOD, T_base_flange=A, used=np.arange(12) >= 3))
+    assert finding.code == "tcp-changed"
+    assert "from view 04 on" in finding.words
+
+
+def test_views_without_a_pose_are_left_out_of_the_search_for_a_cause():
+    B = RECORDED.T_camera_board.copy()
+    B[6:] = B[6:] @ from_rotation_vector([0.01, 0.0, 0.0], [0.0, 0.0, 0.0])
+    B[1] = np.nan
+    findings = gate(replace(using(6), T_camera_board=B))
+    assert findings[0].code == "board-moved"
+    assert "from view 07 on" in findings[0].words
+
+
+def test_the_views_that_agree_must_turn_too():
+    turned = RECORDED.T_base_flange.copy()
+    turned[:9, :3, :3] = turned[0, :3, :3]
+    assert codes(replace(using(9), T_base_flange=turned)) == ["pure-translation"]
+    about_one_axis = RECORDED.T_base_flange.copy()
+    for k in range(9):
+        about_one_axis[k] = about_one_axis[0] @ from_rotation_vector([0, 0, 0], [0, 0, 0.1 * k])
+    assert codes(replace(using(9), T_base_flange=about_one_axis)) == ["parallel-axes"]
+
+
+def test_an_unverified_board_size_is_a_warning_and_grows_the_covariance_along_the_view():
+    evidence = replace(GOOD, board_scale_sigma=0.0019)
+    (finding,) = gate(evidence)
+    assert finding.code == "board-scale-unverified"
+    assert not finding.refuses
+    assert "0.19 %" in finding.words
+    grown = covariance_to_report(evidence) - evidence.covariance
+    # All places shift along the view by the share of the distance that is not in the covariance yet.
+    expected = np.zeros((6, 6))
+    expected[5, 5] = (UNVERIFIED_SCALE_SIGMA**2 - 0.0019**2) * 0.4**2
+    np.testing.assert_allclose(grown, expected, atol=1e-15)
+
+
+def test_what_is_predicted_of_a_scan_allows_for_an_unverified_board_size():
+    # Views from all round see a place that is off by 2 mm along the view apart by nearly as much.
+    open_size = replace(GOOD, board_scale_sigma=0.0019)
+    assert eight_views_to_report(open_size) > eight_views_to_report(GOOD) + 0.001
+
+
+def test_an_unverified_board_size_alone_refuses_nothing():
+    open_size = replace(GOOD, board_scale_sigma=0.002)
+    assert np.sqrt(np.trace(covariance_to_report(open_size)[3:, 3:])) > 1e-3
+    assert not any(finding.refuses for finding in gate(open_size))
+
+
+def test_a_verified_board_size_leaves_the_covariance():
+    np.testing.assert_array_equal(covariance_to_report(GOOD), GOOD.covariance)
+
+
+def test_poses_alone_are_not_judged_by_what_they_cannot_tell():
+    poses = replace(GOOD, pixel_sigma_px=None, K_told=None, K=None, board_scale=None, board_scale_sigma=None)
+    assert gate(poses) == ()
+    np.testing.assert_array_equal(covariance_to_report(poses), poses.covariance)
+
+
+@pytest.mark.parametrize(
+    "evidence",
+    [
+        replace(GOOD, covariance=np.full((6, 6), np.nan)),
+        replace(GOOD, pixel_sigma_px=np.nan),
+        replace(GOOD, robot_sigma_m=np.nan),
+        replace(GOOD, left_out_m=np.nan),
+        replace(GOOD, K=np.full((3, 3), np.nan)),
+        replace(GOOD, k1=np.nan, k1_sigma=0.003),
+        replace(GOOD, board_scale=np.nan),
+    ],
+)
+def test_what_is_no_number_is_refused(evidence):
+    assert any(finding.refuses for finding in gate(evidence))

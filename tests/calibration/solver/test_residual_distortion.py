@@ -1,0 +1,42 @@
+"""The radial distortion that is left in the corners is read with its sign, its size and an honest sigma."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from calibration.pose_estimation.board_pose import board_poses
+from calibration.pose_estimation.projection import LENS, corners_of
+from calibration.solver.noise import Assumed
+from calibration.solver.outlier_rejection import adjust_consistent
+from calibration.solver.problem import Problem, Unknowns
+from calibration.solver.residual_distortion import LensResidual, lens_residual
+from tests.calibration.board_views import Noise, Recorded, realistic_plan, record
+
+
+def residual_of(recorded: Recorded, k1: float) -> LensResidual:
+    """Of pictures bent by `k1`, from the true calibration on."""
+    corners = corners_of(recorded.observations)
+    rays = (corners.pixels - corners.K[:2, 2]) / corners.K[[0, 1], [0, 1]]
+    bent = rays * (1 + k1 * (rays**2).sum(axis=2, keepdims=True)) * corners.K[[0, 1], [0, 1]] + corners.K[:2, 2]
+    corners = replace(corners, pixels=np.where(corners.seen[..., None], bent, 0.0))
+    problem = Problem(corners, recorded.T_base_flange, recorded.observations.mounting, Assumed())
+    alone = board_poses(corners)
+    start = Unknowns(recorded.X, recorded.Y, np.zeros((len(alone.found), 6)), np.zeros(LENS))
+    return lens_residual(problem, adjust_consistent(problem, alone, start, alone.found)[0])
+
+
+@pytest.mark.parametrize("k1", [-0.1, -0.03, 0.03, 0.1])
+def test_it_is_read_from_the_residuals(k1: float) -> None:
+    found = residual_of(record(2, 12, plan=realistic_plan), k1)
+    # The next order, which is left out, is about a tenth of it.
+    assert found.k1 == pytest.approx(k1, rel=0.2, abs=3 * found.sigma)
+    assert abs(found.k1) > 6 * found.sigma
+
+
+def test_a_lens_without_it_and_a_camera_that_is_a_little_off() -> None:
+    noise = Noise(focal=0.003, centre_px=(1.5, -1.0), scale=0.002)
+    for k in range(8):
+        found = residual_of(record(k, 12, noise, realistic_plan), 0.0)
+        assert abs(found.k1) < 4.5 * found.sigma
+        assert found.sigma < 0.006

@@ -1,0 +1,139 @@
+"""Checkerboards and circle grids: found exactly, and numbered as far as the image tells where to begin."""
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from calibration.errors import BoardNotSeenError
+from calibration.target.board import Board
+from calibration.target.detection import BoardSighting, detect_board, renumberings
+from calibration.target.rendering import DOTS
+from tests.calibration.rendered_board import K_640, K_1280, board_before_camera, render, true_pixels
+
+
+def sight(
+    board: Board,
+    roll_deg: float,
+    *,
+    K: NDArray[np.float64] = K_640,
+    distance_m: float = 0.45,
+    dots: tuple[float, float] = DOTS,
+) -> tuple[BoardSighting, NDArray[np.float64]]:
+    """What is found in an image, and where all corners truly are (N, 2)."""
+    T = board_before_camera(board, distance_m, 28.0, tilt_axis_deg=50.0, roll_deg=roll_deg)
+    image = render(board, T, K, np.random.default_rng(3), dots=dots)
+    return detect_board(image, board), true_pixels(board, T, K)
+
+
+def off_px(sighting: BoardSighting, truth: NDArray[np.float64]) -> float:
+    return float(np.linalg.norm(sighting.pixels - truth[sighting.ids], axis=1).max())
+
+
+@pytest.mark.parametrize("roll_deg", [0.0, 80.0, 170.0, 260.0])
+@pytest.mark.parametrize(
+    "board",
+    [
+        Board("checkerboard", 10, 7, 0.025),
+        Board("checkerboard", 7, 8, 0.025),
+        Board("circles", 10, 8, 0.02),
+        Board("circles", 9, 9, 0.02),
+    ],
+    ids=str,
+)
+def test_numbering_that_the_image_tells(board: Board, roll_deg: float):
+    sighting, truth = sight(board, roll_deg)
+    assert sighting.numbered
+    assert sighting.ids.tolist() == list(range(len(truth)))
+    assert off_px(sighting, truth) <= 0.12
+    assert sighting.corner_sigma_px is not None
+    assert sighting.corner_sigma_px <= 0.04
+
+
+@pytest.mark.parametrize("roll_deg", [0.0, 80.0, 170.0, 260.0])
+@pytest.mark.parametrize(
+    ("board", "ways"),
+    [
+        (Board("checkerboard", 9, 7, 0.025), 2),
+        (Board("checkerboard", 8, 8, 0.025), 2),
+        (Board("checkerboard", 7, 7, 0.025), 4),
+        (Board("circles", 10, 8, 0.02), 2),
+        (Board("circles", 8, 8, 0.02), 4),
+    ],
+    ids=str,
+)
+def test_numbering_that_the_image_leaves_open(board: Board, ways: int, roll_deg: float):
+    sighting, truth = sight(board, roll_deg, dots=(DOTS[0], DOTS[0]))
+    assert not sighting.numbered
+    assert len(sighting.ids) == len(truth)
+    numberings = renumberings(board)
+    assert len(numberings) == ways
+    errors = sorted(off_px(sighting, truth[numbering]) for numbering in numberings)
+    # One of them is right, and the others are off by the board's size.
+    assert errors[0] <= 0.12
+    assert errors[1] > 50.0
+
+
+@pytest.mark.parametrize(
+    ("board", "ways"),
+    [
+        (Board(), 1),
+        (Board("checkerboard", 10, 7, 0.025), 1),
+        (Board("checkerboard", 10, 8, 0.025), 2),
+        (Board("checkerboard", 10, 10, 0.025), 2),
+        (Board("checkerboard", 11, 11, 0.025), 4),
+        (Board("circles", 10, 10, 0.02), 4),
+    ],
+    ids=str,
+)
+def test_renumberings_turn_the_board_upon_itself(board: Board, ways: int):
+    numberings = renumberings(board)
+    assert len(numberings) == ways
+    assert numberings[0].tolist() == list(range(len(board.points)))
+    middle = board.points.mean(axis=0)
+    for numbering in numberings:
+        assert sorted(numbering) == list(range(len(board.points)))
+        before, after = (board.points - middle)[:, :2], (board.points[numbering] - middle)[:, :2]
+        turn = np.linalg.lstsq(before, after, rcond=None)[0]
+        np.testing.assert_allclose(before @ turn, after, atol=1e-12)
+        np.testing.assert_allclose(turn @ turn.T, np.eye(2), atol=1e-12)
+        assert np.linalg.det(turn) == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize("dots", [(0.4, 0.7), (0.6, 0.9), (0.5, 1.0)])
+def test_dots_of_any_size_are_found_at_their_middle(dots: tuple[float, float]):
+    # Their centroids are off by up to 0.2 px (the first dot's by 0.5) with this much perspective.
+    board = Board("circles", 9, 7, 0.025)
+    sighting, truth = sight(board, 20.0, K=K_1280, distance_m=0.36, dots=dots)
+    assert sighting.numbered
+    assert len(sighting.ids) == len(truth)
+    assert off_px(sighting, truth) <= 0.15
+
+
+def test_columns_and_rows_confused_is_told():
+    board = Board("circles", 10, 8, 0.02)
+    T = board_before_camera(board, 0.45, 20.0)
+    image = render(board, T, K_640, np.random.default_rng(0))
+    for wrong, shown in ((Board("circles", 8, 10, 0.02), image), (board, image[:, ::-1])):
+        with pytest.raises(
+            BoardNotSeenError, match=r"larger dot is not at a corner .* check that the image is not mirr"
+        ):
+            detect_board(shown, wrong)
+
+
+@pytest.mark.parametrize("board", [Board("checkerboard", 10, 7, 0.025), Board("circles", 10, 8, 0.02)], ids=str)
+def test_all_of_a_grid_must_be_in_the_image(board: Board):
+    T = board_before_camera(board, 0.36, 20.0, aside_m=(0.25, 0.0))
+    with pytest.raises(BoardNotSeenError, match="needs all of its"):
+        detect_board(render(board, T, K_640, np.random.default_rng(0)), board)
+
+
+def test_other_dots_around_a_grid_do_no_harm():
+    board = Board("circles", 8, 6, 0.02)
+    T = board_before_camera(board, 0.45, 20.0)
+    image = render(board, T, K_640, np.random.default_rng(0))
+    y, x = np.mgrid[:400, :640]
+    for place in ((40, 60), (600, 350), (90, 330), (560, 50), (320, 20)):
+        image[(x - place[0]) ** 2 + (y - place[1]) ** 2 < 36] = 20
+    sighting = detect_board(image, board)
+    assert sighting.numbered
+    assert off_px(sighting, true_pixels(board, T, K_640)) <= 0.12

@@ -1,0 +1,216 @@
+"""From fitted strands to chains: order, what is no string, ends, and what is told."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from recognition.assembly.chains import end_kinds, fitted_chains
+from recognition.model.model import Chain
+from recognition.parameters import ChainParameters
+from recognition.preprocessing.target_cloud import Scene
+from recognition.refinement.refinement import FittedStrand, Refinement, refine
+from recognition.registration.registration import Registration
+from recognition.tracing.height_map import Cover
+from recognition.tracing.trace import trace_strands
+
+R = 0.0042
+PARAMETERS = ChainParameters.for_radius(R)
+NOISE = 0.05 * R
+
+Surface = tuple[np.ndarray, np.ndarray]
+
+
+def found(
+    views: Registration, scene: Scene | None = None, parameters: ChainParameters = PARAMETERS
+) -> tuple[tuple[Chain, ...], list[str]]:
+    """What the graph method makes of the surface; of nothing it doubts that it is a string, and all of it."""
+    chains, doubts, warnings = found_or_doubted(views, scene, parameters)
+    assert doubts == []
+    return chains, warnings
+
+
+def found_or_doubted(
+    views: Registration, scene: Scene | None = None, parameters: ChainParameters = PARAMETERS
+) -> tuple[tuple[Chain, ...], list[str], list[str]]:
+    cover = Cover(views.points)
+    graph = trace_strands(views.points - parameters.r * views.normals, cover, parameters)
+    refinement = refine(graph.strands, views.points, views.normals, parameters)
+    return fitted_chains(refinement, views, cover, scene or Scene(), parameters)
+
+
+def fitted(points: np.ndarray) -> FittedStrand:
+    n = len(points)
+    return FittedStrand(points, False, np.zeros(n, dtype=bool), np.full(n, 40.0), R, R, 0.35, 0.0, 0.05)
+
+
+def box(low: tuple[float, float], high: tuple[float, float], height: float, edge: float) -> Surface:
+    """Top and sides of a box, its upper edges rounded with the radius `edge`, points 1.2 mm apart."""
+    step, parts = 0.0012, []
+    x, y = (np.arange(a + edge, b - edge, step) for a, b in zip(low, high, strict=True))
+    top = np.stack(np.meshgrid(x, y, [height]), axis=-1).reshape(-1, 3)
+    parts.append((top, np.tile((0.0, 0.0, 1.0), (len(top), 1))))
+    turns = np.linspace(0, np.pi / 2, max(int(edge * np.pi / 2 / step), 3))
+    for axis, along in ((0, y), (1, x)):
+        for side, outward in ((low[axis], -1.0), (high[axis], 1.0)):
+            flat = np.arange(0.005, height - edge, step)
+            a, z = (grid.ravel() for grid in np.meshgrid(along, flat))
+            b, turn = (grid.ravel() for grid in np.meshgrid(along, turns))
+            points, normals = np.zeros((len(a) + len(b), 3)), np.zeros((len(a) + len(b), 3))
+            normals[:, axis] = outward * np.concatenate([np.ones(len(a)), np.cos(turn)])
+            normals[len(a) :, 2] = np.sin(turn)
+            points[:, 1 - axis] = np.concatenate([a, b])
+            points[:, axis] = side - outward * edge + edge * normals[:, axis]
+            points[:, 2] = np.concatenate([z, height - edge + edge * np.sin(turn)])
+            parts.append((points, normals))
+    points, normals = (np.vstack(each) for each in zip(*parts, strict=True))
+    return points, normals
+
+
+def test_a_string_is_a_chain(seen: Callable, straight: Callable, registered: Callable, off_line: Callable) -> None:
+    axis = straight((0, 0, R), (0.12, 0, R))
+    views = registered([seen([axis], noise=NOISE, seed=seed) for seed in range(3)])
+    (chain,), warnings = found(views)
+    assert warnings == []
+    assert (chain.id, chain.closed, chain.radius_m, chain.ends) == (0, False, R, ("free", "free"))
+    assert chain.length_m == pytest.approx(0.12, abs=0.3 * R)
+    np.testing.assert_array_equal(chain.views, 3)
+    assert off_line(chain.points, [axis]).max() < 0.1 * R
+    # A tenth of a millimetre or so of pose and of noise each, and no better than the floor.
+    assert chain.sigma_m.min() > 0.0001
+    assert chain.sigma_m.max() < 0.0005
+
+
+def test_the_longest_comes_first_and_each_begins_at_the_smaller_x(
+    seen: Callable, straight: Callable, registered: Callable
+) -> None:
+    # Told from their far ends.
+    strings = [straight((0.08, 0, R), (0, 0, R)), straight((0.1, 0.04, R), (-0.02, 0.05, R))]
+    chains, _ = found(registered([seen(strings, noise=NOISE)]))
+    assert [chain.id for chain in chains] == [0, 1]
+    for chain, start in zip(chains, ((-0.02, 0.05), (0.0, 0.0)), strict=True):
+        np.testing.assert_allclose(chain.points[0, :2], start, rtol=0, atol=0.3 * R)
+        assert len(chain.sigma_m) == len(chain.views) == len(chain.points)
+
+
+@pytest.mark.parametrize("edge", [0.0, 0.3, 0.5, 0.8, 1.0, 1.5])
+def test_the_edges_of_a_box_are_no_strings(
+    seen: Callable, straight: Callable, registered: Callable, edge: float
+) -> None:
+    string = seen([straight((0, 0, R), (0.1, 0, R))], noise=NOISE)
+    points, normals = box((0.02, 0.03), (0.08, 0.08), 0.025, edge * R)
+    noisy = points + np.random.default_rng(1).normal(0, NOISE, (len(points), 1)) * normals
+    chains, _ = found(registered([(np.vstack([string[0], noisy]), np.vstack([string[1], normals]))]))
+    # Only the string: its whole length and no more.
+    assert [round(chain.length_m, 3) for chain in chains] == [0.1]
+    assert np.abs(chains[0].points[:, 1]).max() < 0.2 * R
+
+
+def test_an_end_at_the_border_of_the_workspace_is_unseen(
+    seen: Callable, straight: Callable, registered: Callable
+) -> None:
+    views = registered([seen([straight((0, 0, R), (0.12, 0, R))], noise=NOISE)])
+    box_m = ((-0.1, 0.122), (-0.1, 0.1), (-0.01, 0.1))
+    (chain,), _ = found(views, Scene(workspace_m=box_m))
+    assert chain.ends == ("free", "unseen")
+    (chain,), _ = found(views, Scene(workspace_m=((-0.1, 0.2), *box_m[1:])))
+    assert chain.ends == ("free", "free")
+
+
+def test_an_end_that_goes_on_under_another_strand_is_unseen(seen: Callable, straight: Callable) -> None:
+    over = straight((0, -0.05, 3 * R), (0, 0.05, 3 * R))
+    cover = Cover(seen([over])[0])
+    line = straight((-0.06, 0, R), (-R, 0, R), 0.003)
+    assert end_kinds(fitted(line), cover, Scene(), PARAMETERS) == ("free", "unseen")
+    assert end_kinds(fitted(line[::-1]), cover, Scene(), PARAMETERS) == ("unseen", "free")
+    # Well before it, and on top of it, it is seen to end.
+    assert end_kinds(fitted(line - (0.02, 0, 0)), cover, Scene(), PARAMETERS) == ("free", "free")
+    assert end_kinds(fitted(line + (R, 0, 4 * R)), cover, Scene(), PARAMETERS) == ("free", "free")
+    assert end_kinds(replace(fitted(line), closed=True), cover, Scene(), PARAMETERS) == ("free", "free")
+
+
+@pytest.mark.parametrize(
+    ("share", "told", "doubted"),
+    [(1, 0, 0), (0.93, 0, 0), (1.07, 0, 0), (0.8, 1, 0), (1.15, 1, 0), (1.4, 1, 0), (0.65, 0, 1)],
+)
+def test_a_radius_that_contradicts_the_told_one_is_told_and_much_less_of_it_is_in_doubt(
+    seen: Callable, straight: Callable, registered: Callable, share: float, told: int, doubted: int
+) -> None:
+    axis = straight((0, 0, share * R), (0.12, 0, share * R))
+    (chain,), doubts, warnings = found_or_doubted(registered([seen([axis], radii=[share * R], noise=NOISE)]))
+    assert (len(warnings), len(doubts)) == (told, doubted)
+    for said in warnings + doubts:
+        assert said.startswith(f"chain 0 measures {share * 4.2:.1f} mm in radius, not the 4.2 mm that was looked for")
+        assert ("tell the thinnest's radius" in said) == (share < 1)
+        assert chain.radius_m == pytest.approx(share * R, rel=0.02)
+
+
+def test_strings_of_different_radii_lie_in_one_scene(
+    seen: Callable, straight: Callable, registered: Callable, off_line: Callable
+) -> None:
+    axes = [straight((0, 0, 1.4 * R), (0.13, 0, 1.4 * R)), straight((0, 0.04, 0.6 * R), (0.1, 0.04, 0.6 * R))]
+    chains, doubts, _ = found_or_doubted(registered([seen(axes, radii=[1.4 * R, 0.6 * R], noise=NOISE)]))
+    (doubt,) = doubts  # the thinner one may be longer than what was found of it
+    assert doubt.startswith("chain 1 measures 2.5 mm")
+    np.testing.assert_allclose([chain.radius_m / R for chain in chains], (1.4, 0.6), rtol=0.02, atol=0)
+    for chain, axis in zip(chains, axes, strict=True):
+        assert off_line(chain.points, [axis]).max() < 0.1 * R
+
+
+@pytest.mark.parametrize("gap", [1.2, 2.0])
+def test_a_strand_has_no_views_where_another_hides_it(
+    seen: Callable, heap: Callable, registered: Callable, gap: float
+) -> None:
+    under, over = heap((0, 90), gap * R, half=0.07)
+    # A little longer, so that it is chain 0.
+    views = registered([seen([under, over[:-8]], noise=NOISE, seed=seed) for seed in range(2)])
+    (below, above), _ = found(views)
+    hidden = np.abs(below.points[:, 0]) < 0.5 * R
+    assert hidden.any()
+    np.testing.assert_array_equal(below.views[hidden], 0)
+    np.testing.assert_array_equal(below.views[np.abs(below.points[:, 0]) > 2 * R], 2)
+    assert below.sigma_m[hidden].min() > 1.2 * np.median(below.sigma_m)
+    np.testing.assert_array_equal(above.views, 2)
+
+
+def test_a_ring_is_closed_and_its_length_is_its_perimeter(seen: Callable, arc: Callable, registered: Callable) -> None:
+    (chain,), warnings = found(registered([seen([arc(0.04, 0, 360)], noise=NOISE)]))
+    assert chain.closed
+    assert chain.ends == ("free", "free")
+    assert warnings == []
+    # 251.3 mm: the radius of its line is known to 0.02 r.
+    assert chain.length_m == pytest.approx(2 * np.pi * 0.04, abs=2 * np.pi * 0.02 * R)
+
+
+def test_no_strands_are_no_chains_and_told(seen: Callable, straight: Callable, registered: Callable) -> None:
+    views = registered([seen([straight((0, 0, R), (0.1, 0, R))])])
+    nothing = Refinement([], np.full(len(views.points), -1), 0.0)
+    chains, doubts, warnings = fitted_chains(nothing, views, Cover(views.points), Scene(), PARAMETERS)
+    assert (chains, doubts) == ((), [])
+    (warning,) = warnings
+    assert warning.startswith("no string of radius 4.2 mm found")
+    assert warning.endswith("check the radius")
+
+
+def test_a_string_that_nothing_holds_up_is_told(seen: Callable, straight: Callable, registered: Callable) -> None:
+    def warnings(*strings: np.ndarray) -> list[str]:
+        return found(registered([seen(list(strings), noise=NOISE, seed=seed) for seed in range(2)]))[1]
+
+    (told,) = warnings(straight((0, 0, 1.6 * R), (0.15, 0, 1.6 * R)))
+    assert told.startswith("chain 0 lies 2.")
+    assert "above the table nearly all along" in told
+    # One that rests on another in the middle lies on the table elsewhere.
+    over = straight((0, 0, R), (0.2, 0, R))
+    over[:, 2] += 2 * R * np.exp(-(((over[:, 0] - 0.1) / 0.025) ** 2))
+    assert warnings(over, straight((0.1, -0.1, R), (0.1, 0.1, R))) == []
+
+
+def test_a_string_that_may_be_a_bar_is_kept_and_told(seen: Callable, straight: Callable, registered: Callable) -> None:
+    line = straight((0, 0, R), (0.1, 0, R), 0.003)
+    views = registered([seen([line])])
+    strand = replace(fitted(line), out_of_round_m=0.0, squareness=0.1, squareness_sigma=0.1)
+    refinement = Refinement([strand], np.zeros(len(views.points), dtype=np.int64), 0.0002)
+    (chain,), (doubt,), warnings = fitted_chains(refinement, views, Cover(views.points), Scene(), PARAMETERS)
+    assert (chain.id, warnings) == (0, [])
+    assert doubt.startswith("chain 0 at (50, 0, 4) mm may be no string but a bar with edges")

@@ -1,0 +1,29 @@
+"""One point a voxel."""
+
+import numpy as np
+
+from recognition.geometry.voxel_grid import voxel_means
+
+
+def test_means_by_hand() -> None:
+    points = np.array([[0.0, 0, 0], [0.3, 0, 0], [2.5, 0, 0], [0.1, 1.9, 0.2]])
+    values = np.array([[1.0], [3.0], [5.0], [7.0]])
+    means, of_values = voxel_means(points, 1.0, values)
+    np.testing.assert_allclose(means, [(0.15, 0, 0), (0.1, 1.9, 0.2), (2.5, 0, 0)], rtol=0, atol=1e-15)
+    np.testing.assert_array_equal(of_values, [[2.0], [7.0], [5.0]])
+
+
+def test_as_by_a_dictionary() -> None:
+    rng = np.random.default_rng(1)
+    points = rng.uniform(-3, 5, (400, 3))
+    boxes: dict[tuple[int, ...], list[np.ndarray]] = {}
+    for point in points:
+        boxes.setdefault(tuple(np.floor((point - points.min(axis=0)) / 0.9).astype(int)), []).append(point)
+    expected = np.array([np.mean(boxes[key], axis=0) for key in sorted(boxes)])
+    means, _ = voxel_means(points, 0.9)
+    np.testing.assert_allclose(means, expected, rtol=0, atol=1e-12)
+
+
+def test_no_points_give_none() -> None:
+    means, values = voxel_means(np.empty((0, 3)), 0.1, np.empty((0, 2)))
+    assert (means.shape, values.shape) == ((0, 3), (0, 2))

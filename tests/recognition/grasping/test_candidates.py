@@ -1,0 +1,197 @@
+"""Places along chains that a gripper could take, and the reasons why others could not."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from recognition.grasping.candidates import FAR_M, MOST_PER_CHAIN, STEP_M, Places, find_places
+from recognition.grasping.gripper import Gripper
+from recognition.model.model import Chain, Crossing, StrandPoint
+from recognition.parameters import ChainParameters
+
+R = 0.0042
+PARAMETERS = ChainParameters.for_radius(R)
+GRIPPER = Gripper()
+HALF_FINGER = GRIPPER.finger_width_m / 2
+EXACT = 1e-9
+"""Metres: what rounding and its allowance cost."""
+
+
+def chain(points: NDArray[np.float64], closed: bool = False, r: float = R) -> Chain:
+    n = len(points)
+    return Chain(0, closed, r, points, np.zeros(n), np.full(n, 3, dtype=np.int64), ("free", "free"))
+
+
+def straight(length: float = 0.2, r: float = R, slope_deg: float = 0.0) -> Chain:
+    """A string that leads to x and y alike, in steps of 4 mm, and rises."""
+    slope = np.radians(slope_deg)
+    way = np.array([np.cos(slope) / np.sqrt(2), np.cos(slope) / np.sqrt(2), np.sin(slope)])
+    return chain(np.linspace(0.0, length, round(length / 0.004) + 1)[:, None] * way + (0.3, -0.1, r), r=r)
+
+
+def ring(radius: float = 0.05, count: int = 200) -> Chain:
+    angle = np.linspace(0, 2 * np.pi, count, endpoint=False)
+    return chain(np.column_stack([radius * np.cos(angle), radius * np.sin(angle), np.full(count, R)]), closed=True)
+
+
+def crossing(over: tuple[int, float], under: tuple[int, float], confidence: float = 1.0) -> Crossing:
+    at = (StrandPoint(*over), StrandPoint(*under))
+    return Crossing(0, np.zeros(3), *at, 2 * R, np.pi / 2, 1, confidence)
+
+
+def places(chain: Chain, *crossings: Crossing, gripper: Gripper = GRIPPER) -> Places:
+    found, _ = find_places(chain, crossings, PARAMETERS, gripper)
+    assert found is not None
+    return found
+
+
+def reason(chain: Chain, *crossings: Crossing, gripper: Gripper = GRIPPER) -> str:
+    """Why there is no place at all."""
+    found, told = find_places(chain, crossings, PARAMETERS, gripper)
+    assert found is None or len(found.s_m) == 0
+    return told
+
+
+def test_a_straight_string_has_places_every_step_but_half_a_finger_from_its_ends() -> None:
+    string = straight()
+    found = places(string)
+    np.testing.assert_allclose(found.s_m, np.linspace(0.005, 0.195, 39), rtol=0, atol=EXACT)
+    way = np.array([1.0, 1.0, 0.0]) / np.sqrt(2)
+    np.testing.assert_allclose(found.point, string.points[0] + found.s_m[:, None] * way, rtol=0, atol=EXACT)
+    np.testing.assert_allclose(found.along, np.tile(way, (39, 1)), rtol=0, atol=EXACT)
+    np.testing.assert_allclose(found.opening_m, 2 * R + GRIPPER.opening_margin_m, rtol=0, atol=EXACT)
+    # Half at the ends, and all of it once they are `FAR_M` from the finger.
+    to_end = np.minimum(found.s_m, 0.2 - found.s_m) - HALF_FINGER
+    np.testing.assert_allclose(found.merit, 0.5 + 0.5 * np.minimum(to_end / FAR_M, 1), rtol=0, atol=1e-6)
+
+
+def test_what_other_things_take_away_is_said_of_the_rest() -> None:
+    _, told = find_places(straight(), (), PARAMETERS, GRIPPER)
+    assert told == "of 39 places along it 39 are where the gripper would touch the table, another strand or a thing"
+
+
+def test_a_long_string_has_fewer_places_to_the_metre() -> None:
+    found = places(straight(length=3.0))
+    assert len(found.s_m) == MOST_PER_CHAIN
+    np.testing.assert_allclose(np.diff(found.s_m), 2.99 / 99, rtol=0, atol=EXACT)
+
+
+@pytest.mark.parametrize("length", [0.0104, 0.014])
+def test_a_string_little_longer_than_a_finger_has_one_place(length: float) -> None:
+    points = np.array([(0.0, 0.0, R), (length, 0.0, R)])
+    np.testing.assert_allclose(places(chain(points)).s_m, [HALF_FINGER], rtol=0, atol=EXACT)
+
+
+def test_a_string_shorter_than_a_finger_has_none() -> None:
+    assert reason(straight(length=0.008)) == "its 8 mm are no longer than a finger is wide"
+    found, told = find_places(chain(np.array([(0.0, 0.0, R)])), (), PARAMETERS, GRIPPER)
+    assert (found, told) == (None, "its 0 mm are no longer than a finger is wide")
+
+
+def test_a_closed_string_has_places_all_the_way_round() -> None:
+    string = ring()
+    found = places(string)
+    count = int(string.length_m / STEP_M) + 1
+    np.testing.assert_allclose(found.s_m, np.arange(count) * string.length_m / count, rtol=0, atol=EXACT)
+    # The seam is a place like the others, but for the corners of the polygon of 1.6 mm that stand for the circle.
+    bend = 0.05 * (1 - np.cos(HALF_FINGER / 0.05))
+    corner = 0.05 * (1 - np.cos(np.pi / 200))
+    wanted = 2 * (R + bend) + GRIPPER.opening_margin_m
+    np.testing.assert_allclose(found.opening_m, wanted, rtol=0, atol=4 * corner)
+    np.testing.assert_allclose(found.merit, found.merit[0], rtol=0.01)
+    # Along the tangent, to half a corner's angle.
+    tangent = np.column_stack([-found.point[:, 1], found.point[:, 0]]) / 0.05
+    assert ((found.along[:, :2] * tangent).sum(axis=1) > np.cos(np.pi / 200) - 1e-3).all()
+
+
+@pytest.mark.parametrize("r", [0.002, R])
+def test_none_near_a_pass_underneath(r: float) -> None:
+    string = straight(r=r)
+    free, found = places(string), places(string, crossing(over=(1, 0.3), under=(0, 0.1)))
+    # Three radii of this string, as `r_cn` is of the parameters', and half a finger.
+    away = 3 * r + HALF_FINGER
+    np.testing.assert_array_equal(found.s_m, free.s_m[np.abs(free.s_m - 0.1) >= away])
+    assert len(found.s_m) < len(free.s_m)
+
+
+def test_a_pass_underneath_at_the_seam_counts_on_both_sides() -> None:
+    string = ring()
+    found, away = places(string, crossing(over=(1, 0.3), under=(0, 0.002))), 3 * R + HALF_FINGER
+    assert 0.002 + away <= found.s_m[0] < 0.002 + away + STEP_M
+    assert 0.002 - away - STEP_M < found.s_m[-1] - string.length_m <= 0.002 - away
+
+
+def test_a_pass_on_top_is_a_place_of_less_merit() -> None:
+    free, found = places(straight()), places(straight(), crossing(over=(0, 0.1), under=(1, 0.3)))
+    np.testing.assert_array_equal(found.s_m, free.s_m)
+    assert found.merit[19] == pytest.approx(0.5, abs=1e-6)
+    far = np.abs(free.s_m - 0.1) > FAR_M + EXACT
+    np.testing.assert_allclose(found.merit[far], free.merit[far], rtol=0, atol=1e-12)
+
+
+def test_where_over_and_under_are_not_sure_a_pass_on_top_is_none() -> None:
+    unsure = crossing(over=(0, 0.1), under=(1, 0.3), confidence=0.8)
+    assert np.abs(places(straight(), unsure).s_m - 0.1).min() >= 3 * R + HALF_FINGER
+
+
+def test_none_where_a_finger_would_hold_what_no_view_saw() -> None:
+    seen = straight()
+    # Hidden from 80 to 100 mm, and a finger reaches 5 mm: 75 mm and 105 mm are too near.
+    hidden = (seen.arc_length_m > 0.079) & (seen.arc_length_m < 0.101)
+    found = places(replace(seen, views=np.where(hidden, 0, 3)))
+    left = [k * 0.005 for k in range(1, 40) if not 15 <= k <= 21]
+    np.testing.assert_allclose(found.s_m, left, rtol=0, atol=EXACT)
+    # One view of the three that make a place as good as any.
+    one = places(replace(seen, views=np.ones(51, dtype=np.int64)))
+    np.testing.assert_allclose(one.merit, places(seen).merit / 3, rtol=1e-9)
+
+
+def test_an_unseen_string_has_no_place() -> None:
+    unseen = replace(straight(), views=np.zeros(51, dtype=np.int64))
+    assert reason(unseen) == "of 39 places along it 39 are not seen by any view"
+
+
+def test_a_string_underneath_another_all_along_has_no_place() -> None:
+    string = straight(length=0.03)
+    told = reason(string, crossing(over=(1, 0.3), under=(0, 0.015)))
+    assert told == "of 5 places along it 5 are underneath another strand at a crossing, or beside it"
+
+
+def test_a_string_too_thick_for_the_gripper_has_no_place() -> None:
+    # 2 * 10 mm + 4 mm.
+    told = reason(straight(r=0.01), gripper=Gripper(stroke_m=0.0239))
+    assert told == "of 39 places along it 39 are too wide: from 24.0 mm on, and the gripper opens 23.9 mm"
+    assert len(places(straight(r=0.01), gripper=Gripper(stroke_m=0.0241)).s_m) == 39
+    # What is not known for sure is opened for too: two sigma on either side.
+    unsure = replace(straight(), sigma_m=np.full(51, 0.002))
+    np.testing.assert_allclose(places(unsure).opening_m, 2 * (R + 0.004) + 0.004, rtol=0, atol=EXACT)
+    assert "too wide: from 20.4 mm on" in reason(unsure, gripper=Gripper(stroke_m=0.02))
+
+
+def test_a_steep_string_has_no_place() -> None:
+    # Up to 60 degrees a string can be taken from above.
+    assert reason(straight(slope_deg=61)) == "of 39 places along it 39 are too steep"
+    found = places(straight(slope_deg=59))
+    assert len(found.s_m) == 39
+    np.testing.assert_allclose(found.along[:, 2], 0.0, rtol=0, atol=1e-12)
+    assert found.merit.max() == pytest.approx(np.cos(np.radians(59)), rel=1e-6)
+
+
+def test_each_place_is_told_once_with_its_first_reason() -> None:
+    seen = straight()
+    # Hidden up to 88 mm, and seen by one of three views from 89.3 mm on: 5 to 90 mm are too near. Of the rest, 95 to
+    # 155 mm are within 17.6 mm of a pass underneath. 160 to 195 mm are left.
+    half = replace(seen, views=np.where(seen.arc_length_m < 0.0915, 0, 3))
+    told = reason(
+        half,
+        *(crossing(over=(1, 0.1), under=(0, s)) for s in (0.08, 0.11, 0.14)),
+        gripper=Gripper(stroke_m=0.012),
+    )
+    unseen, under, wide = 18, 13, 8
+    assert told == (
+        f"of 39 places along it {unseen} are not seen by any view; "
+        f"{under} are underneath another strand at a crossing, or beside it; "
+        f"{wide} are too wide: from 12.4 mm on, and the gripper opens 12.0 mm"
+    )

@@ -1,0 +1,196 @@
+"""Grasps with known answers, and what holds of those on any chains."""
+
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from recognition.grasping.candidates import FAR_M
+from recognition.grasping.gripper import Gripper
+from recognition.model.model import Chain, Crossing, PointChainModel, StrandPoint
+from service.model_schema import GraspDocument
+from tests.recognition.straight_strings import (
+    GRIPPER,
+    HALF_FINGER,
+    PARAMETERS,
+    TABLE_Z,
+    R,
+    chain,
+    grasps_of,
+    straight,
+)
+
+
+@pytest.mark.parametrize("degrees", [0, 37, 180, -110])
+def test_a_straight_string_is_taken_from_above_and_across(degrees: float) -> None:
+    grasps, warnings = grasps_of(straight(degrees=degrees))
+    assert warnings == []
+    # Every 5 mm or so, but half a finger from the ends.
+    s = np.sort([grasp.s_m for grasp in grasps])
+    np.testing.assert_allclose((s[0], s[-1]), (HALF_FINGER, 0.2 - HALF_FINGER), rtol=0, atol=1e-9)
+    np.testing.assert_allclose(np.diff(s), 0.005, rtol=0, atol=1e-9)
+    along = np.array([np.cos(np.radians(degrees)), np.sin(np.radians(degrees)), 0])
+    for grasp in grasps:
+        T = grasp.T_base_grasp
+        np.testing.assert_allclose(T[:3, 1], along, rtol=0, atol=1e-9)
+        np.testing.assert_allclose(T[:3, 2], (0, 0, -1), rtol=0, atol=1e-9)
+        np.testing.assert_allclose(T[:3, 0], (-along[1], along[0], 0), rtol=0, atol=1e-9)
+        np.testing.assert_allclose(T[:3, 3], (grasp.s_m - 0.1) * along + (0, 0, TABLE_Z + R), rtol=0, atol=1e-9)
+        assert grasp.opening_m == pytest.approx(2 * R + GRIPPER.opening_margin_m, abs=1e-9)
+        # The table stops the fingertips before they reach the string's lowest point.
+        assert grasp.reach_m == pytest.approx(R - GRIPPER.table_clearance_m, abs=1e-9)
+        assert grasp.table_clearance_m == pytest.approx(GRIPPER.table_clearance_m, abs=1e-9)
+        assert grasp.clearance_m == FAR_M
+    # The best is in the middle, and they come in order.
+    assert min(grasps[0].s_m, 0.2 - grasps[0].s_m) > FAR_M
+    scores = [grasp.score for grasp in grasps]
+    assert scores == sorted(scores, reverse=True)
+    assert 0 < scores[-1] < scores[0] <= 1
+
+
+def test_the_opening_grows_with_sigma_and_bend() -> None:
+    unsure = replace(straight(), sigma_m=np.full(51, 0.001))
+    grasps, _ = grasps_of(unsure)
+    assert {round(grasp.opening_m, 9) for grasp in grasps} == {0.0164}  # 8.4 + 2 * 2 sigma + 4
+    sure = grasps_of(straight())[0][0].score
+    assert grasps[0].score == pytest.approx(sure / (1 + (2 / 4.2) ** 2), rel=1e-6)
+
+    t = np.linspace(0, 2 * np.pi, 400, endpoint=False)
+    ring = chain(np.column_stack([0.03 * np.cos(t), 0.03 * np.sin(t), np.full(400, TABLE_Z + R)]), closed=True)
+    grasps, _ = grasps_of(ring)
+    # Half a finger along a circle of 30 mm, it is 5^2 / 60 mm off the tangent.
+    bend = 0.03 * (1 - np.cos(HALF_FINGER / 0.03))
+    np.testing.assert_allclose([grasp.opening_m for grasp in grasps], 0.0124 + 2 * bend, rtol=0, atol=2e-5)
+    # All the way round: a closed chain has no end to keep away from.
+    assert len(grasps) == int(ring.length_m / 0.005) + 1
+    scores = [grasp.score for grasp in grasps]
+    assert max(scores) - min(scores) < 0.01
+
+
+def test_none_where_no_view_saw_the_string() -> None:
+    seen = straight()
+    views = seen.views.copy()
+    views[25] = 0  # at 100 mm; its neighbours, 4 mm on, were seen
+    grasps, _ = grasps_of(replace(seen, views=views))
+    away = np.abs([grasp.s_m - 0.1 for grasp in grasps])
+    assert HALF_FINGER < away.min() < HALF_FINGER + 0.009
+    few = replace(seen, views=np.ones(51, dtype=np.int64))
+    assert grasps_of(few)[0][0].score == pytest.approx(grasps_of(seen)[0][0].score / 3, rel=1e-6)
+
+
+@pytest.mark.parametrize(("apart", "possible"), [(0.0085, False), (0.0145, False), (0.0175, True), (0.03, True)])
+def test_strands_side_by_side_need_room_for_a_finger(apart: float, possible: bool) -> None:
+    # A finger's outer face is 6.2 + 5 mm from the centre line, the other strand begins r before its own, and 1 mm is
+    # kept: from 16.4 mm on there is room.
+    grasps, warnings = grasps_of(straight(), straight(y=apart, number=1))
+    assert bool(grasps) == possible
+    if possible:
+        outer = 0.0112 + R
+        assert {round(grasp.clearance_m, 4) for grasp in grasps if abs(grasp.T_base_grasp[2, 2]) > 0.999} == {
+            round(apart - outer, 4)
+        }
+    else:
+        assert len(warnings) == 2
+        assert "would touch" in warnings[0]
+
+
+def test_a_stroke_smaller_than_the_string_is_said() -> None:
+    grasps, warnings = grasps_of(straight(), gripper=Gripper(stroke_m=0.012))
+    assert grasps == ()
+    (warning,) = warnings
+    assert "too wide" in warning
+    assert "12.4 mm" in warning  # 8.4 + 4
+    assert "opens 12.0 mm" in warning
+
+
+def test_a_string_too_thin_for_fingers_above_the_table_is_said() -> None:
+    thin = replace(straight(z=0.001), radius_m=0.001)
+    grasps, warnings = grasps_of(thin)
+    assert grasps == ()
+    assert "touch the table" in warnings[0]
+    grasps, _ = grasps_of(thin, gripper=Gripper(table_clearance_m=0.0005))
+    assert {round(grasp.reach_m, 6) for grasp in grasps} == {0.0005}
+
+
+def test_a_chain_shorter_than_a_finger_is_said() -> None:
+    grasps, warnings = grasps_of(straight(length=0.009))
+    assert grasps == ()
+    assert "9 mm are no longer than a finger is wide" in warnings[0]
+
+
+def test_no_string_no_grasp() -> None:
+    assert grasps_of() == ((), [])
+
+
+def test_a_long_string_has_places_all_along() -> None:
+    grasps, _ = grasps_of(straight(length=10.0))
+    s = np.sort([grasp.s_m for grasp in grasps])
+    assert len(s) == 100
+    np.testing.assert_allclose(np.diff(s), (10 - 2 * HALF_FINGER) / 99, rtol=0, atol=1e-9)
+
+
+def test_turning_the_chain_round_turns_the_grasps() -> None:
+    (there, _), (back, _) = grasps_of(straight()), grasps_of(replace(straight(), points=straight().points[::-1].copy()))
+    assert len(there) == len(back)
+    by_place = {round(0.2 - grasp.s_m, 6): grasp for grasp in back}
+    for grasp in there:
+        other = by_place[round(grasp.s_m, 6)].T_base_grasp
+        np.testing.assert_allclose(other[:, :2], -grasp.T_base_grasp[:, :2], rtol=0, atol=1e-9)
+        np.testing.assert_allclose(other[:, 2:], grasp.T_base_grasp[:, 2:], rtol=0, atol=1e-9)
+
+
+@st.composite
+def odd_chains(draw: st.DrawFn) -> tuple[Chain, ...]:
+    """Chains that wander about in space, stand still, rise or have a single point."""
+    chains = []
+    for number in range(draw(st.integers(1, 3))):
+        rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
+        count = draw(st.integers(1, 30))
+        steps = rng.normal(0, draw(st.sampled_from((0.0, 0.001, 0.004, 0.05))), (count, 3))
+        begin = np.array([0, 0, TABLE_Z + draw(st.sampled_from((-0.01, 0.0, R, 0.05)))])
+        points = begin + np.cumsum(steps, axis=0)
+        chains.append(
+            Chain(
+                number, draw(st.booleans()), draw(st.sampled_from((0.0005, R, 0.02))), points,
+                rng.uniform(0, 0.002, count), rng.integers(0, 9, count), ("free", "unseen"),
+            )
+        )  # fmt: skip
+    return tuple(chains)
+
+
+@settings(max_examples=50, deadline=None)
+@given(odd_chains(), st.integers(0, 60), st.floats(0, 0.1))
+def test_whatever_the_chains_grasps_are_possible_ones(chains: tuple[Chain, ...], count: int, spread: float) -> None:
+    surface = np.random.default_rng(count).normal((0, 0, TABLE_Z), spread, (count, 3))
+    crossings = tuple(
+        Crossing(k, np.zeros(3), StrandPoint(a.id, a.length_m / 3), StrandPoint(b.id, b.length_m / 2), 0, 1, 1, 0.6)
+        for k, (a, b) in enumerate(pairwise(chains))
+    )
+    grasps, warnings = grasps_of(*chains, crossings=crossings, surface=surface)
+    assert len({grasp.chain for grasp in grasps}) + len(warnings) == len(chains)
+    for grasp in grasps:
+        T = grasp.T_base_grasp
+        assert np.isfinite(T).all()
+        np.testing.assert_allclose(T[:3, :3].T @ T[:3, :3], np.eye(3), rtol=0, atol=1e-9)
+        assert 0 <= grasp.s_m <= chains[grasp.chain].length_m
+        assert 2 * chains[grasp.chain].radius_m < grasp.opening_m <= GRIPPER.stroke_m
+        assert GRIPPER.clearance_m <= grasp.clearance_m <= FAR_M
+        assert grasp.table_clearance_m >= GRIPPER.table_clearance_m - 1e-9
+        assert 0 <= grasp.score <= 1
+
+
+def test_the_document_holds_grasps_to_a_micrometre() -> None:
+    grasps, _ = grasps_of(straight(degrees=33))
+    document = PointChainModel("enhanced", PARAMETERS, (straight(degrees=33),), grasps=grasps).to_json()
+    assert len(document["grasps"]) == len(grasps)
+    told, grasp = document["grasps"][0], grasps[0]
+    GraspDocument.model_validate(told)
+    np.testing.assert_allclose(told["T_base_grasp"], grasp.T_base_grasp, rtol=0, atol=5e-7)
+    # Rotations keep their figures, or the frame would not be rigid any more.
+    rotation = np.array(told["T_base_grasp"])[:3, :3]
+    np.testing.assert_allclose(rotation @ rotation.T, np.eye(3), rtol=0, atol=1e-8)
+    assert told["s_m"] == pytest.approx(grasp.s_m, abs=5e-7)
+    assert told["score"] == pytest.approx(grasp.score, abs=5e-5)

@@ -1,0 +1,144 @@
+"""The model's JSON document is the contract's, and its figures follow from the arrays."""
+
+import json
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+
+from recognition.model.model import METHODS, Chain, Crossing, Grasp, PointChainModel, Quality, StrandPoint, ViewQuality
+from recognition.parameters import ChainParameters
+
+T_BASE_GRASP = np.array([(0.6, -0.8, 0, 0.1), (-0.8, -0.6, 0, -0.2), (0, 0, -1, 1 / 3), (0, 0, 0, 1)])
+SQUARE = np.array([(0, 0, 0), (0.03, 0, 0), (0.03, 0.04, 0), (0, 0.04, 0)])
+
+
+def chain(number: int, points: np.ndarray, closed: bool = False) -> Chain:
+    count = len(points)
+    return Chain(
+        number, closed, 0.0042, points, np.full(count, 0.0003), np.arange(count, dtype=np.int64), ("free", "unseen")
+    )
+
+
+def crossing(number: int, over: tuple[int, float], under: tuple[int, float], sign: int) -> Crossing:
+    point = np.array([0.1, -0.2, 1 / 3])
+    return Crossing(number, point, StrandPoint(*over), StrandPoint(*under), 0.0083, 1.1, sign, 0.98)
+
+
+@pytest.fixture(scope="module")
+def model(table_1: ChainParameters) -> PointChainModel:
+    """Two chains: the first crosses itself and lies under the second."""
+    views = (
+        ViewQuality(0, True, None, 5213, 0.97, 0.0003, 0.0008, 0.002),
+        ViewQuality(1, False, "no pixel has a depth", 0),
+    )
+    return PointChainModel(
+        "enhanced",
+        table_1,
+        (chain(0, SQUARE), chain(1, SQUARE + 0.01)),
+        (crossing(0, (0, 0.09), (0, 0.02), 1), crossing(1, (1, 0.05), (0, 0.04), -1)),
+        Quality(views, ("not certain",), ("left out",)),
+        {"preprocess": 0.05123456789},
+        grasps=(Grasp(1, 0.02, T_BASE_GRASP, 0.0124, 0.0032, 0.03, 0.001, 2 / 3),),
+    )
+
+
+def test_the_document_has_the_keys_of_the_contract_and_no_others(model: PointChainModel) -> None:
+    document = model.to_json()
+    assert set(document) == {
+        "schema", "frame", "method", "parameters", "chains", "crossings", "topology", "grasps", "quality",
+        "timing_s",
+    }  # fmt: skip
+    assert (document["schema"], document["frame"], document["method"]) == ("pointchain/1", "base", "enhanced")
+    for entry in document["chains"]:
+        assert set(entry) == {
+            "id", "closed", "radius_m", "length_m", "points", "arc_length_m", "sigma_m", "views", "ends"
+        }  # fmt: skip
+    for entry in document["crossings"]:
+        assert set(entry) == {
+            "id", "point", "over", "under", "gap_m", "angle_rad", "sign", "confidence"
+        }  # fmt: skip
+        assert set(entry["over"]) == set(entry["under"]) == {"chain", "s_m"}
+    assert set(document["quality"]) == {"views", "ambiguities", "warnings"}
+    for entry in document["quality"]["views"]:
+        assert set(entry) == {
+            "index", "used", "reason", "points", "fitness", "rms_m", "correction_m", "correction_rad"
+        }  # fmt: skip
+    assert set(document["topology"]) == {"gauss_code", "p_data"}
+    assert set(document["topology"]["p_data"]) == {"elements", "matrix"}
+    for entry in document["grasps"]:
+        assert set(entry) == {
+            "chain", "s_m", "T_base_grasp", "opening_m", "reach_m", "clearance_m", "table_clearance_m", "score"
+        }  # fmt: skip
+
+
+def test_parameters_carry_their_units(model: PointChainModel, table_1: ChainParameters) -> None:
+    assert model.to_json()["parameters"] == {
+        "r_m": table_1.r,
+        "z_t_m": table_1.z_t,
+        "r_c_m": table_1.r_c,
+        "r_s_m": table_1.r_s,
+        "rho_t": table_1.rho_t,
+        "R_t": table_1.R_t,
+        "r_n_m": table_1.r_n,
+        "r_f_m": table_1.r_f,
+        "r_cn_m": table_1.r_cn,
+        "r_cf_m": table_1.r_cf,
+    }
+
+
+def numbers(value: Any) -> list[float]:
+    if isinstance(value, dict):
+        return [n for entry in value.values() for n in numbers(entry)]
+    if isinstance(value, list | tuple):
+        return [n for entry in value for n in numbers(entry)]
+    return [value] if isinstance(value, int | float) else []
+
+
+def test_it_is_plain_json_of_finite_numbers_to_a_micrometre(model: PointChainModel) -> None:
+    document = model.to_json()
+    again = json.loads(json.dumps(document, allow_nan=False))
+    assert all(map(math.isfinite, numbers(again)))
+    assert again["crossings"][0]["point"] == [0.1, -0.2, 0.333333]
+    assert again["grasps"][0]["T_base_grasp"] == [
+        [0.6, -0.8, 0, 0.1],
+        [-0.8, -0.6, 0, -0.2],
+        [0, 0, -1, 0.333333],
+        [0, 0, 0, 1],
+    ]
+    assert again["grasps"][0]["score"] == 0.6667
+    assert again["timing_s"] == {"preprocess": 0.051235}
+    assert again["chains"][0]["points"] == SQUARE.tolist()
+    assert again["chains"][0]["arc_length_m"] == [0.0, 0.03, 0.07, 0.1]
+    assert again["chains"][0]["views"] == [0, 1, 2, 3]
+    assert again["chains"][0]["ends"] == ["free", "unseen"]
+    assert again["quality"]["views"][1]["reason"] == "no pixel has a depth"
+    assert again["quality"]["views"][1]["rms_m"] is None
+
+
+def test_the_gauss_code_lists_each_chains_crossings_in_order(model: PointChainModel) -> None:
+    expected = [[[0, "under", 1], [1, "under", -1], [0, "over", 1]], [[1, "over", -1]]]
+    assert model.gauss_code() == expected
+    assert model.to_json()["topology"]["gauss_code"] == expected
+
+
+def test_a_chain_without_crossings_has_an_empty_code(table_1: ChainParameters) -> None:
+    assert PointChainModel("matching", table_1, (chain(0, SQUARE),)).gauss_code() == [[]]
+
+
+def test_no_string_is_a_valid_model(table_1: ChainParameters) -> None:
+    document = PointChainModel("enhanced", table_1, quality=Quality(warnings=("no string in view",))).to_json()
+    assert (document["chains"], document["crossings"], document["grasps"]) == ([], [], [])
+    assert document["topology"] == {"gauss_code": [], "p_data": {"elements": [], "matrix": []}}
+    json.dumps(document, allow_nan=False)
+
+
+def test_lengths_by_hand() -> None:
+    assert chain(0, SQUARE).length_m == pytest.approx(0.1, abs=1e-15)
+    # All the way round.
+    assert chain(0, SQUARE, closed=True).length_m == pytest.approx(0.14, abs=1e-15)
+
+
+def test_methods_are_the_papers_two_and_ours() -> None:
+    assert METHODS == ("matching", "enhanced", "graph")

@@ -1,0 +1,85 @@
+"""Lines continued or cut to where the surface about them ends."""
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from recognition.refinement.end_localisation import to_true_end
+
+R = 0.0042
+STEP = 0.7 * R
+NOISE = 0.05 * R
+
+
+def line_from(x: float, to: float = 0.1) -> np.ndarray:
+    points = np.arange(x, to, STEP)
+    return np.column_stack([points, np.zeros_like(points), np.full_like(points, R)])
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.05, 0.1])
+@pytest.mark.parametrize("start", [-1.5, -0.8, -0.3, 0.0, 0.4, 1.0, 2.0])
+def test_a_straight_line_ends_where_the_string_does(
+    seen: Callable, straight: Callable, off_line: Callable, start: float, noise: float
+) -> None:
+    axis = straight((0, 0, R), (0.1, 0, R))
+    surface, normals = seen([axis], noise=noise * R)
+    ended = to_true_end(line_from(start * R), surface, normals, R)
+    # Of the surface's places, 1 mm (0.24 r) apart, the 95th percentile of the last 2 r.
+    assert abs(ended[0, 0]) < 0.25 * R
+    assert off_line(ended, [axis]).max() < 0.25 * R
+    # The rest of the line is what it was, and the spacing about the same.
+    np.testing.assert_array_equal(ended[-10:], line_from(start * R)[-10:])
+    steps = np.linalg.norm(np.diff(ended, axis=0), axis=1)
+    assert steps.min() > 0.3 * STEP
+    assert steps.max() < 1.6 * STEP
+
+
+@pytest.mark.parametrize("beyond", [-1.5, -0.7, 0.0, 0.7])
+@pytest.mark.parametrize("radius", [0.03, 0.06])
+def test_a_bend_is_carried_on(seen: Callable, arc: Callable, radius: float, beyond: float) -> None:
+    string = arc(radius, 0, 100)
+    surface, normals = seen([string], noise=NOISE)
+    first = -np.degrees(beyond * R / radius)
+    whole = np.radians(np.arange(first, 100, np.degrees(STEP / radius)))
+    line = np.column_stack([radius * np.cos(whole), radius * np.sin(whole), np.full_like(whole, R)])
+    ended = to_true_end(line, surface, normals, R)
+    assert np.linalg.norm(ended[0] - string[0]) < 0.3 * R
+
+
+def test_it_ends_before_another_string_that_lies_across(seen: Callable, straight: Callable) -> None:
+    # It butts against the other's side: their surfaces are one, but the other's looks another way.
+    ending = straight((0, 0, R), (0.1, 0, R))
+    across = straight((-1.05 * R, -0.04, R), (-1.05 * R, 0.04, R))
+    surface, normals = seen([ending, across], noise=NOISE)
+    for start in (-0.5, 0.0, 1.5):
+        assert to_true_end(line_from(start * R), surface, normals, R)[0, 0] == pytest.approx(0.0, abs=0.3 * R)
+
+
+def test_it_does_not_leap_over_a_hole_to_the_next_string(seen: Callable, straight: Callable) -> None:
+    strings = [straight((0, 0, R), (0.1, 0, R)), straight((-0.05, 0, R), (-R, 0, R))]
+    surface, normals = seen(strings, noise=NOISE)
+    # A radius of bare table, in line.
+    assert to_true_end(line_from(R), surface, normals, R)[0, 0] == pytest.approx(0.0, abs=0.25 * R)
+
+
+def test_it_ends_under_a_strand_that_hides_it(seen: Callable, straight: Callable) -> None:
+    under = straight((-0.05, 0, R), (0.1, 0, R))
+    over = straight((0, -0.05, 3 * R), (0, 0.05, 3 * R))
+    surface, normals = seen([under, over], noise=NOISE)
+    # The camera loses it at x = r; the strand above does not lie about its axis.
+    assert to_true_end(line_from(2 * R), surface, normals, R)[0, 0] == pytest.approx(R, abs=0.25 * R)
+
+
+def test_a_line_with_no_surface_about_it_stays(seen: Callable, straight: Callable) -> None:
+    surface, normals = seen([straight((0, 0.05, R), (0.1, 0.05, R))])
+    np.testing.assert_array_equal(to_true_end(line_from(0), surface, normals, R), line_from(0))
+    np.testing.assert_array_equal(to_true_end(line_from(0), np.empty((0, 3)), np.empty((0, 3)), R), line_from(0))
+
+
+def test_lines_of_a_few_points_are_taken(seen: Callable, straight: Callable) -> None:
+    surface, normals = seen([straight((0, 0, R), (0.012, 0, R))], noise=NOISE)
+    for count in (2, 3, 4):
+        ended = to_true_end(line_from(0.5 * R)[:count], surface, normals, R)
+        assert ended[0, 0] == pytest.approx(0.0, abs=0.3 * R)
+        assert np.isfinite(ended).all()

@@ -1,0 +1,154 @@
+"""Which fitted strands are strings, judged by the surface beside them."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from recognition.parameters import ChainParameters
+from recognition.refinement.refinement import FittedStrand, Refinement
+from recognition.refinement.string_classifier import perhaps_square, select_strings
+
+R = 0.0042
+PARAMETERS = ChainParameters.for_radius(R)
+NOT_ROUND = ["left out a piece of 100 mm at (50, 0, 4) mm: not round like a string"]
+
+
+def fitted(points: np.ndarray) -> FittedStrand:
+    n = len(points)
+    return FittedStrand(points, False, np.zeros(n, dtype=bool), np.full(n, 40.0), R, R, 0.0, 0.0, 0.05)
+
+
+def selected(surface: np.ndarray, *strands: FittedStrand, owned: float = 1.0) -> tuple[list[FittedStrand], list[str]]:
+    """The strings among the strands, and what is left out; this share of the surface nearest to each lies on its tube,
+    the rest on none."""
+    kept, doubts, left_out = judged(surface, *strands, owned=owned)
+    assert doubts == []
+    return kept, left_out
+
+
+def judged(
+    surface: np.ndarray, *strands: FittedStrand, owned: float = 1.0
+) -> tuple[list[FittedStrand], list[str], list[str]]:
+    """With what may be a string too."""
+    distance = np.array([np.linalg.norm(surface[:, None] - s.points, axis=2).min(axis=1) for s in strands])
+    on = np.arange(len(surface)) % 100 < 100 * owned
+    return select_strings(
+        Refinement(list(strands), np.where(on, distance.argmin(axis=0), -1), 0.0002), surface, PARAMETERS
+    )
+
+
+def test_a_string_has_its_surface_to_itself(seen: Callable, straight: Callable) -> None:
+    line = straight((0, 0, R), (0.1, 0, R), 0.003)
+    surface, _ = seen([line])
+    (kept,), told = selected(surface, fitted(line))
+    np.testing.assert_array_equal(kept.points, line)
+    assert told == []
+    # Some of it is noise; beside the edge of a box, whose faces go on, half of it is no tube's.
+    assert len(selected(surface, fitted(line), owned=0.8)[0]) == 1
+    assert selected(surface, fitted(line), owned=0.5) == ([], NOT_ROUND)
+
+
+def test_a_profile_that_is_no_circle_is_no_strings(seen: Callable, straight: Callable) -> None:
+    line = straight((0, 0, R), (0.1, 0, R), 0.003)
+    surface, _ = seen([line])
+    assert len(selected(surface, replace(fitted(line), out_of_round_m=0.03 * R))[0]) == 1
+    assert selected(surface, replace(fitted(line), out_of_round_m=0.05 * R)) == ([], NOT_ROUND)
+
+
+def test_the_profile_of_a_square_bar_is_no_strings_unless_it_may_be_either(seen: Callable, straight: Callable) -> None:
+    line = straight((0, 0, R), (0.1, 0, R), 0.003)
+    surface, _ = seen([line])
+
+    def kept_and_doubted(squareness: float, sigma: float) -> tuple[bool, bool]:
+        strand = replace(fitted(line), squareness=squareness, squareness_sigma=sigma)
+        kept, told = selected(surface, strand)
+        assert told == ([] if kept else NOT_ROUND)
+        return len(kept) == 1, perhaps_square(strand)
+
+    # Kept, doubted.
+    assert kept_and_doubted(0.1, 0.05) == (True, False)
+    assert kept_and_doubted(-0.3, 0.05) == (True, False)
+    assert kept_and_doubted(0.4, 0.05) == (False, True)
+    # Two sigmas to either side.
+    assert kept_and_doubted(0.1, 0.1) == (True, True)
+    assert kept_and_doubted(0.4, 0.25) == (True, True)
+    assert kept_and_doubted(0.0, np.inf) == (True, True)
+
+
+def test_what_is_hardly_borne_or_short_is_none(seen: Callable, straight: Callable) -> None:
+    line, longer = straight((0, 0, R), (0.1, 0, R), 0.003), straight((0, 0.04, R), (0.12, 0.04, R), 0.003)
+    surface, _ = seen([line, longer])
+    assert len(selected(surface, fitted(line), fitted(longer))[0]) == 2
+    # Less than half of it is borne by surface as the longest is.
+    hardly = replace(fitted(line), support=np.where(np.arange(len(line)) < 10, 40.0, 4.0))
+    (kept,), told = selected(surface, hardly, fitted(longer))
+    np.testing.assert_array_equal(kept.points, longer)
+    assert told == ["left out a piece of 100 mm at (50, 0, 4) mm: hardly seen"]
+    (kept,), told = selected(surface, fitted(line[:7]), fitted(longer))
+    assert told == ["left out a piece of 18 mm at (9, 0, 4) mm: too short to be told from noise"]
+
+
+def test_a_long_piece_that_is_hardly_borne_may_be_a_string(seen: Callable, straight: Callable) -> None:
+    line, longer = straight((0, 0, R), (0.2, 0, R), 0.003), straight((0, 0.04, R), (0.22, 0.04, R), 0.003)
+    surface, _ = seen([line, longer])
+    hardly = replace(fitted(line), support=np.where(np.arange(len(line)) < 10, 40.0, 4.0))
+    (kept,), doubts, left_out = judged(surface, hardly, fitted(longer))
+    np.testing.assert_array_equal(kept.points, longer)
+    assert doubts == ["left out a piece of 200 mm at (100, 0, 4) mm: hardly seen, so it may be a string"]
+    assert left_out == []
+
+
+def test_what_lies_on_another_ones_tube_speaks_for_none(seen: Callable, straight: Callable) -> None:
+    # A string, and a rim beside it: half of what is nearest to the rim lies on no tube, or on the string's.
+    line, rim = straight((0, 0, R), (0.12, 0, R), 0.003), straight((0, 2 * R, R), (0.1, 2 * R, R), 0.003)
+    surface, _ = seen([line, rim])
+    beside_rim = surface[:, 1] > R
+    half = beside_rim & (np.arange(len(surface)) % 2 == 0)
+    for elsewhere in (-1, 0):
+        owner = np.where(half, elsewhere, beside_rim.astype(np.int64))
+        found = Refinement([fitted(line), fitted(rim)], owner, 0.0002)
+        (kept,), _, told = select_strings(found, surface, PARAMETERS)
+        np.testing.assert_array_equal(kept.points, line)
+        assert len(told) == 1
+
+
+def test_the_longest_comes_first_and_each_begins_at_the_smaller_x(seen: Callable, straight: Callable) -> None:
+    lines = [straight((0.08, 0, R), (0, 0, R), 0.003), straight((0.1, 0.04, R), (-0.02, 0.05, R), 0.003)]
+    kept, _ = selected(seen(lines)[0], *map(fitted, lines))
+    np.testing.assert_array_equal(kept[0].points, lines[1][::-1])
+    np.testing.assert_array_equal(kept[1].points, lines[0][::-1])
+
+
+def test_turning_a_strand_round_turns_all_that_goes_with_its_points(seen: Callable, straight: Callable) -> None:
+    line = straight((0.1, 0, R), (0, 0, R), 0.003)
+    support = np.linspace(10.0, 50.0, len(line))
+    bridged = np.arange(len(line)) < 3
+    (strand,), _ = selected(seen([line])[0], replace(fitted(line), support=support, bridged=bridged))
+    np.testing.assert_array_equal(strand.points, line[::-1])
+    np.testing.assert_array_equal(strand.support, support[::-1])
+    np.testing.assert_array_equal(strand.bridged, bridged[::-1])
+
+
+def test_no_strands_no_strings() -> None:
+    assert select_strings(Refinement([], np.empty(0, dtype=np.int64), 0.0), np.empty((0, 3)), PARAMETERS) == (
+        [],
+        [],
+        [],
+    )
+
+
+def test_a_tube_that_reaches_into_the_table_is_no_string(seen: Callable, straight: Callable) -> None:
+    line = straight((0, 0, R), (0.1, 0, R), 0.003)
+    surface, _ = seen([line])
+    sunk = line - (0, 0, 0.45 * R)
+    assert selected(surface, fitted(sunk)) == (
+        [],
+        ["left out a piece of 100 mm at (50, 0, 2) mm: its tube would reach into the table"],
+    )
+    # One end alone may be wrong; and heights count from the table.
+    sunk[4:, 2] = R
+    assert len(selected(surface, fitted(sunk))[0]) == 1
+    lower = fitted(line - (0, 0, R))
+    refinement = Refinement([lower], np.zeros(len(surface), dtype=np.int64), 0.0002)
+    assert len(select_strings(refinement, surface - (0, 0, R), PARAMETERS, -R)[0]) == 1

@@ -1,0 +1,134 @@
+"""Views that show another scene are found and left out; which, decides the majority."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from calibration.geometry.transforms import from_rotation_vector
+from cell.devices import View
+from recognition.parameters import ChainParameters
+from recognition.preprocessing.normals import NormalCloud
+from recognition.registration.free_space_check import (
+    MAX_ROBOT_SIGMA,
+    ContradictingViewsError,
+    seen_through,
+    strangers,
+)
+
+K = np.array([[400.0, 0.0, 159.5], [0.0, 400.0, 99.5], [0.0, 0.0, 1.0]])
+# Straight above the origin, 0.4 m high; the image's x axis is the base's.
+T_BASE_CAMERA = from_rotation_vector((0.0, 0.0, 0.4), (np.pi, 0, 0))
+
+
+def image(view: int, depth: np.ndarray) -> View:
+    return View(view, depth, 1e-4, K, T_BASE_CAMERA, np.eye(4))
+
+
+def strip(view: int, y_m: float, x_m: tuple[float, float] = (-0.1, 0.1)) -> NormalCloud:
+    """What a camera straight above sees of a flat strip along x, 8 mm wide and 8 mm above the table."""
+    u, v = np.meshgrid(np.arange(320), np.arange(200))
+    x, y = (u - K[0, 2]) / K[0, 0] * 0.392, -(v - K[1, 2]) / K[1, 1] * 0.392
+    on = (np.abs(y - y_m) < 0.004) & (x > x_m[0]) & (x < x_m[1])
+    depth = np.where(on, 3920, 4000).astype(np.uint16)
+    points = np.column_stack([x[on], y[on], np.full(on.sum(), 0.008)])
+    order = np.lexsort(points.T[::-1])
+    normals = np.tile((0.0, 0.0, 1.0), (len(points), 1))
+    return NormalCloud(view, points[order], normals, np.eye(4), T_BASE_CAMERA, image(view, depth))
+
+
+def left_out(clouds: Sequence[NormalCloud], table_1: ChainParameters, robot: float = 1.0) -> dict[int, str]:
+    return strangers(clouds, np.full(len(clouds), robot), table_1)
+
+
+def test_views_of_one_scene_do_not_see_through_one_another(table_1: ChainParameters) -> None:
+    # A millimetre and a half is what poses may be off, and not yet another place.
+    clouds = [strip(0, 0.0), strip(1, 0.0015), strip(2, -0.001)]
+    np.testing.assert_array_equal(seen_through(clouds, table_1), 0.0)
+    assert left_out(clouds, table_1) == {}
+
+
+def test_a_strip_elsewhere_is_seen_through_altogether(table_1: ChainParameters) -> None:
+    through = seen_through([strip(0, 0.0), strip(1, 0.02)], table_1)
+    assert (np.diag(through) == 0).all()
+    assert min(through[0, 1], through[1, 0]) > 0.9
+
+
+@pytest.mark.parametrize("count", [3, 4, 8])
+def test_the_one_that_contradicts_is_left_out_whatever_its_place(table_1: ChainParameters, count: int) -> None:
+    for wrong in (0, count - 1):
+        clouds = [strip(10 + k, 0.02 if k == wrong else 0.0) for k in range(count)]
+        reasons = left_out(clouds, table_1)
+        assert list(reasons) == [10 + wrong]
+        assert "contradicts the other views" in reasons[10 + wrong]
+
+
+def test_two_of_five_can_be_wrong_each_in_its_way(table_1: ChainParameters) -> None:
+    places = [0.0, 0.02, 0.0, -0.03, 0.0]
+    assert sorted(left_out([strip(k, y) for k, y in enumerate(places)], table_1)) == [1, 3]
+
+
+def test_a_shift_along_a_straight_strip_shows_at_its_ends(table_1: ChainParameters) -> None:
+    clouds = [strip(k, 0.0) for k in range(4)]
+    clouds[2] = strip(2, 0.0, (-0.08, 0.12))
+    assert list(left_out(clouds, table_1)) == [2]
+    # Ends that fray by a few pixels are the same scene.
+    clouds[2] = strip(2, 0.0, (-0.098, 0.103))
+    assert left_out(clouds, table_1) == {}
+
+
+@pytest.mark.parametrize("places", [(0.0, 0.02), (0.0, 0.0, 0.02, 0.02), (0.0, 0.02, 0.04)])
+def test_without_a_majority_there_is_no_answer(table_1: ChainParameters, places: tuple[float, ...]) -> None:
+    with pytest.raises(ContradictingViewsError, match=r"views [0-9] and [0-9] contradict one another") as caught:
+        left_out([strip(k, y) for k, y in enumerate(places)], table_1)
+    assert caught.value.slug == "contradicting-views"
+
+
+def test_a_majority_must_be_left_when_poses_have_gone_too(table_1: ChainParameters) -> None:
+    # Two of five contradict the others; of the three that agree, one is not where the arm says.
+    clouds = [strip(k, y) for k, y in enumerate([0.0, 0.02, 0.0, -0.03, 0.0])]
+    robot = np.array([1.0, 1.0, 1.0, 1.0, MAX_ROBOT_SIGMA + 5])
+    with pytest.raises(
+        ContradictingViewsError, match=r"3 of 5 views would have to be left out.*view 4: to fit"
+    ) as told:
+        strangers(clouds, robot, table_1)
+    assert "check the poses" in str(told.value)
+
+
+def test_what_a_view_does_not_see_it_does_not_contradict(table_1: ChainParameters) -> None:
+    whole, half = strip(0, 0.0), strip(1, 0.0)
+    assert half.image is not None
+    # Half of the second image is without depth.
+    depth = half.image.depth.copy()
+    depth[:, 160:] = 0
+    kept = half.points[:, 0] < 0
+    half = replace(half, points=half.points[kept], normals=half.normals[kept], image=image(1, depth))
+    # Something stands before the strip in the third.
+    hidden = strip(2, 0.0)
+    assert hidden.image is not None
+    before = hidden.image.depth.copy()
+    before[60:140, 200:260] = 3000
+    hidden = replace(hidden, image=image(2, before))
+    np.testing.assert_array_equal(seen_through([whole, half, hidden], table_1), 0.0)
+    # Behind the camera, and outside its image.
+    away = replace(strip(3, 0.0), points=strip(3, 0.0).points + np.array([0.0, 0.0, 1.0]))
+    aside = replace(strip(4, 0.0), points=strip(4, 0.0).points + np.array([1.0, 0.0, 0.0]))
+    np.testing.assert_array_equal(seen_through([whole, away, aside], table_1)[0], 0.0)
+
+
+def test_without_images_nothing_is_contradicted(table_1: ChainParameters) -> None:
+    clouds = [replace(strip(k, 0.02 * k), image=None) for k in range(3)]
+    np.testing.assert_array_equal(seen_through(clouds, table_1), 0.0)
+    assert left_out(clouds, table_1) == {}
+
+
+def test_a_pose_that_the_arm_cannot_have_told_is_left_out(table_1: ChainParameters) -> None:
+    clouds = [strip(k, 0.0) for k in range(4)]
+    robot = np.array([1.0, 2.0, MAX_ROBOT_SIGMA + 2, 1.5])
+    reasons = strangers(clouds, robot, table_1)
+    assert list(reasons) == [2]
+    assert "12 sigma of the arm's accuracy (the other views: 2)" in reasons[2]
+    # An arm that is worse than assumed in all views is no view's fault; nor can two views tell which is wrong.
+    assert strangers(clouds, robot + 8, table_1) == {}
+    assert strangers(clouds[1:3], robot[1:3], table_1) == {}

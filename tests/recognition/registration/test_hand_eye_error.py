@@ -1,0 +1,113 @@
+"""The calibration's error as registered scans tell of it, against the one that was made."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from calibration.geometry.transforms import from_rotation_vector, inverse
+from calibration.verification.drift import ScanError, judge_drift
+from cell.devices import View
+from cell.settings import CellSettings
+from cell.simulation.frames import FrameSource
+from cell.simulation.scenes import make_scene
+from cell.simulation.world import SimulatedWorld, simulated_world
+from cell.viewpoints import ViewpointPlan, plan_viewpoints
+from recognition.parameters import ChainParameters
+from recognition.preprocessing.target_cloud import Scene
+from recognition.registration.hand_eye_error import CommonError
+from recognition.registration.pose_prior import PoseSigmas
+from recognition.registration.registration import register
+from recognition.view_ingestion import Arrivals, receive
+
+SCENES = ("figure-eight", "several", "straight")
+BEFOREHAND = np.diag(np.repeat([PoseSigmas().hand_eye_rad, PoseSigmas().hand_eye_m], 3) ** 2)
+"""Covariance of a calibration whose file tells none."""
+
+
+@cache
+def usual_cell() -> tuple[SimulatedWorld, ViewpointPlan, Scene]:
+    """The default simulated cell: robot and calibration as wrong as those of a good one."""
+    settings = CellSettings()
+    world = simulated_world(settings)
+    plan = plan_viewpoints(settings, world.told_T_flange_camera, None)
+    return world, plan, Scene(settings.mounting.table_z_m, settings.workspace_m)
+
+
+def arrivals(scene: str, moved: tuple[float, ...]) -> Arrivals:
+    """What the cell sees of a scene once the camera has `moved` (turn, shift) since it was calibrated."""
+    world, plan, where = usual_cell()
+    T_flange_camera = world.T_flange_camera @ from_rotation_vector(moved[3:], moved[:3])
+    source = FrameSource(replace(world, scene=make_scene(scene, 1), T_flange_camera=T_flange_camera))
+    K, unit, told = world.camera.K, world.camera.depth_unit_m, world.told_T_flange_camera
+    views = [
+        View(v.index, source.expose(v.T_base_flange), unit, K, v.T_base_flange, told)
+        for v in plan.viewpoints
+        if v.q_rad is not None
+    ]
+    return receive(views, ChainParameters.for_radius(0.0042), where)
+
+
+def told_by(seen: Arrivals, sigmas: PoseSigmas | None = None) -> CommonError:
+    parameters = ChainParameters.for_radius(0.0042)
+    error = register(seen.clouds, parameters, seen.pairs, sigmas).common_error
+    assert error is not None
+    return error
+
+
+def true_error(moved: tuple[float, ...]) -> np.ndarray:
+    """(6,) of the told calibration, as `CommonError` has it."""
+    world, _, _ = usual_cell()
+    T = inverse(world.told_T_flange_camera) @ world.T_flange_camera @ from_rotation_vector(moved[3:], moved[:3])
+    return np.concatenate([Rotation.from_matrix(T[:3, :3]).as_rotvec(), T[:3, 3]])
+
+
+STILL = (0.0,) * 6
+SHIFTED = (0.0, 0.0, 0.0, 0.0, 0.003, 0.0)
+TURNED = (0.0, float(np.radians(0.5)), 0.0, 0.0, 0.0, 0.0)
+
+
+@pytest.mark.parametrize("moved", [STILL, SHIFTED, TURNED], ids=["still", "shifted", "turned"])
+def test_scans_tell_of_a_camera_that_has_moved_and_of_no_other(moved: tuple[float, ...]) -> None:
+    errors = [told_by(arrivals(scene, moved)) for scene in SCENES]
+    drift = judge_drift([ScanError(error.information, error.vector) for error in errors], BEFOREHAND)
+    assert drift.drifted == (moved != STILL)
+    # Sigmas of the scans' average are 0.9 mm and 0.17 degrees (lengths); those of one scene, not of one cell.
+    off = drift.off - true_error(moved)
+    assert np.linalg.norm(off[3:]) < 0.002
+    assert np.linalg.norm(off[:3]) < np.radians(0.35)
+    for error in errors:
+        squared = (error.vector - error.information @ true_error(moved)) @ np.linalg.solve(
+            error.information, error.vector - error.information @ true_error(moved)
+        )
+        # Chi square of 6 without a move (22 is exceeded once in a thousand); what has moved far is also seen less.
+        assert squared < (22 if moved == STILL else 45)
+
+
+def test_what_is_known_beforehand_is_not_in_it() -> None:
+    seen = arrivals("several", STILL)
+    usual, loose = told_by(seen), told_by(seen, PoseSigmas(hand_eye_m=0.004, hand_eye_rad=0.015))
+    # The prior is a hundredth; what surfaces are paired and how they count differs slightly.
+    scale = np.sqrt(np.diag(usual.information))
+    np.testing.assert_allclose(
+        loose.information / np.outer(scale, scale), usual.information / np.outer(scale, scale), rtol=0, atol=0.15
+    )
+    np.testing.assert_allclose(loose.vector / scale, usual.vector / scale, rtol=0, atol=0.5)
+    # While the corrections themselves lean on it.
+    assert np.linalg.norm(usual.likeliest[3:]) < np.linalg.norm(loose.likeliest[3:])
+    assert np.linalg.eigvalsh(usual.information).min() > 0
+
+
+def test_views_without_anything_in_common_tell_nothing(table_1: ChainParameters, tube: Callable) -> None:
+    from recognition.preprocessing.normals import NormalCloud
+
+    s = np.arange(0.0, 0.2, 0.0008)
+    line = np.column_stack([s, np.zeros_like(s), np.zeros_like(s)])
+    clouds = []
+    for k, height in enumerate((0.0, 0.1)):
+        points, normals = tube(line, table_1.r, 0.2, 2.6, around=12)
+        clouds.append(NormalCloud(k, points + (0, 0, height), normals, np.eye(4)))
+    assert register(clouds, table_1).common_error is None

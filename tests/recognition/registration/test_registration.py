@@ -1,0 +1,238 @@
+"""Merging views whose poses are off by a known error."""
+
+import re
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial import KDTree
+from scipy.spatial.transform import Rotation
+
+from calibration.geometry.transforms import from_rotation_vector, inverse, transform_points
+from cell.simulation.camera import camera_model
+from cell.simulation.poses import NO_ERRORS
+from cell.simulation.scenes import make_scene
+from cell.simulation.simulate import simulate
+from recognition.parameters import ChainParameters
+from recognition.preprocessing.normals import NormalCloud
+from recognition.preprocessing.target_cloud import Scene
+from recognition.registration.correspondences import overlaps
+from recognition.registration.pose_prior import PoseSigmas, twist_of
+from recognition.registration.registration import Registration, moved, register
+from recognition.view_ingestion import receive
+
+S = np.arange(0.0, 0.24, 0.0008)
+# An S of two arcs of 60 mm radius: bent in the plane, so that views cannot slide along it.
+HEADING = np.where(S < 0.12, S / 0.06, 4.0 - S / 0.06)
+BENT = np.column_stack([np.cumsum(np.cos(HEADING)), np.cumsum(np.sin(HEADING)), np.zeros_like(S)]) * 0.0008
+STRAIGHT = np.column_stack([S - 0.12, np.zeros_like(S), np.zeros_like(S)])
+SIDES = [(np.radians(low), np.radians(low + 140)) for low in (10, 30, 50, -10, 20, 40)]
+
+
+def views_of(tube: Callable, curve: np.ndarray, r: float, twists: np.ndarray) -> list[NormalCloud]:
+    """One cloud a twist: another side of the string each, and moved by it about the curve's middle."""
+    clouds = []
+    for k, twist in enumerate(twists):
+        rng = np.random.default_rng(k)
+        # Not the same points in every view.
+        shifted = curve + np.gradient(curve, axis=0) * rng.uniform(-0.5, 0.5)
+        points, normals = tube(shifted, r, *SIDES[k], around=18)
+        cloud = NormalCloud(k, points + 0.0001 * rng.standard_normal(points.shape), normals, np.eye(4))
+        clouds.append(replace(moved(cloud, about(twist, curve.mean(axis=0))), T_correction=np.eye(4)))
+    return clouds
+
+
+def about(twist: np.ndarray, centre: np.ndarray) -> np.ndarray:
+    """The transform that turns about `centre` by a rotation vector and moves it."""
+    T = from_rotation_vector(twist[3:], twist[:3])
+    T[:3, 3] += centre - T[:3, :3] @ centre
+    return T
+
+
+def off_surface(points: np.ndarray, curve: np.ndarray, r: float) -> np.ndarray:
+    """(N,) distance of each point from the true tube; the curve's steps of 0.8 mm make at most 0.02 mm of it."""
+    return np.abs(KDTree(curve).query(points)[0] - r)
+
+
+def surface_error(registration: Registration, curve: np.ndarray, r: float) -> float:
+    return float(np.mean([off_surface(cloud.points, curve, r).mean() for cloud in registration.clouds]))
+
+
+def pose_errors(seed: int, count: int) -> np.ndarray:
+    """Twists as robot and calibration err: 1 mrad and 0.7 mm about each axis."""
+    return np.random.default_rng(seed).standard_normal((count, 6)) * np.repeat([0.001, 0.0007], 3)
+
+
+def test_a_bent_string_is_merged_better_than_by_the_hand_eye_poses(table_1: ChainParameters, tube: Callable) -> None:
+    gains = []
+    for seed in range(4):
+        clouds = views_of(tube, BENT, table_1.r, pose_errors(seed, 6))
+        by_pose = float(np.mean([off_surface(cloud.points, BENT, table_1.r).mean() for cloud in clouds]))
+        registered = surface_error(register(clouds, table_1), BENT, table_1.r)
+        gains.append(registered / by_pose)
+    # Never worse; what all views have in common (1 / sqrt 6 of the error, 40 %) no registration can see.
+    assert max(gains) < 1.0
+    assert np.mean(gains) < 0.75
+
+
+def test_exact_poses_are_left_alone(table_1: ChainParameters, tube: Callable) -> None:
+    registration = register(views_of(tube, BENT, table_1.r, np.zeros((3, 6))), table_1)
+    for view in registration.views:
+        assert view.correction_m is not None
+        assert view.correction_rad is not None
+        # A tenth of the poses' own sigma (1 mm): what noise of 0.1 mm and other samples of the surface may do.
+        assert view.correction_m < 0.0001
+        assert view.correction_rad < 0.0005
+        assert view.fitness == 1.0
+
+
+def test_views_that_differ_are_brought_together(table_1: ChainParameters, tube: Callable) -> None:
+    aside = np.array([0, 0, 0, 0, 0, 0.001])
+    clouds = views_of(tube, BENT, table_1.r, np.array([-aside, aside]))
+    registration = register(clouds, table_1)
+    heights = [transform_points(cloud.T_correction, np.zeros((1, 3)))[0, 2] for cloud in registration.clouds]
+    # Both know their height alike well, so they meet half way, by most of the 2 mm between them.
+    assert 0.0012 < heights[0] - heights[1] < 0.0021
+    assert surface_error(registration, BENT, table_1.r) < 0.5 * np.mean(
+        [off_surface(cloud.points, BENT, table_1.r).mean() for cloud in clouds]
+    )
+
+
+def test_the_common_motion_is_removed(table_1: ChainParameters, tube: Callable) -> None:
+    clouds = views_of(tube, BENT, table_1.r, pose_errors(9, 5))
+    centre = np.vstack([cloud.points for cloud in clouds]).mean(axis=0)
+    registration = register(clouds, table_1)
+    T_corrections = [cloud.T_correction for cloud in registration.clouds]
+    shifted = [transform_points(T, centre[None])[0] - centre for T in T_corrections]
+    turned = [Rotation.from_matrix(T[:3, :3]).as_rotvec() for T in T_corrections]
+    assert np.linalg.norm(shifted, axis=1).max() > 0.0001
+    # Zero but for roundings: the merged cloud stays where the hand-eye poses together put it.
+    np.testing.assert_allclose(np.mean(shifted, axis=0), 0.0, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(np.mean(turned, axis=0), 0.0, rtol=0, atol=1e-9)
+
+
+def test_each_view_is_reported_in_the_order_of_its_index(table_1: ChainParameters, tube: Callable) -> None:
+    clouds = views_of(tube, BENT, table_1.r, pose_errors(3, 3))
+    clouds[1] = replace(clouds[1], points=clouds[1].points[:900], normals=clouds[1].normals[:900])
+    registration = register([clouds[2], clouds[1], clouds[0]], table_1)
+    assert [view.index for view in registration.views] == [0, 1, 2]
+    assert [cloud.view for cloud in registration.clouds] == [0, 1, 2]
+    for cloud, view, before in zip(registration.clouds, registration.views, clouds, strict=True):
+        assert (view.used, view.reason, view.points) == (True, None, len(before.points))
+        # The correction told is the one made.
+        middle = cloud.points.mean(axis=0)
+        was = transform_points(inverse(cloud.T_correction), middle[None])[0]
+        assert view.correction_m == pytest.approx(np.linalg.norm(middle - was), abs=1e-12)
+        assert view.rms_m is not None
+        # Points lie within a voxel's reach (r / 3 across) of its mean.
+        assert 0 < view.rms_m < table_1.r / 3
+
+
+@pytest.mark.parametrize("along_m", [0.002, -0.003])
+def test_a_straight_string_is_not_slid_along_its_axis(table_1: ChainParameters, tube: Callable, along_m: float) -> None:
+    twists = np.zeros((2, 6))
+    twists[1, 3:] = (along_m, 0.0006, 0.0)
+    registration = register(views_of(tube, STRAIGHT, table_1.r, twists), table_1)
+    first, second = (twist_of(cloud.T_correction, STRAIGHT.mean(axis=0)) for cloud in registration.clouds)
+    # Across it they meet, all but a tenth; along it there is nothing to see.
+    assert second[4] - first[4] == pytest.approx(-0.0006, abs=0.00006)
+    assert max(abs(first[3]), abs(second[3])) < 0.00005
+    # And it is known how well: along it as the poses alone, across it better by far.
+    difference = np.array([1.0, -1.0])
+    along, across = (
+        np.sqrt(difference @ registration.covariance[np.ix_([k, 6 + k], [k, 6 + k])] @ difference) for k in (3, 4)
+    )
+    assert along == pytest.approx(np.sqrt(2) * PoseSigmas().robot_m, rel=0.05)
+    assert across < along / 4
+
+
+def test_registered_views_are_never_worse_and_as_good_as_they_say(table_1: ChainParameters, tube: Callable) -> None:
+    # Independent errors of the size that the prior takes robots to have.
+    sigma = np.repeat([PoseSigmas().robot_rad, PoseSigmas().robot_m], 3)
+    centre = BENT.mean(axis=0)
+    before, after, squared = [], [], []
+    for seed in range(30):
+        count = 2 + seed % 3
+        twists = np.random.default_rng(100 + seed).standard_normal((count, 6)) * sigma
+        registration = register(views_of(tube, BENT, table_1.r, twists), table_1)
+        left = np.array(
+            [
+                twist_of(cloud.T_correction @ about(twist, centre), registration.centre)
+                for cloud, twist in zip(registration.clouds, twists, strict=True)
+            ]
+        )
+        told = np.array([twist_of(about(twist, centre), registration.centre) for twist in twists])
+        before.append(apart(told))
+        after.append(apart(left))
+        # The first view against the second, in units of what the covariance says of it.
+        D = np.hstack([np.eye(6), -np.eye(6), np.zeros((6, 6 * (count - 2)))])
+        difference = left[0] - left[1]
+        squared.append(difference @ np.linalg.solve(D @ registration.covariance @ D.T, difference) / 6)
+    assert (np.array(after) < np.array(before)).all()
+    assert np.mean(after) < 0.3 * np.mean(before)
+    # Errors of these points are independent, other than those of a camera that the covariance allows for: smaller.
+    assert 0.05 < np.mean(squared) < 1.2
+
+
+def apart(twists: np.ndarray) -> float:
+    """Root mean square distance (metres) between where the views put points 0.1 m from the centre."""
+    relative = (twists - twists.mean(axis=0)) * np.repeat([0.1, 1.0], 3)
+    return float(np.sqrt((relative**2).sum(axis=1).mean()))
+
+
+def test_a_calibration_that_has_drifted_is_told(table_1: ChainParameters) -> None:
+    scan = simulate(make_scene("loop", 1), camera_model("ideal", (320, 200)), 1, errors=NO_ERRORS, views=6)
+    scene = Scene(0.0, scan.header.workspace_m)
+    for drift_m, turn_rad, told in ((0.0007, 0.0, False), (0.0, 0.003, False), (0.004, 0.0, True), (0.0, 0.03, True)):
+        T_error = from_rotation_vector((drift_m, 0, 0), (0, 0, turn_rad))
+        views = [replace(view, T_flange_camera=view.T_flange_camera @ T_error) for view in scan.views]
+        arrivals = receive(views, table_1, scene)
+        registration = register(arrivals.clouds, table_1, arrivals.pairs)
+        assert all(view.used for view in registration.views)
+        assert bool(registration.warnings) == told
+        for warning in registration.warnings:
+            found = re.match(r"the calibration has drifted: .* with the camera (.+) mm and (.+) degrees from", warning)
+            assert found is not None
+            # A shift across the line of sight looks much like a turn about the camera: what is told is the likeliest
+            # mixture, at least half of the error that was made and no more than it.
+            if drift_m:
+                assert 0.5 < float(found[1]) / 1000 / drift_m < 1.0
+            else:
+                assert 0.5 < np.radians(float(found[2])) / turn_rad < 1.0
+
+
+def test_what_was_paired_at_arrival_is_used(table_1: ChainParameters, tube: Callable) -> None:
+    clouds = views_of(tube, BENT, table_1.r, pose_errors(5, 3))
+    pairs = [pair for k in range(3) for pair in overlaps(clouds[k], clouds[:k], table_1)]
+    given, found = register(clouds, table_1, pairs), register(clouds, table_1)
+    np.testing.assert_array_equal(given.points, found.points)
+    np.testing.assert_array_equal(given.covariance, found.covariance)
+
+
+def test_views_without_anything_in_common_stay_where_they_are(table_1: ChainParameters, tube: Callable) -> None:
+    first, second = views_of(tube, BENT, table_1.r, np.zeros((2, 6)))
+    elsewhere = moved(second, from_rotation_vector((0, 0, 0.1), (0, 0, 0)))
+    registration = register([first, replace(elsewhere, T_correction=np.eye(4))], table_1)
+    for cloud in registration.clouds:
+        np.testing.assert_allclose(cloud.T_correction, np.eye(4), rtol=0, atol=1e-12)
+    assert [view.fitness for view in registration.views] == [0.0, 0.0]
+    assert [view.rms_m for view in registration.views] == [None, None]
+
+
+def test_a_cloud_is_moved_with_all_that_belongs_to_it() -> None:
+    T_base_camera = from_rotation_vector((0, 0, 0.4), (np.pi, 0, 0))
+    cloud = NormalCloud(
+        0, np.array([[1.0, 0, 0], [2.0, 0, 0]]), np.array([[1.0, 0, 0], [0, 0, 1.0]]), np.eye(4), T_base_camera
+    )
+    turned = moved(cloud, from_rotation_vector((0, 0, 0.5), (0, 0, np.pi / 2)))
+    np.testing.assert_allclose(turned.points, [(0, 1, 0.5), (0, 2, 0.5)], rtol=0, atol=1e-15)
+    np.testing.assert_allclose(turned.normals, [(0, 1, 0), (0, 0, 1)], rtol=0, atol=1e-15)
+    np.testing.assert_allclose(transform_points(turned.T_correction, cloud.points), turned.points, rtol=0, atol=1e-15)
+    assert turned.T_base_camera is not None
+    np.testing.assert_allclose(turned.T_base_camera[:3, 3], (0, 0, 0.9), rtol=0, atol=1e-15)
+    # A further correction comes on top.
+    back = moved(turned, from_rotation_vector((0, 0, 0), (0, 0, -np.pi / 2)))
+    np.testing.assert_allclose(back.T_correction, from_rotation_vector((0, 0, 0.5), (0, 0, 0)), rtol=0, atol=1e-15)
+    # The tree of the points is its own.
+    assert turned.tree.query([0, 1, 0.5])[0] < 1e-12 < cloud.tree.query([0, 1, 0.5])[0]

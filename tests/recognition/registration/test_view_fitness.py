@@ -1,0 +1,60 @@
+"""How views are told to fit one another."""
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from recognition.parameters import ChainParameters
+from recognition.preprocessing.normals import NormalCloud
+from recognition.registration.registration import moved
+from recognition.registration.view_fitness import PARTNERS, fitness
+
+SHIFT = 0.0004
+
+
+def views(count: int, seen: Callable, straight: Callable, length: float, r: float) -> list[NormalCloud]:
+    """Views of a string, every point of which each view has measured a little beside the others'."""
+    points, normals = seen([straight((0, 0, r), (length, 0, r))], r)
+    rng = np.random.default_rng(0)
+    slide = rng.uniform(-0.0005, 0.0005, (count, len(points), 1)) * (1.0, 0.0, 0.0)
+    return [NormalCloud(view, points + slide[view], normals, np.eye(4)) for view in range(count)]
+
+
+@pytest.mark.parametrize("count", [2, PARTNERS + 1, 3 * PARTNERS])
+@pytest.mark.parametrize("length", [0.1, 1.0, 3.0])
+def test_views_that_agree_fit_whatever_the_strings_length(
+    seen: Callable, straight: Callable, table_1: ChainParameters, count: int, length: float
+) -> None:
+    placed = views(count, seen, straight, length, table_1.r)
+    for quality in fitness(placed, placed, table_1):
+        assert quality.fitness == 1.0
+        # Along the string they slid; across it, where distances are measured, they did not.
+        assert quality.rms_m is not None
+        assert quality.rms_m < 1e-6
+        assert quality.correction_m == 0
+
+
+def test_a_view_beside_the_others_is_told_how_far(seen: Callable, straight: Callable, table_1: ChainParameters) -> None:
+    came = views(4, seen, straight, 0.3, table_1.r)
+    T = np.eye(4)
+    T[2, 3] = SHIFT
+    placed = [moved(came[0], T), *came[1:]]
+    raised, *others = fitness(came, placed, table_1)
+    assert raised.fitness == 1.0
+    assert raised.correction_m == pytest.approx(SHIFT, abs=1e-9)
+    assert raised.rms_m is not None
+    # A rise counts whole at the top and less towards the flanks: 0.5 to 0.8 of it in the mean.
+    assert 0.5 * SHIFT < raised.rms_m < 0.8 * SHIFT
+    assert all(quality.rms_m is not None and quality.rms_m < raised.rms_m / 2 for quality in others)
+
+
+def test_what_no_other_view_shows_does_not_fit(seen: Callable, straight: Callable, table_1: ChainParameters) -> None:
+    half = views(2, seen, straight, 0.2, table_1.r)
+    left = half[1].points[:, 0] < 0.1
+    cut = NormalCloud(1, half[1].points[left], half[1].normals[left], np.eye(4))
+    whole, part = fitness([half[0], cut], [half[0], cut], table_1)
+    assert whole.fitness == pytest.approx(0.5, abs=0.05)
+    assert part.fitness == 1.0
+    (alone,) = fitness(half[:1], half[:1], table_1)
+    assert (alone.fitness, alone.rms_m) == (0.0, None)

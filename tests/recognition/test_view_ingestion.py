@@ -1,0 +1,89 @@
+"""What is done with each view as it arrives."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from cell.devices import View
+from cell.simulation.camera import camera_model
+from cell.simulation.scenes import make_scene
+from cell.simulation.simulate import SimulatedScan, simulate
+from recognition import view_ingestion
+from recognition.errors import TooCrowdedError
+from recognition.parameters import ChainParameters
+from recognition.preprocessing.normals import NormalCloud
+from recognition.preprocessing.target_cloud import Scene
+from recognition.registration.correspondences import Overlap
+from recognition.view_ingestion import DuplicateViewError, receive
+
+
+@pytest.fixture(scope="module")
+def scan() -> SimulatedScan:
+    return simulate(make_scene("arc", 1), camera_model("ideal", (320, 200)), 1, views=3)
+
+
+@pytest.fixture(scope="module")
+def scene(scan: SimulatedScan) -> Scene:
+    return Scene(0.0, scan.header.workspace_m)
+
+
+def test_each_view_is_paired_with_those_before_it(scan: SimulatedScan, scene: Scene, table_1: ChainParameters) -> None:
+    arrivals = receive(iter(scan.views), table_1, scene)
+    assert [target.view for target in arrivals.targets] == [cloud.view for cloud in arrivals.clouds] == [0, 1, 2]
+    assert [(pair.first, pair.second) for pair in arrivals.pairs] == [(1, 0), (2, 0), (2, 1)]
+    assert (arrivals.left_out, arrivals.empty_because) == ((), None)
+    for cloud, target in zip(arrivals.clouds, arrivals.targets, strict=True):
+        np.testing.assert_array_equal(cloud.T_correction, target.T_levelling)
+        assert cloud.image is target.image is scan.views[cloud.view]
+
+
+def test_a_view_is_looked_at_before_the_next_is_asked_for(
+    scan: SimulatedScan, scene: Scene, table_1: ChainParameters, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    told: list[str] = []
+
+    def arriving() -> Iterator[View]:
+        for view in scan.views:
+            told.append(f"view {view.index} taken")
+            yield view
+
+    work = view_ingestion.overlaps
+
+    def watched(cloud: NormalCloud, others: Sequence[NormalCloud], parameters: ChainParameters) -> list[Overlap]:
+        told.append(f"view {cloud.view} paired with {len(others)}")
+        return work(cloud, others, parameters)
+
+    monkeypatch.setattr(view_ingestion, "overlaps", watched)
+    receive(arriving(), table_1, scene)
+    assert told == [line for k in range(3) for line in (f"view {k} taken", f"view {k} paired with {k}")]
+
+
+def test_views_must_be_told_apart(scan: SimulatedScan, scene: Scene, table_1: ChainParameters) -> None:
+    with pytest.raises(DuplicateViewError, match="two views have the index 1") as caught:
+        receive([*scan.views, replace(scan.views[2], index=1)], table_1, scene)
+    assert caught.value.slug == "duplicate-view"
+
+
+def crowded(view: View) -> View:
+    """The view in fine pixels, the table raised by 50 mm all over."""
+    T, K = view.T_base_camera, view.K * np.array([[4.0], [4.0], [1.0]])
+    v, u = np.indices((800, 1280))
+    rays = np.stack([u, v, np.ones_like(u)], axis=-1) @ np.linalg.inv(K).T @ T[:3, :3].T
+    depth = (0.05 - T[2, 3]) / rays[..., 2] / view.depth_unit_m
+    return replace(view, depth=depth.astype(np.uint16), K=K)
+
+
+def test_one_crowded_view_is_left_out_and_most_are_refused(
+    scan: SimulatedScan, scene: Scene, table_1: ChainParameters
+) -> None:
+    first, second, third = scan.views
+    arrivals = receive([first, crowded(second), third], table_1, scene)
+    assert [cloud.view for cloud in arrivals.clouds] == [0, 2]
+    (quality,) = arrivals.left_out
+    assert (quality.index, quality.used) == (1, False)
+    assert quality.reason is not None
+    assert "points above the table, more than 100000" in quality.reason
+    with pytest.raises(TooCrowdedError):
+        receive([first, crowded(second), crowded(third)], table_1, scene)

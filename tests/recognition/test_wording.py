@@ -1,9 +1,0 @@
-"""How places read."""
-
-import numpy as np
-
-from recognition.wording import in_mm
-
-
-def test_places_are_whole_millimetres_without_a_negative_zero() -> None:
-    assert in_mm(np.array([0.0123, -0.0401, -0.0002])) == "(12, -40, 0) mm"

@@ -1,0 +1,55 @@
+"""What lies over a place, and where nothing does, on made surfaces of r = 10 mm."""
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from recognition.tracing.height_map import Cover
+
+R = 0.01
+MIDDLE = np.array([(0.0, 0.0, R)])
+
+
+def on_line(straight: Callable, tube: Callable, z: float, y: float = 0.0, x0: float = -0.05) -> np.ndarray:
+    return tube(straight((x0, y, z), (0.05, y, z)), R, 0.0, np.pi)[0]
+
+
+def over(surface: np.ndarray, places: np.ndarray = MIDDLE) -> list[tuple[bool, bool]]:
+    covered, bare = Cover(surface).over(places, R)
+    return list(zip(covered.tolist(), bare.tolist(), strict=True))
+
+
+def test_a_strand_does_not_cover_itself(straight: Callable, tube: Callable) -> None:
+    assert over(on_line(straight, tube, R)) == [(False, False)]
+
+
+@pytest.mark.parametrize("gap", [1.2, 2.0])
+def test_a_strand_on_top_covers(straight: Callable, tube: Callable, gap: float) -> None:
+    # Its top is gap + 1 radii above the place, whether the strand below is seen there or not.
+    top = on_line(straight, tube, (1 + gap) * R)
+    assert over(top) == [(True, False)]
+    assert over(np.vstack([on_line(straight, tube, R), top])) == [(True, False)]
+
+
+def test_a_strand_beside_covers_nothing(straight: Callable, tube: Callable) -> None:
+    # In contact: what is looked at, 0.8 r to the side, does not even reach it.
+    assert over(on_line(straight, tube, R, y=2 * R)) == [(False, True)]
+    # On its neighbours, and beside the place: its flank is not over it.
+    assert over(on_line(straight, tube, 2.7 * R, y=2 * R)) == [(False, True)]
+
+
+def test_the_table_beyond_an_end_is_bare(straight: Callable, tube: Callable) -> None:
+    surface = on_line(straight, tube, R, x0=0.0)
+    places = np.array([(-0.7, 0, 1), (-0.9, 0, 1), (5.9, 0, 1)]) * R
+    assert over(surface, places) == [(False, False), (False, True), (False, True)]
+
+
+def test_a_single_flying_point_covers_nothing(straight: Callable, tube: Callable) -> None:
+    flying = np.vstack([on_line(straight, tube, R), [(0, 0, 5 * R)]])
+    assert over(flying) == [(False, False)]
+
+
+def test_nothing_seen_and_nothing_asked() -> None:
+    assert over(np.empty((0, 3))) == [(False, True)]
+    assert over(MIDDLE, np.empty((0, 3))) == []

@@ -1,0 +1,87 @@
+"""Lines between two strands that have melted together, on surfaces as seen from above."""
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from cell.simulation.scoring import score
+from cell.simulation.tiers import make_case, simulate
+from recognition.parameters import ChainParameters
+from recognition.pipeline import recognise
+from recognition.preprocessing.target_cloud import Scene
+from recognition.tracing.fragments import Fragment
+from recognition.tracing.merged_strands import cut_where_melted
+
+R = 0.0042
+PARAMETERS = ChainParameters.for_radius(R)
+HALF_EYE_M = 0.0135
+"""Half the way between the two crossings."""
+
+
+def eye(apart: float) -> list[np.ndarray]:
+    """Two strands that cross twice, `apart` radii from one another half way in between.
+
+    Each is over once, by 1.2 r, and half way between the crossings they are at one height. Outside they part at 33
+    degrees for each millimetre between them.
+    """
+    x = np.arange(-0.07, 0.07, 0.001)
+    phase = np.clip(x / HALF_EYE_M, -1, 1) * np.pi / 2
+    beyond = np.maximum(np.abs(x) - HALF_EYE_M, 0.0)
+    y = apart * R / 2 * (np.cos(phase) - beyond * np.pi / 2 / HALF_EYE_M)
+    down = np.cos(np.minimum(beyond / 0.04, 1.0) * np.pi) / 2 + 0.5
+    lift = 0.6 * R * (1 - np.sin(phase)) * down
+    return [np.column_stack([x, y, R + lift]), np.column_stack([x, -y, R + lift[::-1]])]
+
+
+def fragment(points: np.ndarray) -> Fragment:
+    return Fragment(points[::3], np.ones(len(points[::3])))
+
+
+@pytest.mark.parametrize("seed", [22, 28])
+def test_soft_strands_that_cross_twice_nearby_are_told_apart(seed: int) -> None:
+    # Without the cut these two are a strand that turns into the other, and the rest of both.
+    scan = simulate(make_case("soft", seed))
+    scene = Scene(scan.header.table_z_m, scan.header.workspace_m)
+    model = recognise(scan.views, ChainParameters.for_radius(scan.truth["radius"]), scene).model
+    assert score(model.to_json(), scan.truth).topology
+
+
+def test_a_line_between_two_strands_is_cut_there_and_only_there(seen: Callable) -> None:
+    strands = eye(1.3)
+    first, second = strands
+    # Over at both crossings: from the one strand to the other.
+    wrong = np.where(first[:, :1] < 0, first, second)
+    wrong[:, 1] *= np.clip(np.abs(first[:, 0]) / 0.006, 0, 1)
+    before, after = cut_where_melted([fragment(wrong)], seen(strands, R)[0], PARAMETERS)
+    # What is left runs on the one strand, and on the other, but for a radius in which the two part.
+    assert before.points[-1, 0] < -0.002
+    assert after.points[0, 0] > 0.002
+    assert before.points[-1, 0] > -HALF_EYE_M
+    assert after.points[0, 0] < HALF_EYE_M
+
+
+def test_lines_on_their_own_strands_stay_whole(seen: Callable, heap: Callable, straight: Callable) -> None:
+    beside = [straight((-0.06, k * 2 * R, R), (0.06, k * 2 * R, R)) for k in range(3)]
+    for strands in (heap((0, 30), 1.2 * R), heap((0, 60, 120), 2 * R), beside, eye(1.3)):
+        whole = [fragment(strand) for strand in strands]
+        surface = seen(strands, R, noise=0.05 * R)[0]
+        assert cut_where_melted(whole, surface, PARAMETERS) == whole
+
+
+def test_a_string_thicker_than_told_stays_whole(seen: Callable, heap: Callable) -> None:
+    strands = heap((0, 70), 2 * R)
+    whole = [fragment(strand) for strand in strands]
+    surface = seen(strands, R, noise=0.03 * R)[0]
+    assert cut_where_melted(whole, surface, ChainParameters.for_radius(0.6 * R)) == whole
+
+
+def test_a_fragment_no_longer_than_a_radius_is_looked_at_too(seen: Callable) -> None:
+    short = Fragment(np.array([(0.0, 0.0, R), (0.3 * R, 0.0, R), (0.6 * R, 0.1 * R, R)]), np.ones(3))
+    assert cut_where_melted([short], seen(eye(1.3), R)[0], PARAMETERS) == [short]
+
+
+def test_nothing_seen_and_no_fragments() -> None:
+    whole = [fragment(eye(1.3)[0])]
+    assert cut_where_melted(whole, np.empty((0, 3)), PARAMETERS) == whole
+    assert cut_where_melted([], np.empty((0, 3)), PARAMETERS) == []
