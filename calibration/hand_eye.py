@@ -5,22 +5,22 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.assessment.acceptance import covariance_to_report, eight_views_to_report, gate
+from calibration.assessment.acceptance import acceptance_findings, reported_covariance, reported_repeatability
 from calibration.assessment.diagnosis import check_not_mirrored, check_together
-from calibration.assessment.solved_evidence import picture_evidence, pose_evidence
-from calibration.assessment.view_reports import pose_reports, view_reports
+from calibration.assessment.solved_evidence import collect_evidence, pose_evidence
+from calibration.assessment.view_reports import pose_reports, report_views
 from calibration.errors import HandEyeInputError
-from calibration.geometry.se3 import inverses
+from calibration.geometry.se3 import invert_poses
 from calibration.input_checks.camera import check_mounting
 from calibration.input_checks.observations import check_camera_moved, check_observations, check_poses
 from calibration.observations import Mounting, Observations
-from calibration.pose_estimation.board_pose import BoardPoses, board_poses
-from calibration.pose_estimation.duplicate_poses import stand_ins, stand_ins_of_poses, with_repeated
-from calibration.pose_estimation.projection import LENS, camera_matrix, corners_of
+from calibration.pose_estimation.board_pose import BoardPoses, estimate_board_poses
+from calibration.pose_estimation.duplicate_poses import add_duplicate_reports, find_duplicates, stand_ins_of_poses
+from calibration.pose_estimation.projection import LENS, camera_matrix, stack_corners
 from calibration.result import HandEyeResult
 from calibration.solver.board_size import adjust_with_size
-from calibration.solver.initialisation import robust_start
-from calibration.solver.noise import Assumed
+from calibration.solver.initialisation import estimate_initial_guess
+from calibration.solver.noise import NoisePriors
 from calibration.solver.pose_solution import Poses, solve_weighted
 from calibration.solver.problem import Problem, Unknowns
 
@@ -28,7 +28,7 @@ FEWEST_POSES = 3
 """Views without which there is no solution at all; the gates ask for more."""
 
 
-def solve_hand_eye(observations: Observations, assumed: Assumed | None = None) -> HandEyeResult:
+def solve_hand_eye(observations: Observations, assumed: NoisePriors | None = None) -> HandEyeResult:
     """Solve the pose of the camera on the flange, or in the cell, from corners of a board.
 
     Several pictures from one pose of the arm count once. Views that do not fit the others are excluded and named in
@@ -72,20 +72,20 @@ def solve_hand_eye(observations: Observations, assumed: Assumed | None = None) -
         >>> bool(np.abs(result.X - T_flange_camera).max() < 1e-6)
         True
     """
-    assumed = assumed or Assumed()
+    assumed = assumed or NoisePriors()
     check_observations(observations)
-    given, chosen = observations.views, stand_ins(observations)
+    given, chosen = observations.views, find_duplicates(observations)
     observations = replace(observations, views=tuple(view for k, view in enumerate(given) if k == chosen[k]))
     T_base_flange = np.array([view.T_base_flange for view in observations.views], dtype=np.float64)
-    problem = Problem(corners_of(observations), T_base_flange, observations.mounting, assumed)
-    alone = board_poses(problem.corners)
+    problem = Problem(stack_corners(observations), T_base_flange, observations.mounting, assumed)
+    alone = estimate_board_poses(problem.corners)
     start, agreeing = _start(problem, alone, tuple(view.name for view in observations.views))
     adjusted, left_out = adjust_with_size(problem, alone, start, agreeing)
-    evidence = picture_evidence(observations, problem, alone, adjusted, left_out)
+    evidence = collect_evidence(observations, problem, alone, adjusted, left_out)
     return HandEyeResult(
         mounting=observations.mounting,
         X=evidence.X,
-        covariance=covariance_to_report(evidence),
+        covariance=reported_covariance(evidence),
         Y=evidence.Y,
         K=camera_matrix(observations.K, adjusted.unknowns.lens),
         board_scale=adjusted.board_scale,
@@ -94,14 +94,14 @@ def solve_hand_eye(observations: Observations, assumed: Assumed | None = None) -
         robot_sigma_m=evidence.robot_sigma_m,
         robot_sigma_rad=evidence.robot_sigma_rad,
         left_out_m=evidence.left_out_m,
-        eight_views_m=eight_views_to_report(evidence),
-        views=with_repeated(
-            view_reports(evidence.names, problem, alone, adjusted, left_out),
+        eight_views_m=reported_repeatability(evidence),
+        views=add_duplicate_reports(
+            report_views(evidence.names, problem, alone, adjusted, left_out),
             tuple(view.name for view in given),
             chosen,
             tuple(len(view.ids) for view in given),
         ),
-        findings=gate(evidence),
+        findings=acceptance_findings(evidence),
         joint_covariance=adjusted.shared_covariance,
     )
 
@@ -111,7 +111,7 @@ def solve_poses(
     T_camera_board: NDArray[np.float64],
     mounting: Mounting = "eye-in-hand",
     names: tuple[str, ...] | None = None,
-    assumed: Assumed | None = None,
+    assumed: NoisePriors | None = None,
 ) -> HandEyeResult:
     """Solve the pose of the camera from poses of the flange and of a board, without corners.
 
@@ -129,7 +129,7 @@ def solve_poses(
     Raises:
         HandEyeInputError: No calibration can be solved from the poses. `slug` says which check failed.
     """
-    assumed = assumed or Assumed()
+    assumed = assumed or NoisePriors()
     check_mounting(mounting)
     check_poses(T_base_flange, T_camera_board, names)
     T_base_flange, T_camera_board = np.asarray(T_base_flange, np.float64), np.asarray(T_camera_board, np.float64)
@@ -138,13 +138,13 @@ def solve_poses(
     different = np.unique(chosen)
     poses = Poses(T_base_flange[different], T_camera_board[different], mounting)
     names = tuple(given[k] for k in different)
-    start = robust_start(poses.A, poses.T_camera_board, None, assumed.robot_m, assumed.robot_rad)
+    start = estimate_initial_guess(poses.A, poses.T_camera_board, None, assumed.robot_m, assumed.robot_rad)
     solution = solve_weighted(poses, start.X, start.Y, assumed)
     evidence = pose_evidence(names, poses, solution)
     return HandEyeResult(
         mounting=mounting,
         X=evidence.X,
-        covariance=covariance_to_report(evidence),
+        covariance=reported_covariance(evidence),
         Y=evidence.Y,
         K=np.eye(3),
         board_scale=1.0,
@@ -153,9 +153,9 @@ def solve_poses(
         robot_sigma_m=evidence.robot_sigma_m,
         robot_sigma_rad=evidence.robot_sigma_rad,
         left_out_m=evidence.left_out_m,
-        eight_views_m=eight_views_to_report(evidence),
-        views=with_repeated(pose_reports(names, poses, solution), given, chosen, (0,) * len(given)),
-        findings=gate(evidence),
+        eight_views_m=reported_repeatability(evidence),
+        views=add_duplicate_reports(pose_reports(names, poses, solution), given, chosen, (0,) * len(given)),
+        findings=acceptance_findings(evidence),
         joint_covariance=solution.covariance,
     )
 
@@ -172,8 +172,8 @@ def _start(problem: Problem, alone: BoardPoses, names: tuple[str, ...]) -> tuple
     check_not_mirrored(alone.T_camera_board[found])
     check_camera_moved(alone.T_camera_board[found])
     flange = problem.T_base_flange[found]
-    start = robust_start(
-        flange if problem.mounting == "eye-in-hand" else inverses(flange),
+    start = estimate_initial_guess(
+        flange if problem.mounting == "eye-in-hand" else invert_poses(flange),
         alone.T_camera_board[found],
         problem.corners.middle,
         problem.assumed.robot_m,

@@ -27,10 +27,10 @@ class BoardSeen:
 
 def board_seen(view: BoardView, setup: Setup) -> BoardSeen:
     """Of a view that shows the board."""
-    from calibration.pose_estimation.board_pose import board_poses
-    from calibration.pose_estimation.projection import corners_of
+    from calibration.pose_estimation.board_pose import estimate_board_poses
+    from calibration.pose_estimation.projection import stack_corners
 
-    rms_px = float(board_poses(corners_of(setup.observations((view,)))).rms_px[0])
+    rms_px = float(estimate_board_poses(stack_corners(setup.observations((view,)))).rms_px[0])
     parts = (view.pixels / setup.image_size * (ACROSS, DOWN)).astype(np.int64).clip(0, (ACROSS - 1, DOWN - 1))
     return BoardSeen(
         corners=len(view.ids),

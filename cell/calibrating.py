@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Protocol
 
 from calibration.dataset.atomic_write import replace_synced
-from calibration.dataset.detect_views import numbered_alike
+from calibration.dataset.detect_views import make_views_consistent
 from calibration.dataset.folder import HAND_EYE, SETUP, write_setup, write_view
 from calibration.dataset.setup import Setup
 from calibration.errors import BoardDetectionError, CalibrationFolderError, HandEyeError
@@ -86,7 +86,7 @@ def run_calibration(
     from calibration.hand_eye import solve_hand_eye
 
     looks = _look(cell, plan, folder, board, listener, FEWEST_VIEWS)
-    observations, held_out = numbered_alike(
+    observations, held_out = make_views_consistent(
         looks.setup, tuple(looks.views.values()), looks.certain, {view.name for view in looks.of(plan.held_out)}
     )
     if len(observations.views) < FEWEST_VIEWS:

@@ -17,7 +17,7 @@ from cell.pose_choice import PoseChoice, choose_poses
 from cell.poses_to_try import PoseToTry, Sight, poses_to_try
 from cell.route import Route, best_route
 from cell.settings import CellSettings
-from recognition.preprocessing.coverage import Coverage, Look, table_coverage, told_coverage
+from recognition.preprocessing.coverage import Coverage, ImagedArea, coverage_message, table_coverage
 
 OVERLAP_M = 0.01
 """Where the arm stands its capsules, thicker than itself, may overlap something by this."""
@@ -91,7 +91,7 @@ class ViewpointPlan:
     def unseen(self) -> str | None:
         """In words, which part of the workspace too few pictures show; None where they show all, or there are none, and
         for a calibration."""
-        return told_coverage(self.coverage) if self.reached and not self.held_out else None
+        return coverage_message(self.coverage) if self.reached and not self.held_out else None
 
     def to_json(self) -> dict[str, Any]:
         """Plain numbers and words."""
@@ -227,7 +227,9 @@ def _clearances_from(collisions: CollisionModel, start: NDArray[np.float64]) -> 
 
 def _coverage(viewpoints: tuple[Viewpoint, ...], sight: Sight) -> Coverage:
     optics, (low, high) = sight.optics, (sight.target + [sight.corners.min(axis=0), sight.corners.max(axis=0)])
-    looks = [Look(optics.K, optics.width, optics.height, v.T_base_camera) for v in viewpoints if v.q_rad is not None]
+    looks = [
+        ImagedArea(optics.K, optics.width, optics.height, v.T_base_camera) for v in viewpoints if v.q_rad is not None
+    ]
     x_m, y_m = ((float(low[axis]), float(high[axis])) for axis in range(2))
     return table_coverage(looks, x_m, y_m, float(sight.target[2]))
 

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recognition.geometry.neighbours import neighbourhood_means
-from recognition.geometry.outlier_filter import LINE_RATIO, inliers
+from recognition.geometry.outlier_filter import LINE_RATIO, inlier_mask
 from recognition.parameters import ChainParameters
 
 
@@ -25,7 +25,7 @@ class CentreLine:
     def points(self) -> NDArray[np.float64]:
         """(M, 3) means of eq. (2), over the points within 2 r of p_i, outliers removed. Made when first asked for."""
         means = neighbourhood_means(self.surface, self.surface, self.single, 2 * self.r)
-        return means[inliers(means, LINE_RATIO)]
+        return means[inlier_mask(means, LINE_RATIO)]
 
 
 def estimate_centre_line(

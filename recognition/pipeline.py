@@ -8,34 +8,34 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from recognition.assembly.chains import fitted_chains
+from recognition.assembly.chains import assemble_fitted_chains
 from recognition.assembly.crossings import find_crossings
-from recognition.assembly.fitted_crossings import fitted_crossings
-from recognition.assembly.missed_ends import without_missed_ends
-from recognition.assembly.torn_ends import torn_ends
-from recognition.assembly.unexplained import left_over, unexplained
+from recognition.assembly.fitted_crossings import find_fitted_crossings
+from recognition.assembly.missed_ends import mark_unobserved_ends
+from recognition.assembly.torn_ends import mark_fragmented_ends
+from recognition.assembly.unexplained import find_unexplained_surface, unexplained_messages
 from recognition.centre_line import CentreLine, estimate_centre_line
 from recognition.errors import InvalidParametersError
 from recognition.grasping.grasp_planner import find_grasps
 from recognition.grasping.gripper import Gripper
 from recognition.model.model import METHODS, Chain, Crossing, Method, PointChainModel, Quality
 from recognition.parameters import ChainParameters, check_settings
-from recognition.preprocessing.coverage import unseen_parts
+from recognition.preprocessing.coverage import coverage_warnings
 from recognition.preprocessing.normals import NormalCloud
 from recognition.preprocessing.target_cloud import DepthView, Scene, TargetCloud
-from recognition.radius_estimation import measured_parameters
+from recognition.radius_estimation import estimate_parameters
 from recognition.refinement.refinement import Refinement, refine
 from recognition.registration.registration import Registration, register
-from recognition.shirakawa.chains import make_chains, sharp_bends
+from recognition.shirakawa.chains import assemble_chains, sharp_bend_messages
 from recognition.shirakawa.end_extension import extend_ends
 from recognition.shirakawa.enhanced_matching import EnhancedMatching, match_enhanced
-from recognition.shirakawa.matching import match
+from recognition.shirakawa.matching import match_points
 from recognition.shirakawa.reconstruction import Reconstruction, reconstruct
 from recognition.shirakawa.thinning import thin
 from recognition.strand import Strand
-from recognition.tracing.height_map import Cover
-from recognition.tracing.trace import Graph, told_doubts, trace_strands
-from recognition.view_ingestion import receive
+from recognition.tracing.height_map import HeightMap
+from recognition.tracing.trace import TracedStrands, pairing_messages, trace_strands
+from recognition.view_ingestion import ingest_views
 
 STAGES = ("preprocess", "registration", "centre_line", "matching", "reconstruction", "refinement", "topology", "grasps")
 """Names of the stages in `on_stage` and `timing_s`, in order. `stages_of` returns those of one method."""
@@ -68,7 +68,7 @@ class Recognition:
     """(N, 3) each, the linked points of `matching` and `enhanced` before reconstruction, metres."""
     reconstruction: Reconstruction | None = None
     """The strands of `enhanced` after each step of the reconstruction."""
-    graph: Graph | None = None
+    graph: TracedStrands | None = None
     """Nodes, fragments, pairs of ends and strands of `graph`."""
     refinement: Refinement | None = None
     """The fitted tubes of `graph`."""
@@ -181,12 +181,12 @@ def recognise(
     views = clock.besides_waiting(views)
     if parameters is None:
         views = list(views)
-        parameters = measured_parameters(views, scene)
+        parameters = estimate_parameters(views, scene)
     parameters = parameters.with_settings(settings)
-    arrivals = receive(views, parameters, scene)
+    arrivals = ingest_views(views, parameters, scene)
     if arrivals.empty_because is not None:
         clock.begin(None)
-        unseen = unseen_parts(arrivals.targets, (), scene)
+        unseen = coverage_warnings(arrivals.targets, (), scene)
         quality = Quality(arrivals.left_out, warnings=(arrivals.empty_because, *unseen))
         return Recognition(PointChainModel(method, parameters, (), (), quality, clock.timing_s), arrivals.targets)
 
@@ -200,9 +200,9 @@ def recognise(
         found = _by_graph(registration, centre_line, parameters, scene, clock)
     else:
         found = _by_sequences(method, registration, centre_line, parameters, scene, clock)
-    rest = left_over(registration.points, found.chains, parameters)
-    chains, torn = torn_ends(without_missed_ends(found.chains, rest, parameters))
-    unseen = unseen_parts(arrivals.targets, [view.index for view in registration.views if view.used], scene)
+    rest = find_unexplained_surface(registration.points, found.chains, parameters)
+    chains, torn = mark_fragmented_ends(mark_unobserved_ends(found.chains, rest, parameters))
+    unseen = coverage_warnings(arrivals.targets, [view.index for view in registration.views if view.used], scene)
 
     clock.begin("grasps")
     grasps, ungraspable = find_grasps(
@@ -212,7 +212,7 @@ def recognise(
 
     views_told = tuple(sorted(registration.views + arrivals.left_out, key=lambda view: view.index))
     # What is wrong with the strings themselves comes before what was in the way of seeing them.
-    warnings = (*found.warnings, *registration.warnings, *unseen, *unexplained(rest), *ungraspable)
+    warnings = (*found.warnings, *registration.warnings, *unseen, *unexplained_messages(rest), *ungraspable)
     quality = Quality(views_told, (*found.ambiguities, *torn), warnings)
     model = PointChainModel(method, parameters, chains, tuple(found.crossings), quality, clock.timing_s, grasps=grasps)
     return Recognition(model, arrivals.targets, arrivals.clouds, registration, centre_line, **found.stages)
@@ -230,7 +230,7 @@ def _by_sequences(
     clock.begin("matching")
     thinned = enhanced = reconstruction = None
     if method == "matching":
-        segments = [centre_line.points[segment] for segment in match(centre_line.points, parameters)]
+        segments = [centre_line.points[segment] for segment in match_points(centre_line.points, parameters)]
     else:
         thinned = thin(centre_line.points, parameters)
         enhanced = match_enhanced(thinned, parameters)
@@ -244,10 +244,10 @@ def _by_sequences(
         strands = extend_ends(reconstruction.connected, centre_line.single, parameters)
 
     clock.begin("topology")
-    strands, chains, warnings = make_chains(strands, centre_line.single, registration.clouds, scene, parameters)
+    strands, chains, warnings = assemble_chains(strands, centre_line.single, registration.clouds, scene, parameters)
     crossings, ambiguities = find_crossings(strands, registration.points, parameters)
     stages = {"thinned": thinned, "enhanced": enhanced, "segments": segments, "reconstruction": reconstruction}
-    return _Found(chains, crossings, [*ambiguities, *sharp_bends(chains)], warnings, stages)
+    return _Found(chains, crossings, [*ambiguities, *sharp_bend_messages(chains)], warnings, stages)
 
 
 def _by_graph(
@@ -255,14 +255,14 @@ def _by_graph(
 ) -> _Found:
     """Our method: strands as paths in a graph, joined all at once, and fitted to the surface."""
     clock.begin("matching")
-    cover = Cover(registration.points)
+    cover = HeightMap(registration.points)
     graph = trace_strands(centre_line.single, cover, parameters)
 
     clock.begin("refinement")
     refinement = refine(graph.strands, registration.points, registration.normals, parameters, scene.table_z_m)
 
     clock.begin("topology")
-    chains, doubts, warnings = fitted_chains(refinement, registration, cover, scene, parameters)
-    crossings, ambiguities = fitted_crossings(chains)
-    ambiguities = [*ambiguities, *told_doubts(graph.pairing), *sharp_bends(chains), *doubts]
+    chains, doubts, warnings = assemble_fitted_chains(refinement, registration, cover, scene, parameters)
+    crossings, ambiguities = find_fitted_crossings(chains)
+    ambiguities = [*ambiguities, *pairing_messages(graph.pairing), *sharp_bend_messages(chains), *doubts]
     return _Found(chains, crossings, ambiguities, warnings, {"graph": graph, "refinement": refinement})

@@ -8,12 +8,12 @@ from recognition.geometry.polyline import arc_length
 from recognition.parameters import ChainParameters
 from recognition.preprocessing.target_cloud import DepthView, Scene, preprocess
 from recognition.refinement.refinement import refine
-from recognition.refinement.string_classifier import select_strings
+from recognition.refinement.string_classifier import classify_strings
 from recognition.registration.registration import register
-from recognition.rough_radius import rough_radius
-from recognition.tracing.height_map import Cover
+from recognition.rough_radius import estimate_rough_radius
+from recognition.tracing.height_map import HeightMap
 from recognition.tracing.trace import trace_strands
-from recognition.view_ingestion import receive
+from recognition.view_ingestion import ingest_views
 
 PROBE_R = 0.0015
 """Radius with which a first look is taken: what is lower than this string's threshold z_t is not looked at."""
@@ -23,7 +23,7 @@ FEW_POINTS = 50
 """Fewer points above the table than this, in all views, are noise: there is no string."""
 
 
-def measured_parameters(views: Sequence[DepthView], scene: Scene) -> ChainParameters:
+def estimate_parameters(views: Sequence[DepthView], scene: Scene) -> ChainParameters:
     """Parameters for the radius that most of the string in the views has.
 
     A rough radius from the heights above the table is enough to find the strings; tubes fitted to them then tell
@@ -37,14 +37,14 @@ def measured_parameters(views: Sequence[DepthView], scene: Scene) -> ChainParame
     looked = [preprocess(view, probe, scene) for view in views]
     if sum(len(target.points) for target in looked) < FEW_POINTS:
         return ChainParameters.for_radius(PAPER_R)
-    rough = ChainParameters.for_radius(rough_radius([target.points for target in looked], scene.table_z_m))
-    arrivals = receive(views, rough, scene)
+    rough = ChainParameters.for_radius(estimate_rough_radius([target.points for target in looked], scene.table_z_m))
+    arrivals = ingest_views(views, rough, scene)
     if arrivals.empty_because is not None:
         return rough
     registration = register(arrivals.clouds, rough, arrivals.pairs)
-    graph = trace_strands(registration.points - rough.r * registration.normals, Cover(registration.points), rough)
+    graph = trace_strands(registration.points - rough.r * registration.normals, HeightMap(registration.points), rough)
     refinement = refine(graph.strands, registration.points, registration.normals, rough, scene.table_z_m)
-    strings, _, _ = select_strings(refinement, registration.points, rough, scene.table_z_m)
+    strings, _, _ = classify_strings(refinement, registration.points, rough, scene.table_z_m)
     if not strings:
         return rough
     order = sorted(strings, key=lambda string: string.measured_radius_m)

@@ -31,7 +31,7 @@ class RadiusUnknownError(RecognitionError):
     slug = "radius-unknown"
 
 
-def rough_radius(clouds: Sequence[NDArray[np.float64]], table_z_m: float) -> float:
+def estimate_rough_radius(clouds: Sequence[NDArray[np.float64]], table_z_m: float) -> float:
     """The radius, metres, of the strings in the views' points above the table ((N, 3) each), to about a quarter.
 
     Seen from above, a string is a band; along its middle, as far as possible from its sides, its height above the

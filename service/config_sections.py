@@ -60,7 +60,7 @@ class LogConfig(BaseModel):
 
 
 class GripperConfig(BaseModel):
-    """The gripper that grasps are found for; each key as in `recognition.grasping.gripper.Gripper`, metres."""
+    """Gripper for the grasps. Its keys are the fields of `Gripper`, metres."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 

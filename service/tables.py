@@ -133,7 +133,7 @@ class CalibrationViewRow:
 @dataclass(frozen=True)
 class ScanErrorRow:
     """What a live scan told of the error of the calibration that it was made with; the numbers are those of
-    `recognition.registration.hand_eye_error.CommonError`. It outlasts the scan."""
+    `recognition.registration.hand_eye_error.HandEyeErrorEstimate`. It outlasts the scan."""
 
     scan: str
     calibration_sha256: str

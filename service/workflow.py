@@ -18,7 +18,7 @@ from recognition.model.model import Method, PointChainModel
 from recognition.parameters import ChainParameters
 from recognition.pipeline import Recognition, recognise
 from recognition.preprocessing.target_cloud import Scene
-from recognition.registration.hand_eye_error import CommonError
+from recognition.registration.hand_eye_error import HandEyeErrorEstimate
 from service.data_folder import CLOUD, MODEL
 from service.observing.view_outcomes import ViewOutcome, view_outcomes
 from service.preview import draw_preview
@@ -52,7 +52,7 @@ class Outcome:
     warnings: tuple[str, ...]
     partial: bool
     """Views were missing or were left out."""
-    calibration_error: CommonError | None = None
+    calibration_error: HandEyeErrorEstimate | None = None
     """What the views tell of their calibration's error."""
     files: dict[str, dict[str, Any]] = field(default_factory=dict)
     """SHA-256 and size of each file that was written, as JSON."""
@@ -144,7 +144,7 @@ def write_results(recognition: Recognition, folder: Path) -> Outcome:
         len(model.crossings),
         model.quality.warnings,
         _views_left_out(model),
-        None if recognition.registration is None else recognition.registration.common_error,
+        None if recognition.registration is None else recognition.registration.hand_eye_error,
         {name: _as_written(content) for name, content in contents.items()},
         dict(model.timing_s),
         view_outcomes(recognition),

@@ -21,8 +21,8 @@ from calibration.assessment.camera_acceptance import camera_findings
 from calibration.assessment.change_point import SHORTEST
 from calibration.assessment.diagnosis import diagnose
 from calibration.assessment.evidence import Evidence
-from calibration.assessment.repeatability import eight_views_bound
-from calibration.input_checks.motion_diversity import PARALLEL_AXES_RAD, PURE_TRANSLATION_RAD, rotation_spread
+from calibration.assessment.repeatability import repeatability_bound
+from calibration.input_checks.motion_diversity import PARALLEL_AXES_RAD, PURE_TRANSLATION_RAD, motion_diversity
 from calibration.input_checks.observations import FEWEST_VIEWS
 from calibration.result import Finding
 
@@ -54,7 +54,7 @@ UNVERIFIED_SCALE_SIGMA = 0.005
 print that was scaled to fit its paper is farther off: its check line is there to be measured."""
 
 
-def gate(evidence: Evidence) -> tuple[Finding, ...]:
+def acceptance_findings(evidence: Evidence) -> tuple[Finding, ...]:
     """What speaks against using the calibration; empty: nothing. The gravest cause comes first."""
     findings = _views(evidence) + _accuracy(evidence) + camera_findings(evidence) + _board(evidence)
     # Much noise, or several views left out, may have one cause; and then those that were kept may be the wrong ones.
@@ -67,10 +67,11 @@ def gate(evidence: Evidence) -> tuple[Finding, ...]:
     return cause, *(finding for finding in findings if finding.code != "inconsistent")
 
 
-def covariance_to_report(evidence: Evidence) -> NDArray[np.float64]:
+def reported_covariance(evidence: Evidence) -> NDArray[np.float64]:
     """X's covariance (6, 6), grown by what an unverified board size adds: all places shift along the view.
 
-    Everything that a user is told follows from this one; the limits of `gate` are of `Evidence.covariance`.
+    Everything that a user is told follows from this one; the limits of `acceptance_findings` are of
+    `Evidence.covariance`.
     """
     covariance = evidence.covariance.copy()
     if _scale_unverified(evidence):
@@ -80,10 +81,10 @@ def covariance_to_report(evidence: Evidence) -> NDArray[np.float64]:
     return covariance
 
 
-def eight_views_to_report(evidence: Evidence) -> float:
+def reported_repeatability(evidence: Evidence) -> float:
     """Predicted bound of the disagreement of a scan's views, as in `HandEyeResult`."""
-    return eight_views_bound(
-        covariance_to_report(evidence),
+    return repeatability_bound(
+        reported_covariance(evidence),
         evidence.robot_sigma_rad,
         evidence.robot_sigma_m,
         _distance_m(evidence),
@@ -124,7 +125,7 @@ def _views(evidence: Evidence) -> tuple[Finding, ...]:
             )
         )
     if used >= 2:
-        spread = rotation_spread(evidence.T_base_flange[evidence.used])
+        spread = motion_diversity(evidence.T_base_flange[evidence.used])
         if spread.largest_rad < PURE_TRANSLATION_RAD:
             findings.append(_refusal("pure-translation", spread.too_little_words()))
         elif spread.second_axis_rad < PARALLEL_AXES_RAD:

@@ -10,8 +10,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.geometry.se3 import adjoint, inverses, motion_vector, small_motion
-from calibration.solver.initialisation import Start, robust_start
+from calibration.geometry.se3 import adjoint, invert_poses, pose_from_twist, twist_from_pose
+from calibration.solver.initialisation import InitialGuess, estimate_initial_guess
 
 Moved = Literal["X", "Y"]
 
@@ -55,13 +55,13 @@ class Fit:
         return np.minimum(np.sum(scaled**2, axis=1), LARGEST_SQUARE)
 
 
-def steady_fit(A: NDArray[np.float64], B: NDArray[np.float64]) -> Fit:
+def fit_without_change(A: NDArray[np.float64], B: NDArray[np.float64]) -> Fit:
     """All views with one X and one Y."""
     start = _rough(A, B)
     return _adjusted(A, B, start.X, start.Y, start.X, start.Y, None, len(A))
 
 
-def moved_fits(A: NDArray[np.float64], B: NDArray[np.float64]) -> list[Fit]:
+def fit_changes(A: NDArray[np.float64], B: NDArray[np.float64]) -> list[Fit]:
     """All views with X, or with Y, of another value from each possible view on."""
     count = len(A)
     # What is not interrupted by the move is the first half or the last, and often three quarters.
@@ -74,21 +74,21 @@ def moved_fits(A: NDArray[np.float64], B: NDArray[np.float64]) -> list[Fit]:
         X, Y = starts[longest].X, starts[longest].Y
         rest = slice(first, count) if longest[0] == 0 else slice(0, first)
         other_Y = _middle(A[rest] @ X @ B[rest])
-        other_X = _middle(inverses(A[rest]) @ Y @ inverses(B[rest]))
+        other_X = _middle(invert_poses(A[rest]) @ Y @ invert_poses(B[rest]))
         Xs, Ys = ((X, other_X), (Y, other_Y)) if longest[0] == 0 else ((other_X, X), (other_Y, Y))
         fits.append(_adjusted(A, B, X, Ys[0], X, Ys[1], "Y", int(first)))
         fits.append(_adjusted(A, B, Xs[0], Y, Xs[1], Y, "X", int(first)))
     return fits
 
 
-def _rough(A: NDArray[np.float64], B: NDArray[np.float64]) -> Start:
+def _rough(A: NDArray[np.float64], B: NDArray[np.float64]) -> InitialGuess:
     some = np.unique(np.linspace(0, len(A) - 1, STARTING_VIEWS).round().astype(int))
-    return robust_start(A[some], B[some])
+    return estimate_initial_guess(A[some], B[some])
 
 
 def _middle(poses: NDArray[np.float64]) -> NDArray[np.float64]:
     """The one of the poses (N, 4, 4) that is nearest to the others, 0.1 m counting as a radian."""
-    apart = motion_vector(inverses(poses)[:, None] @ poses[None]) * np.repeat([1.0, 10.0], 3)
+    apart = twist_from_pose(invert_poses(poses)[:, None] @ poses[None]) * np.repeat([1.0, 10.0], 3)
     return poses[np.argmin(np.linalg.norm(apart, axis=2).sum(axis=1))]
 
 
@@ -107,8 +107,8 @@ def _adjusted(
     J = _jacobian(B, late, moved)
     fit = None
     for _ in range(STEPS):
-        E = np.where(late[:, None, None], inverses(Y1) @ A @ X1 @ B, inverses(Y0) @ A @ X0 @ B)
-        fit = Fit(motion_vector(E), moved, first)
+        E = np.where(late[:, None, None], invert_poses(Y1) @ A @ X1 @ B, invert_poses(Y0) @ A @ X0 @ B)
+        fit = Fit(twist_from_pose(E), moved, first)
         noise = fit.noise()
         weight = np.where(fit.squares(noise) < LARGEST_SQUARE, 1.0, 0.0)[:, None] / np.repeat(noise, 3)
         step = np.linalg.lstsq((weight[:, :, None] * J).reshape(-1, J.shape[2]), -(weight * fit.residuals).ravel())[0]
@@ -116,15 +116,15 @@ def _adjusted(
             break
         dX0, dY0, extra = step[:6], step[6:12], step[12:]
         steps = np.array([dX0, dY0, extra if moved == "X" else dX0, extra if moved == "Y" else dY0], dtype=np.float64)
-        X0, Y0, X1, Y1 = np.array([X0, Y0, X1, Y1]) @ small_motion(steps)
+        X0, Y0, X1, Y1 = np.array([X0, Y0, X1, Y1]) @ pose_from_twist(steps)
     assert fit is not None
-    shift = motion_vector(inverses(Y0) @ Y1 if moved == "Y" else inverses(X0) @ X1)
+    shift = twist_from_pose(invert_poses(Y0) @ Y1 if moved == "Y" else invert_poses(X0) @ X1)
     return Fit(fit.residuals, moved, first, shift)
 
 
 def _jacobian(B: NDArray[np.float64], late: NDArray[np.bool_], moved: Moved | None) -> NDArray[np.float64]:
     """(N, 6, 12 or 18) of the residuals by small motions of X and Y on their right, and of the moved one after."""
-    by_X = adjoint(inverses(B))
+    by_X = adjoint(invert_poses(B))
     by_Y = np.broadcast_to(-np.eye(6), by_X.shape)
     if moved is None:
         return np.concatenate([by_X, by_Y], axis=2)

@@ -18,13 +18,13 @@ A finding's code is one of
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.assessment.change_point import LARGEST_SQUARE, SHORTEST, Fit, moved_fits, steady_fit
-from calibration.assessment.rotation_conventions import read_anew
+from calibration.assessment.change_point import LARGEST_SQUARE, SHORTEST, Fit, fit_changes, fit_without_change
+from calibration.assessment.rotation_conventions import reinterpret_rotations
 from calibration.errors import HandEyeInputError
-from calibration.geometry.se3 import inverses, rotation_angles
+from calibration.geometry.se3 import invert_poses, rotation_angles
 from calibration.observations import Mounting
 from calibration.result import Finding
-from calibration.solver.initialisation import Start, robust_start
+from calibration.solver.initialisation import InitialGuess, estimate_initial_guess
 
 FITS_M, FITS_RAD = 0.01, np.radians(1.0)
 """A view that is off by less goes with the others, all but for noise: each mistake here throws most views farther."""
@@ -55,7 +55,7 @@ def diagnose(
 
     The poses are as given, finite and rigid. A few wrong views among good ones are no mistake of the kinds looked for.
     """
-    A = T_base_flange if mounting == "eye-in-hand" else inverses(T_base_flange)
+    A = T_base_flange if mounting == "eye-in-hand" else invert_poses(T_base_flange)
     B = T_camera_board
     if len(A) < FEWEST:
         return None if _fit_together(A, B) else _inconsistent()
@@ -72,7 +72,7 @@ def diagnose(
 
 
 def check_together(
-    start: Start,
+    start: InitialGuess,
     T_base_flange: NDArray[np.float64],
     T_camera_board: NDArray[np.float64],
     mounting: Mounting = "eye-in-hand",
@@ -105,16 +105,16 @@ def check_not_mirrored(T_camera_board: NDArray[np.float64]) -> None:
         )
 
 
-def _share_within(start: Start, off_m: float, off_rad: float) -> float:
+def _share_within(start: InitialGuess, off_m: float, off_rad: float) -> float:
     return float(np.mean((start.off_m < off_m) & (start.off_rad < off_rad)))
 
 
 def _fit_together(A: NDArray[np.float64], B: NDArray[np.float64]) -> bool:
-    return _share_within(robust_start(A, B), FITS_M, FITS_RAD) >= MOST
+    return _share_within(estimate_initial_guess(A, B), FITS_M, FITS_RAD) >= MOST
 
 
 def _inverted(A: NDArray[np.float64], B: NDArray[np.float64], mounting: Mounting) -> Finding | None:
-    if not _fit_together(inverses(A), B):
+    if not _fit_together(invert_poses(A), B):
         return None
     other = "eye-to-hand" if mounting == "eye-in-hand" else "eye-in-hand"
     return _mistake(
@@ -141,11 +141,11 @@ def _shifted(A: NDArray[np.float64], B: NDArray[np.float64]) -> Finding | None:
 
 def _misread(T_base_flange: NDArray[np.float64], B: NDArray[np.float64], mounting: Mounting) -> Finding | None:
     # The flange turns between views as the camera does, seen from the board; or as the board on it, seen by the camera.
-    turning = inverses(B) if mounting == "eye-in-hand" else B
-    for guess, meant in read_anew(T_base_flange[:, :3, :3], turning[:, :3, :3], FITS_RAD):
+    turning = invert_poses(B) if mounting == "eye-in-hand" else B
+    for guess, meant in reinterpret_rotations(T_base_flange[:, :3, :3], turning[:, :3, :3], FITS_RAD):
         corrected = T_base_flange.copy()
         corrected[:, :3, :3] = meant
-        if _fit_together(corrected if mounting == "eye-in-hand" else inverses(corrected), B):
+        if _fit_together(corrected if mounting == "eye-in-hand" else invert_poses(corrected), B):
             return _mistake(
                 guess.code,
                 f"the directions of the flange poses are {guess.words}: give them as what they are (a rotation vector "
@@ -157,11 +157,11 @@ def _misread(T_base_flange: NDArray[np.float64], B: NDArray[np.float64], mountin
 def _moved(
     A: NDArray[np.float64], B: NDArray[np.float64], mounting: Mounting, names: tuple[str, ...]
 ) -> Finding | None:
-    fits = moved_fits(A, B)
+    fits = fit_changes(A, B)
     # One measure for all: the noise that the best of them leaves.
     noise = min((fit.noise() for fit in fits), key=lambda sigmas: sigmas[0] * sigmas[1])
     best = min(fits, key=lambda fit: float(fit.squares(noise).sum()))
-    if not _believable(best, steady_fit(A, B), noise):
+    if not _believable(best, fit_without_change(A, B), noise):
         return None
     assert best.shift is not None
     turned, off = np.degrees(np.linalg.norm(best.shift[:3])), 1e3 * np.linalg.norm(best.shift[3:])

@@ -14,7 +14,7 @@ DRAWS = 2000
 SHARE = 95.0
 
 
-def eight_views_bound(
+def repeatability_bound(
     covariance: NDArray[np.float64],
     robot_sigma_rad: float,
     robot_sigma_m: float,

@@ -31,7 +31,7 @@ class Misreading:
     """(3, 3) as given -> (K, 3, 3) what it may have meant."""
 
 
-def read_anew(
+def reinterpret_rotations(
     R: NDArray[np.float64], seen: NDArray[np.float64], tolerance_rad: float
 ) -> Iterator[tuple[Misreading, NDArray[np.float64]]]:
     """Each wrong rule that may explain rotations `R` (N, 3, 3), by the turns `seen` (N, 3, 3) between them, with the

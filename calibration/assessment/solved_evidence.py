@@ -8,22 +8,22 @@ from calibration.assessment.view_reports import distances_m
 from calibration.observations import Mounting, Observations
 from calibration.pose_estimation.board_pose import BoardPoses
 from calibration.pose_estimation.projection import camera_matrix
-from calibration.solver.bundle_adjustment import Adjusted
-from calibration.solver.cross_validation import LeftOut
+from calibration.solver.bundle_adjustment import Adjustment
+from calibration.solver.cross_validation import CrossValidation
 from calibration.solver.pose_solution import Poses, PoseSolution
 from calibration.solver.problem import Problem
-from calibration.solver.residual_distortion import lens_residual
+from calibration.solver.residual_distortion import estimate_residual_distortion
 
 
-def picture_evidence(
-    observations: Observations, problem: Problem, alone: BoardPoses, adjusted: Adjusted, left_out: LeftOut
+def collect_evidence(
+    observations: Observations, problem: Problem, alone: BoardPoses, adjusted: Adjustment, left_out: CrossValidation
 ) -> Evidence:
     """Of a solution from pictures."""
     unknowns, used = adjusted.unknowns, adjusted.used
     covariance = adjusted.shared_covariance[:6, :6]
     distances = distances_m(problem, alone)
     noise = adjusted.noise
-    radial = lens_residual(problem, adjusted)
+    radial = estimate_residual_distortion(problem, adjusted)
     lever = _lever(problem.mounting, unknowns.X, unknowns.Y, problem.corners.middle, _mean(distances[used]))
     return Evidence(
         mounting=problem.mounting,

@@ -3,12 +3,12 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.geometry.se3 import inverses, motion_vector
+from calibration.geometry.se3 import invert_poses, twist_from_pose
 from calibration.observations import Mounting
 from calibration.pose_estimation.board_pose import BoardPoses
 from calibration.result import ViewReport
-from calibration.solver.bundle_adjustment import Adjusted
-from calibration.solver.cross_validation import LeftOut
+from calibration.solver.bundle_adjustment import Adjustment
+from calibration.solver.cross_validation import CrossValidation
 from calibration.solver.pose_solution import Poses, PoseSolution
 from calibration.solver.problem import Problem, robot_error
 from calibration.target.board import FEWEST_CORNERS
@@ -17,8 +17,8 @@ FITS_M, FITS_RAD = 2e-3, np.radians(0.5)
 """A picture that is as near as this to what another explanation predicts is explained by it."""
 
 
-def view_reports(
-    names: tuple[str, ...], problem: Problem, alone: BoardPoses, adjusted: Adjusted, left_out: LeftOut
+def report_views(
+    names: tuple[str, ...], problem: Problem, alone: BoardPoses, adjusted: Adjustment, left_out: CrossValidation
 ) -> tuple[ViewReport, ...]:
     """One for each view, in the order given."""
     used = adjusted.used
@@ -84,7 +84,7 @@ def _known(value: float | np.floating) -> float | None:
 
 
 def _reason(
-    k: int, names: tuple[str, ...], problem: Problem, alone: BoardPoses, adjusted: Adjusted, left_out: LeftOut
+    k: int, names: tuple[str, ...], problem: Problem, alone: BoardPoses, adjusted: Adjustment, left_out: CrossValidation
 ) -> str:
     if not alone.found[k]:
         seen = int(problem.corners.seen[k].sum())
@@ -105,7 +105,7 @@ def _explaining(k: int, mounting: Mounting, flange, X, Y, T_camera_board, names:
     if len(fitting):
         other = names[fitting[0]]
         return f"its picture fits the pose of view {other}: the two were swapped, or the pose was read at another time"
-    apart = motion_vector(inverses(flange[k]) @ flange)
+    apart = twist_from_pose(invert_poses(flange[k]) @ flange)
     same = (np.linalg.norm(apart[:, 3:], axis=1) < FITS_M) & (np.linalg.norm(apart[:, :3], axis=1) < FITS_RAD)
     if (same & others).any():
         other = names[int(np.argmax(same & others))]
@@ -133,5 +133,5 @@ def half_turn(middle: NDArray[np.float64]) -> NDArray[np.float64]:
 
 def _fits(mounting: Mounting, flange, X, Y, T_camera_board: NDArray[np.float64]) -> NDArray[np.bool_]:
     """(N,) by which flange poses (N, 4, 4) the board would be seen at `T_camera_board` (4, 4)."""
-    v = motion_vector(robot_error(mounting, flange, X, Y, T_camera_board[None]))
+    v = twist_from_pose(robot_error(mounting, flange, X, Y, T_camera_board[None]))
     return (np.linalg.norm(v[:, 3:], axis=1) < FITS_M) & (np.linalg.norm(v[:, :3], axis=1) < FITS_RAD)

@@ -12,10 +12,10 @@ from calibration.dataset.folder import FolderContent, FolderView
 from calibration.dataset.setup import Setup
 from calibration.errors import BoardDetectionError, CalibrationFolderError
 from calibration.observations import BoardView, Observations
-from calibration.pose_estimation.corner_disambiguation import number_alike
+from calibration.pose_estimation.corner_disambiguation import make_numbering_consistent
 from calibration.target.detection import BoardSighting, detect_board
 
-__all__ = ["Observed", "numbered_alike", "observe", "read_image", "seen_from"]
+__all__ = ["DetectedViews", "board_view", "detect_views", "make_views_consistent", "read_image"]
 
 LARGEST_IMAGE_BYTES = 128 << 20
 
@@ -24,7 +24,7 @@ Told = Callable[[str, BoardSighting | str], None]
 
 
 @dataclass(frozen=True, eq=False)
-class Observed:
+class DetectedViews:
     """What the images of a folder show."""
 
     observations: Observations
@@ -35,7 +35,7 @@ class Observed:
     """Views that gave nothing, those that the folder left out too: name and reason."""
 
 
-def observe(content: FolderContent, told: Told | None = None) -> Observed:
+def detect_views(content: FolderContent, told: Told | None = None) -> DetectedViews:
     """Finds the board in every image, one after the other; an image without one is named and left out.
 
     Raises:
@@ -55,30 +55,30 @@ def observe(content: FolderContent, told: Told | None = None) -> Observed:
             if told is not None:
                 told(view.name, str(error))
             continue
-        views.append(seen_from(view, sighting))
+        views.append(board_view(view, sighting))
         certain.append(sighting.numbered)
         if told is not None:
             told(view.name, sighting)
     if not views and first_error is not None:
         raise first_error
     held_out = {view.name for view in content.views if view.held_out}
-    return Observed(*numbered_alike(setup, views, certain, held_out), tuple(unseen))
+    return DetectedViews(*make_views_consistent(setup, views, certain, held_out), tuple(unseen))
 
 
-def numbered_alike(
+def make_views_consistent(
     setup: Setup, views: Sequence[BoardView], certain: Sequence[bool], held_out: Collection[str]
 ) -> tuple[Observations, Observations]:
     """The views to solve from, and those that are `held_out` by name: all numbered from the same corner of the board,
     where its pictures leave open which that is. Which views are `certain` (N,), their `BoardSighting.numbered` says.
     """
-    alike = number_alike(setup.observations(tuple(views)), certain).views
+    alike = make_numbering_consistent(setup.observations(tuple(views)), certain).views
     return (
         setup.observations(tuple(view for view in alike if view.name not in held_out)),
         setup.observations(tuple(view for view in alike if view.name in held_out)),
     )
 
 
-def seen_from(view: FolderView, sighting: BoardSighting) -> BoardView:
+def board_view(view: FolderView, sighting: BoardSighting) -> BoardView:
     """What was seen in this view."""
     return BoardView(view.name, view.T_base_flange, sighting.ids, sighting.pixels, sighting.corner_sigma_px)
 

@@ -21,7 +21,7 @@ from calibration.dataset.setup import Setup, SetupForm, setup_document
 from calibration.errors import CalibrationFolderError
 from calibration.observations import BoardView, Observations
 
-__all__ = ["OBSERVATIONS", "KeptObservations", "load_kept_observations", "write_observations"]
+__all__ = ["OBSERVATIONS", "StoredObservations", "load_observations", "write_observations"]
 
 OBSERVATIONS = "observations.json"
 LARGEST_BYTES = 64 << 20
@@ -42,7 +42,7 @@ class _ObservationsForm(SetupForm, extra="ignore"):
 
 
 @dataclass(frozen=True, eq=False)
-class KeptObservations:
+class StoredObservations:
     """All of a file."""
 
     observations: Observations
@@ -53,7 +53,7 @@ class KeptObservations:
     """Of the file's content, hexadecimal."""
 
 
-def load_kept_observations(path: Path) -> KeptObservations:
+def load_observations(path: Path) -> StoredObservations:
     """All observations of a calibration. Raises CalibrationFolderError: there is no such file, or it is no such one."""
     content = read_in_folder(path, LARGEST_BYTES, "solve from the images first")
     form = read_form(_ObservationsForm, content, path, CalibrationFolderError)
@@ -63,7 +63,7 @@ def load_kept_observations(path: Path) -> KeptObservations:
     names = [view.name for view, _ in views]
     if twice := next((name for name in names if names.count(name) > 1), None):
         raise CalibrationFolderError(f"{path} has two views {twice!r}: each needs a name of its own")
-    return KeptObservations(
+    return StoredObservations(
         setup.observations(tuple(view for view, held_out in views if not held_out)),
         setup.observations(tuple(view for view, held_out in views if held_out)),
         hashlib.sha256(content).hexdigest(),

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 
-def inverses(T: NDArray[np.float64]) -> NDArray[np.float64]:
+def invert_poses(T: NDArray[np.float64]) -> NDArray[np.float64]:
     """The inverse of each."""
     result = np.zeros_like(T)
     result[..., :3, :3] = T[..., :3, :3].swapaxes(-1, -2)
@@ -19,7 +19,7 @@ def inverses(T: NDArray[np.float64]) -> NDArray[np.float64]:
     return result
 
 
-def small_motion(v: NDArray[np.float64]) -> NDArray[np.float64]:
+def pose_from_twist(v: NDArray[np.float64]) -> NDArray[np.float64]:
     """(..., 4, 4) by (..., 6)."""
     from scipy.spatial.transform import Rotation
 
@@ -30,21 +30,21 @@ def small_motion(v: NDArray[np.float64]) -> NDArray[np.float64]:
     return T
 
 
-def motion_vector(T: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(..., 6) by (..., 4, 4): what `small_motion` undoes."""
+def twist_from_pose(T: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(..., 6) by (..., 4, 4): what `pose_from_twist` undoes."""
     from scipy.spatial.transform import Rotation
 
     turns = Rotation.from_matrix(T[..., :3, :3].reshape(-1, 3, 3)).as_rotvec()
     return np.concatenate([turns.reshape(*T.shape[:-2], 3), T[..., :3, 3]], axis=-1)
 
 
-def solved(M: NDArray[np.float64], values: NDArray[np.float64]) -> NDArray[np.float64]:
+def solve_stack(M: NDArray[np.float64], values: NDArray[np.float64]) -> NDArray[np.float64]:
     """(..., K) the solution x of M x = values, for symmetric or other matrices (..., K, K) and values (..., K)."""
     result: NDArray[Any] = np.linalg.solve(M, values[..., None])
     return result[..., 0]
 
 
-def inverted(M: NDArray[np.float64]) -> NDArray[np.float64]:
+def invert_stack(M: NDArray[np.float64]) -> NDArray[np.float64]:
     """(..., K, K) the inverse of each matrix."""
     result: NDArray[Any] = np.linalg.inv(M)
     return result
@@ -74,7 +74,7 @@ def right_jacobian(v: NDArray[np.float64]) -> NDArray[np.float64]:
     W = cross_matrix(v[..., :3])
     result = np.zeros((*v.shape[:-1], 6, 6))
     result[..., :3, :3] = np.eye(3) - W / 2 + W @ W / 6
-    result[..., 3:, 3:] = small_motion(v)[..., :3, :3].swapaxes(-1, -2)
+    result[..., 3:, 3:] = pose_from_twist(v)[..., :3, :3].swapaxes(-1, -2)
     return result
 
 

@@ -12,7 +12,7 @@ PARALLEL_AXES_RAD = np.radians(5.0)
 
 
 @dataclass(frozen=True)
-class RotationSpread:
+class MotionDiversity:
     """Of a set of poses."""
 
     largest_rad: float
@@ -37,7 +37,7 @@ class RotationSpread:
         )
 
 
-def rotation_spread(poses: NDArray[np.float64]) -> RotationSpread:
+def motion_diversity(poses: NDArray[np.float64]) -> MotionDiversity:
     """The spread of poses (N, 4, 4), N >= 2; the same for `T_base_flange` and its inverse's views of it."""
     from scipy.spatial.transform import Rotation
 
@@ -46,6 +46,6 @@ def rotation_spread(poses: NDArray[np.float64]) -> RotationSpread:
     turns = Rotation.from_matrix(R[first].transpose(0, 2, 1) @ R[second]).as_rotvec()
     # Differences of two have twice the variance of one's deviation from the mean.
     variances = np.linalg.eigvalsh(turns.T @ turns / (2 * len(turns)))
-    return RotationSpread(
+    return MotionDiversity(
         largest_rad=float(np.linalg.norm(turns, axis=1).max()), second_axis_rad=float(np.sqrt(max(variances[1], 0.0)))
     )

@@ -30,9 +30,9 @@ from numpy.typing import ArrayLike, NDArray
 from calibration.errors import HandEyeInputError
 from calibration.geometry.transforms import NotRigidError, from_rotation_vector, rigid
 from calibration.input_checks.camera import check_camera, check_mounting
-from calibration.input_checks.motion_diversity import PARALLEL_AXES_RAD, PURE_TRANSLATION_RAD, rotation_spread
+from calibration.input_checks.motion_diversity import PARALLEL_AXES_RAD, PURE_TRANSLATION_RAD, motion_diversity
 from calibration.observations import BoardView, Observations
-from calibration.pose_estimation.duplicate_poses import pose_numbers
+from calibration.pose_estimation.duplicate_poses import number_poses
 from calibration.target.board import FEWEST_CORNERS, Board
 
 FEWEST_VIEWS = 8
@@ -109,7 +109,7 @@ def check_camera_moved(T_camera_board: NDArray[np.float64]) -> None:
     Raises:
         HandEyeInputError: "camera-did-not-move".
     """
-    largest_rad = rotation_spread(T_camera_board).largest_rad
+    largest_rad = motion_diversity(T_camera_board).largest_rad
     if largest_rad < CAMERA_STILL_RAD:
         raise HandEyeInputError(
             "camera-did-not-move",
@@ -211,14 +211,14 @@ def _check_corners(view: BoardView, observations: Observations) -> None:
 
 
 def _check_spread(T_base_flange: NDArray[np.float64]) -> None:
-    different = len(np.unique(pose_numbers(T_base_flange)))
+    different = len(np.unique(number_poses(T_base_flange)))
     if different < FEWEST_VIEWS:
         raise HandEyeInputError(
             "duplicate-views",
             f"the robot stood in only {different} different poses for {len(T_base_flange)} views, and {FEWEST_VIEWS} "
             "are needed: move it between pictures, and read its pose anew for each",
         )
-    spread = rotation_spread(T_base_flange)
+    spread = motion_diversity(T_base_flange)
     if spread.largest_rad < PURE_TRANSLATION_RAD:
         raise HandEyeInputError("pure-translation", spread.too_little_words())
     if spread.second_axis_rad < PARALLEL_AXES_RAD:

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.geometry.se3 import small_motion, solved
+from calibration.geometry.se3 import pose_from_twist, solve_stack
 from calibration.pose_estimation.projection import LENS, Corners, PixelBlocks, pixel_blocks, reprojection
 from calibration.target.board import FEWEST_CORNERS
 
@@ -38,7 +38,7 @@ class BoardPoses:
         return np.isfinite(self.rms_px)
 
 
-def board_poses(corners: Corners) -> BoardPoses:
+def estimate_board_poses(corners: Corners) -> BoardPoses:
     """The board's pose in every view with enough corners that fit one, by the camera and board as told."""
     count = len(corners.pixels)
     guesses = np.full((2, count, 4, 4), np.nan)
@@ -57,7 +57,7 @@ def board_poses(corners: Corners) -> BoardPoses:
     return first
 
 
-def fitting_corners(T: NDArray[np.float64], lens: NDArray[np.float64], corners: Corners) -> NDArray[np.bool_]:
+def inlier_corners(T: NDArray[np.float64], lens: NDArray[np.float64], corners: Corners) -> NDArray[np.bool_]:
     """(N, M) which corners are no farther off than the noise of their own view explains."""
     off = np.linalg.norm(reprojection(T, lens, corners)[0], axis=2)
     # Of a normal error in two coordinates, the median length is 1.177 standard deviations.
@@ -66,7 +66,7 @@ def fitting_corners(T: NDArray[np.float64], lens: NDArray[np.float64], corners: 
     return corners.seen & (off <= CORNER_LIMIT * np.maximum(sigma, LEAST_NOISE_PX)[:, None])
 
 
-def refined_poses(
+def refine_poses(
     T: NDArray[np.float64], lens: NDArray[np.float64], corners: Corners, good: NDArray[np.bool_]
 ) -> NDArray[np.float64]:
     """The poses (N, 4, 4) near `T` with the least reprojection error of the corners `good` (N, M) by `lens`."""
@@ -76,8 +76,8 @@ def refined_poses(
         H = now.information[:, :6, :6].copy()
         diagonal = np.einsum("nii->ni", H)
         diagonal += damping[:, None] * diagonal + 1e-9
-        step = solved(H, now.pull[:, :6])
-        tried = small_motion(step) @ T
+        step = solve_stack(H, now.pull[:, :6])
+        tried = pose_from_twist(step) @ T
         then = pixel_blocks(tried, lens, corners, good)
         better = then.squares <= now.squares
         damping = np.where(better, damping * 0.1, damping * 10)
@@ -107,7 +107,7 @@ def _two_poses(points: NDArray[np.float64], pixels: NDArray[np.float64], K: NDAr
     for k, (turn, shift) in enumerate(zip(turns[: 1 + rivals], shifts, strict=False)):
         v = np.concatenate([turn.ravel(), shift.ravel()]).astype(np.float64)
         if np.isfinite(v).all() and v[5] > 0:
-            guesses[k] = small_motion(v)
+            guesses[k] = pose_from_twist(v)
     return guesses
 
 
@@ -118,9 +118,9 @@ def _refined(T: NDArray[np.float64], corners: Corners) -> BoardPoses:
     lens = np.zeros(LENS)
     good = corners.seen & found[:, None]
     for _ in range(2):
-        T = refined_poses(T, lens, corners, good)
-        good = fitting_corners(T, lens, corners) & found[:, None]
-    T = refined_poses(T, lens, corners, good)
+        T = refine_poses(T, lens, corners, good)
+        good = inlier_corners(T, lens, corners) & found[:, None]
+    T = refine_poses(T, lens, corners, good)
     counts = good.sum(axis=1)
     found = found & (counts >= np.maximum(FEWEST_CORNERS, corners.seen.sum(axis=1) / 2))
     squares = pixel_blocks(T, lens, corners, good).squares

@@ -8,27 +8,27 @@ from numpy.typing import NDArray
 
 from calibration.geometry.se3 import nearest_rotation, rotation_angles
 from calibration.observations import Observations
-from calibration.pose_estimation.board_pose import board_poses
-from calibration.pose_estimation.projection import corners_of
+from calibration.pose_estimation.board_pose import estimate_board_poses
+from calibration.pose_estimation.projection import stack_corners
 from calibration.target.board import Board
-from calibration.target.corner_ordering import renumberings
+from calibration.target.corner_ordering import symmetric_numberings
 
 ENOUGH_RAD = 0.2
 """A difference larger than this speaks for another numbering no more than this does: one bad view must not decide."""
 ROUNDS = 20
 
 
-def number_alike(observations: Observations, certain: Sequence[bool]) -> Observations:
+def make_numbering_consistent(observations: Observations, certain: Sequence[bool]) -> Observations:
     """The same views, renumbered so that they agree with one another; those that are `certain` (N,) stay as they are.
 
     Between two views the camera turned as far as the flange did (or, where the camera stands in the cell, the board
     did): of the numberings that the board allows those are taken that fit this best. Which corner is the first then is
     left to chance, unless a view is certain.
     """
-    possible = renumberings(observations.board)
+    possible = symmetric_numberings(observations.board)
     if len(possible) == 1 or all(certain) or not observations.views:
         return observations
-    found = board_poses(corners_of(observations))
+    found = estimate_board_poses(stack_corners(observations))
     usable = np.flatnonzero(found.found)
     if not len(usable):
         return observations
@@ -44,13 +44,13 @@ def number_alike(observations: Observations, certain: Sequence[bool]) -> Observa
     return replace(observations, views=tuple(views))
 
 
-def number_nearest(observations: Observations, T_camera_board: NDArray[np.float64]) -> Observations:
+def number_nearest_prediction(observations: Observations, T_camera_board: NDArray[np.float64]) -> Observations:
     """The same views, each renumbered so that the board appears turned as little as possible from where it is taken to
     be, `T_camera_board` (N, 4, 4)."""
-    possible = renumberings(observations.board)
+    possible = symmetric_numberings(observations.board)
     if len(possible) == 1 or not observations.views:
         return observations
-    found = board_poses(corners_of(observations))
+    found = estimate_board_poses(stack_corners(observations))
     usable = np.flatnonzero(found.found)
     turned = _turned(found.T_camera_board[usable, :3, :3], observations.board, possible)
     off = rotation_angles(turned.swapaxes(2, 3) @ T_camera_board[usable, :3, :3])

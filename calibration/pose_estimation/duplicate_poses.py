@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from calibration.geometry.se3 import rotation_angles
 from calibration.observations import Observations
-from calibration.pose_estimation.board_pose import board_poses
-from calibration.pose_estimation.projection import corners_of
+from calibration.pose_estimation.board_pose import estimate_board_poses
+from calibration.pose_estimation.projection import stack_corners
 from calibration.result import ViewReport
 
 SAME_PLACE_M = 1e-3
@@ -23,7 +23,7 @@ ALIKE_M, ALIKE_RAD = 0.01, np.radians(3.0)
 that a pose was not read with its picture, which is found out later."""
 
 
-def pose_numbers(T_base_flange: NDArray[np.float64]) -> NDArray[np.int64]:
+def number_poses(T_base_flange: NDArray[np.float64]) -> NDArray[np.int64]:
     """(N,) which of the different poses each of the poses (N, 4, 4) is: the number of the first view of it."""
     numbers = np.arange(len(T_base_flange))
     first: list[int] = []
@@ -40,28 +40,28 @@ def pose_numbers(T_base_flange: NDArray[np.float64]) -> NDArray[np.int64]:
     return numbers
 
 
-def stand_ins(observations: Observations) -> NDArray[np.int64]:
+def find_duplicates(observations: Observations) -> NDArray[np.int64]:
     """(N,) the view that is solved from in each view's place: of pictures from one pose that with the most corners,
     else the view itself."""
-    numbers = pose_numbers(np.array([view.T_base_flange for view in observations.views], dtype=np.float64))
+    numbers = number_poses(np.array([view.T_base_flange for view in observations.views], dtype=np.float64))
     chosen = np.arange(len(numbers))
     repeated = np.flatnonzero(np.bincount(numbers)[numbers] > 1)
     if len(repeated):
         views = tuple(observations.views[k] for k in repeated)
-        corners = corners_of(replace(observations, views=views))
+        corners = stack_corners(replace(observations, views=views))
         order = np.argsort(-corners.seen.sum(axis=1), kind="stable")
-        alone = board_poses(corners).T_camera_board
+        alone = estimate_board_poses(corners).T_camera_board
         chosen[repeated] = repeated[_first_alike(numbers[repeated], alone, corners.middle, order)]
     return chosen
 
 
 def stand_ins_of_poses(T_base_flange: NDArray[np.float64], T_camera_board: NDArray[np.float64]) -> NDArray[np.int64]:
     """(N,) the same of poses (N, 4, 4) alone: of those from one pose the first."""
-    numbers = pose_numbers(T_base_flange)
+    numbers = number_poses(T_base_flange)
     return _first_alike(numbers, T_camera_board, np.zeros(3), np.arange(len(numbers)))
 
 
-def with_repeated(
+def add_duplicate_reports(
     reports: tuple[ViewReport, ...],
     names: tuple[str, ...],
     chosen: NDArray[np.int64],

@@ -35,7 +35,7 @@ class Corners:
         return self.points.mean(axis=0)
 
 
-def corners_of(observations: Observations) -> Corners:
+def stack_corners(observations: Observations) -> Corners:
     """The corners as arrays, undistorted."""
     points = observations.board.points
     pixels = np.zeros((len(observations.views), len(points), 2))

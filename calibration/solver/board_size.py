@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.pose_estimation.board_pose import BoardPoses
-from calibration.solver.bundle_adjustment import Adjusted
-from calibration.solver.cross_validation import LeftOut
-from calibration.solver.outlier_rejection import adjust_consistent
+from calibration.solver.bundle_adjustment import Adjustment
+from calibration.solver.cross_validation import CrossValidation
+from calibration.solver.outlier_rejection import adjust_and_reject
 from calibration.solver.problem import Problem, Unknowns
 
 FREE = 0.05
@@ -25,13 +25,13 @@ FEWEST_LEFT_OUT = 2
 
 def adjust_with_size(
     problem: Problem, alone: BoardPoses, start: Unknowns, used: NDArray[np.bool_]
-) -> tuple[Adjusted, LeftOut]:
-    """As `adjust_consistent`; with the board's size left free where views were left out that agree by another size."""
-    told = adjust_consistent(problem, alone, start, used)
+) -> tuple[Adjustment, CrossValidation]:
+    """As `adjust_and_reject`; with the board's size left free where views were left out that agree by another size."""
+    told = adjust_and_reject(problem, alone, start, used)
     agreeing = told[0].used
     if int((alone.found & ~agreeing).sum()) < FEWEST_LEFT_OUT:
         return told
     loose = replace(problem, assumed=replace(problem.assumed, scale=FREE))
-    free = adjust_consistent(loose, alone, start, alone.found)
+    free = adjust_and_reject(loose, alone, start, alone.found)
     changed = abs(np.log(free[0].board_scale)) > LEAST_CHANGE
     return free if changed and free[0].used.sum() > agreeing.sum() else told

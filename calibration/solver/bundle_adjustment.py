@@ -9,10 +9,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.geometry.se3 import inverted, solved
+from calibration.geometry.se3 import invert_stack, solve_stack
 from calibration.solver.noise import NoiseLevel
-from calibration.solver.problem import Linearised, Problem, Unknowns, measure, weigh
-from calibration.solver.variance_components import estimated_noise
+from calibration.solver.problem import NormalEquations, Problem, Unknowns, corner_terms, normal_equations
+from calibration.solver.variance_components import estimate_noise
 
 STEPS = 40
 MOST_DAMPED = 1e6
@@ -22,7 +22,7 @@ SETTLED = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
-class Adjusted:
+class Adjustment:
     """The solution, with the views and corners it was made of."""
 
     unknowns: Unknowns
@@ -31,7 +31,7 @@ class Adjusted:
     """(N,)."""
     good: NDArray[np.bool_]
     """(N, M) corners that fit."""
-    linearised: Linearised
+    linearised: NormalEquations
     """Around it."""
     settled: bool
     """False: the steps ran out while it still moved, or none led on."""
@@ -39,7 +39,7 @@ class Adjusted:
     @property
     def shared_covariance(self) -> NDArray[np.float64]:
         """(SHARED, SHARED) of the errors of X, Y and the lens, in that order."""
-        return inverted(self.linearised.shared_information(self.used))
+        return invert_stack(self.linearised.shared_information(self.used))
 
     @property
     def board_scale(self) -> float:
@@ -54,33 +54,33 @@ class Adjusted:
 
 def adjust(
     problem: Problem, start: Unknowns, used: NDArray[np.bool_], good: NDArray[np.bool_], noise: NoiseLevel
-) -> Adjusted:
+) -> Adjustment:
     """The best fit to the views `used` (N,) and, of them, the corners `good` (N, M), from `start` and `noise` on."""
     unknowns = start
-    system = weigh(problem, measure(problem, unknowns, good), used, noise)
+    system = normal_equations(problem, corner_terms(problem, unknowns, good), used, noise)
     damping = 1e-6
     for _ in range(STEPS):
         information = system.shared_information(used)
         scale = np.sqrt(np.diag(information))
         damped = information + damping * np.diag(scale**2)
         pull = system.reduced_pull[used].sum(axis=0) + system.prior_pull
-        shared = solved(damped, pull)
+        shared = solve_stack(damped, pull)
         tried = unknowns.moved(shared, np.where(used[:, None], system.errors_step(shared), 0.0))
-        measured = measure(problem, tried, good)
-        then = weigh(problem, measured, used, noise)
+        measured = corner_terms(problem, tried, good)
+        then = normal_equations(problem, measured, used, noise)
         if not then.cost <= system.cost * (1 + 1e-9) + 1e-9:  # worse, or no number
             damping *= 30
             if damping > MOST_DAMPED:
-                return Adjusted(unknowns, noise, used, good, system, settled=False)
+                return Adjustment(unknowns, noise, used, good, system, settled=False)
             continue
         # A step that was held back says nothing of how far the solution is.
         still = damping < 1.0 and float(np.sqrt(shared @ information @ shared)) < SETTLED
         damping = max(damping / 10, 1e-9)
         unknowns, system = tried, then
         if problem.assumed.estimate_noise:
-            former, noise = noise, estimated_noise(problem.assumed, noise, unknowns, system, used, good)
+            former, noise = noise, estimate_noise(problem.assumed, noise, unknowns, system, used, good)
             still &= noise.is_near(former, 10 * SETTLED)
-            system = weigh(problem, measured, used, noise)
+            system = normal_equations(problem, measured, used, noise)
         if still:
-            return Adjusted(unknowns, noise, used, good, system, settled=True)
-    return Adjusted(unknowns, noise, used, good, system, settled=False)
+            return Adjustment(unknowns, noise, used, good, system, settled=True)
+    return Adjustment(unknowns, noise, used, good, system, settled=False)

@@ -12,7 +12,7 @@ from math import comb
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.geometry.se3 import inverses, mean_pose, nearest_rotation, rotation_angles
+from calibration.geometry.se3 import invert_poses, mean_pose, nearest_rotation, rotation_angles
 
 SUBSET = 5
 """Views that a guess is made from."""
@@ -28,7 +28,7 @@ NEVER_TOO_FAR = 5.0
 
 
 @dataclass(frozen=True, eq=False)
-class Start:
+class InitialGuess:
     """A rough solution."""
 
     X: NDArray[np.float64]
@@ -45,14 +45,14 @@ class Start:
     """Median of the better half's distances, the turn counted as a distance too."""
 
 
-def robust_start(
+def estimate_initial_guess(
     A: NDArray[np.float64],
     B: NDArray[np.float64],
     middle: NDArray[np.float64] | None = None,
     robot_m: float = 1e-4,
     robot_rad: float = float(np.radians(0.02)),
     seed: int = 0,
-) -> Start:
+) -> InitialGuess:
     """The solution that more than half of the poses A, B (N, 4, 4), N at least 3, agree with best.
 
     `middle` (3,) is the board's middle in its own frame, where distances are taken. `robot_m` and `robot_rad` say how
@@ -86,7 +86,7 @@ def robust_start(
         if guess.score < best.score:
             best = guess
     off = _off(A, B, best.X[None], best.Y[None], middle)
-    return Start(best.X, best.Y, best.inliers(floor), off[0][0], off[1][0], best.typical)
+    return InitialGuess(best.X, best.Y, best.inliers(floor), off[0][0], off[1][0], best.typical)
 
 
 @dataclass(frozen=True, eq=False)
@@ -165,8 +165,8 @@ class _Motions:
 
     @classmethod
     def between(cls, A: NDArray[np.float64], B: NDArray[np.float64]) -> "_Motions":
-        A_ij = inverses(A)[:, None] @ A[None]
-        B_ij = B[:, None] @ inverses(B)[None]
+        A_ij = invert_poses(A)[:, None] @ A[None]
+        B_ij = B[:, None] @ invert_poses(B)[None]
         M = (A_ij[..., :3, :3] - np.eye(3)).swapaxes(-1, -2)
         return cls(
             _sine_axes(A_ij)[..., :, None] * _sine_axes(B_ij)[..., None, :],

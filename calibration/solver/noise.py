@@ -26,7 +26,7 @@ class NoiseLevel:
 
 
 @dataclass(frozen=True)
-class Assumed:
+class NoisePriors:
     """Standard deviations that the solver assumes.
 
     Those of the noise are the start of its estimation. The others are priors.

@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.pose_estimation.board_pose import BoardPoses, fitting_corners
-from calibration.solver.bundle_adjustment import Adjusted, adjust
-from calibration.solver.cross_validation import LeftOut, leave_one_out
+from calibration.pose_estimation.board_pose import BoardPoses, inlier_corners
+from calibration.solver.bundle_adjustment import Adjustment, adjust
+from calibration.solver.cross_validation import CrossValidation, cross_validate
 from calibration.solver.problem import Problem, Unknowns
 
 LEAVES = 1e-5
@@ -18,29 +18,29 @@ FEWEST = 4
 """No more are left out than leave so many: fewer agree with anything."""
 
 
-def adjust_consistent(
+def adjust_and_reject(
     problem: Problem, alone: BoardPoses, start: Unknowns, used: NDArray[np.bool_]
-) -> tuple[Adjusted, LeftOut]:
+) -> tuple[Adjustment, CrossValidation]:
     """The adjustment of those views that agree, from `start` and the views `used` (N,) on, and all views against it."""
     good = alone.good
     adjusted = adjust(problem, start, used, good, problem.assumed.noise)
     good = _better_corners(problem, adjusted, good)
-    left_out = leave_one_out(problem, alone, adjusted)
+    left_out = cross_validate(problem, alone, adjusted)
     for _ in range(2 * len(used)):
-        used = _next(adjusted.used, left_out.squares, limits(adjusted))
+        used = _next(adjusted.used, left_out.squares, rejection_limits(adjusted))
         if (used == adjusted.used).all():
             break
         errors = np.where(used[:, None] & adjusted.used[:, None], adjusted.unknowns.errors, 0.0)
         adjusted = adjust(problem, replace(adjusted.unknowns, errors=errors), used, good, adjusted.noise)
-        left_out = leave_one_out(problem, alone, adjusted)
+        left_out = cross_validate(problem, alone, adjusted)
     final = _better_corners(problem, adjusted, good)
     if (final != adjusted.good).any():
         adjusted = adjust(problem, adjusted.unknowns, adjusted.used, final, adjusted.noise)
-        left_out = leave_one_out(problem, alone, adjusted)
+        left_out = cross_validate(problem, alone, adjusted)
     return adjusted, left_out
 
 
-def limits(adjusted: Adjusted) -> tuple[float, float]:
+def rejection_limits(adjusted: Adjustment) -> tuple[float, float]:
     """Squares in standard deviations from which on a view leaves, and below which it returns."""
     from scipy.special import fdtri
 
@@ -62,7 +62,7 @@ def _next(used: NDArray[np.bool_], squares: NDArray[np.float64], limit: tuple[fl
     return used
 
 
-def _better_corners(problem: Problem, adjusted: Adjusted, good: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def _better_corners(problem: Problem, adjusted: Adjustment, good: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """(N, M) in the views used the corners that fit the solution, in the others those that fit their own pose."""
-    fitting = fitting_corners(adjusted.unknowns.T_camera_board(problem), adjusted.unknowns.lens, problem.corners)
+    fitting = inlier_corners(adjusted.unknowns.T_camera_board(problem), adjusted.unknowns.lens, problem.corners)
     return np.where(adjusted.used[:, None], fitting, good)

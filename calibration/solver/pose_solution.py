@@ -15,16 +15,16 @@ from numpy.typing import NDArray
 from calibration.geometry.se3 import (
     adjoint,
     cross_matrix,
-    inverses,
-    inverted,
-    motion_vector,
+    invert_poses,
+    invert_stack,
+    pose_from_twist,
     right_jacobian,
-    small_motion,
+    twist_from_pose,
 )
 from calibration.observations import Mounting
-from calibration.solver.cross_validation import board_apart
-from calibration.solver.noise import Assumed
-from calibration.solver.problem import carried, robot_error
+from calibration.solver.cross_validation import board_discrepancy
+from calibration.solver.noise import NoisePriors
+from calibration.solver.problem import board_motion_jacobian, robot_error
 
 CAMERA_TILT_RAD, CAMERA_SPIN_RAD = np.radians(0.05), np.radians(0.02)
 CAMERA_ACROSS_M, CAMERA_ALONG_M = 5e-5, 2e-4
@@ -57,7 +57,7 @@ class Poses:
     @property
     def A(self) -> NDArray[np.float64]:
         """(N, 4, 4) as `calibration.solver.initialisation` means it."""
-        return self.T_base_flange if self.mounting == "eye-in-hand" else inverses(self.T_base_flange)
+        return self.T_base_flange if self.mounting == "eye-in-hand" else invert_poses(self.T_base_flange)
 
     @property
     def distances_m(self) -> NDArray[np.float64]:
@@ -87,7 +87,7 @@ class PoseSolution:
     """(N,) how far off the board's origin is in this view by the other views' solution."""
 
 
-def solve_weighted(poses: Poses, X: NDArray[np.float64], Y: NDArray[np.float64], assumed: Assumed) -> PoseSolution:
+def solve_weighted(poses: Poses, X: NDArray[np.float64], Y: NDArray[np.float64], assumed: NoisePriors) -> PoseSolution:
     """The solution from rough `X` and `Y` (4, 4) on; it may still move when the steps are used up, as noise levels do
     that hardly matter."""
     camera = [CAMERA_TILT_RAD, CAMERA_SPIN_RAD, CAMERA_ACROSS_M, CAMERA_ALONG_M]
@@ -96,14 +96,14 @@ def solve_weighted(poses: Poses, X: NDArray[np.float64], Y: NDArray[np.float64],
     weights = np.ones(len(poses.T_base_flange))
     for _ in range(STEPS):
         r, J, parts = _residuals(poses, X, Y)
-        W = inverted(np.tensordot(variances, parts, axes=1))
+        W = invert_stack(np.tensordot(variances, parts, axes=1))
         squares = (r * (W @ r[..., None])[..., 0]).sum(axis=1)
         weights = np.where(_within(squares), (TAIL + 6) / (TAIL + squares), 0.0)
         W *= weights[:, None, None]
         JtW = J.swapaxes(1, 2) @ W
         information = (JtW @ J).sum(axis=0)
         step = np.linalg.solve(information, -(JtW @ r[..., None]).sum(axis=0)[:, 0])
-        X, Y = X @ small_motion(step[:6]), Y @ small_motion(step[6:])
+        X, Y = X @ pose_from_twist(step[:6]), Y @ pose_from_twist(step[6:])
         still = float(np.sqrt(step @ information @ step)) < SETTLED
         if assumed.estimate_noise:
             variances, change = _variances(variances, told, r + J @ step, W, weights, JtW, information, parts)
@@ -122,18 +122,18 @@ def _solution(
 ) -> PoseSolution:
     """X and Y as they are, with what the views, each with its weight (N,), say of them and of one another."""
     r, J, parts = _residuals(poses, X, Y)
-    W = inverted(np.tensordot(variances, parts, axes=1))
+    W = invert_stack(np.tensordot(variances, parts, axes=1))
     JtW = weights[:, None, None] * J.swapaxes(1, 2) @ W
     by_view, pulls = JtW @ J, -(JtW @ r[..., None])
     information = by_view.sum(axis=0)
     others = information - by_view + 1e-12 * np.diag(np.diag(information))
     without = np.linalg.solve(others, pulls.sum(axis=0) - pulls)[..., 0]
-    X_others, Y_others = X @ small_motion(without[:, :6]), Y @ small_motion(without[:, 6:])
-    apart = board_apart(poses.mounting, poses.T_base_flange, X_others, Y_others, poses.T_camera_board)
+    X_others, Y_others = X @ pose_from_twist(without[:, :6]), Y @ pose_from_twist(without[:, 6:])
+    apart = board_discrepancy(poses.mounting, poses.T_base_flange, X_others, Y_others, poses.T_camera_board)
     return PoseSolution(
         X=X,
         Y=Y,
-        covariance=inverted(information),
+        covariance=invert_stack(information),
         sigmas=np.sqrt(variances),
         used=weights > 0,
         errors=np.repeat(variances[:2], 3) * (W @ r[..., None])[..., 0],
@@ -148,8 +148,8 @@ def _residuals(
     """(N, 6) the robot's errors if the camera made none; (N, 6, 12) how X and Y change them; (6, N, 6, 6) what noise
     of unit variance adds to their covariance, source by source."""
     C = poses.T_camera_board
-    r = motion_vector(robot_error(poses.mounting, poses.T_base_flange, X, Y, C))
-    back = inverted(right_jacobian(r)) @ inverted(carried(poses.mounting, X, Y, C))
+    r = twist_from_pose(robot_error(poses.mounting, poses.T_base_flange, X, Y, C))
+    back = invert_stack(right_jacobian(r)) @ invert_stack(board_motion_jacobian(poses.mounting, X, Y, C))
     eye = np.broadcast_to(np.eye(6), (len(C), 6, 6))
     J = back @ np.concatenate([eye, -adjoint(C)], axis=2)
     about_board = eye.copy()
@@ -185,7 +185,7 @@ def _variances(
     # A view of weight w has 1/w times the covariance of the others.
     share = 1 / np.maximum(weights, 1e-12)
     spread = (weighted * (parts @ weighted[..., None])[..., 0]).sum(axis=2) @ share
-    hat = W - JtW.swapaxes(1, 2) @ inverted(information) @ JtW
+    hat = W - JtW.swapaxes(1, 2) @ invert_stack(information) @ JtW
     expected = (hat * parts).sum(axis=(2, 3)) @ share
     spread += PRIOR_ERRORS * told / variances**2
     expected += PRIOR_ERRORS / variances

@@ -14,10 +14,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.geometry.se3 import adjoint, inverses, right_jacobian, small_motion, solved
+from calibration.geometry.se3 import adjoint, invert_poses, pose_from_twist, right_jacobian, solve_stack
 from calibration.observations import Mounting
 from calibration.pose_estimation.projection import LENS, Corners, pixel_blocks
-from calibration.solver.noise import Assumed, NoiseLevel
+from calibration.solver.noise import NoiseLevel, NoisePriors
 
 SHARED = 12 + LENS
 """Unknowns that all views share: x, y and the lens."""
@@ -31,7 +31,7 @@ class Problem:
     T_base_flange: NDArray[np.float64]
     """(N, 4, 4)."""
     mounting: Mounting
-    assumed: Assumed
+    assumed: NoisePriors
 
     @property
     def prior(self) -> NDArray[np.float64]:
@@ -52,21 +52,21 @@ class Unknowns:
 
     def T_camera_board(self, problem: Problem) -> NDArray[np.float64]:
         """(N, 4, 4)."""
-        flange = problem.T_base_flange @ small_motion(self.errors)
-        return inverses(self.X) @ (flange if problem.mounting == "eye-to-hand" else inverses(flange)) @ self.Y
+        flange = problem.T_base_flange @ pose_from_twist(self.errors)
+        return invert_poses(self.X) @ (flange if problem.mounting == "eye-to-hand" else invert_poses(flange)) @ self.Y
 
     def moved(self, shared: NDArray[np.float64], errors: NDArray[np.float64]) -> "Unknowns":
         """After a step of the shared unknowns (SHARED,) and of the errors (N, 6)."""
         return Unknowns(
-            self.X @ small_motion(shared[:6]),
-            self.Y @ small_motion(shared[6:12]),
+            self.X @ pose_from_twist(shared[:6]),
+            self.Y @ pose_from_twist(shared[6:12]),
             self.errors + errors,
             self.lens + shared[12:],
         )
 
 
 @dataclass(frozen=True, eq=False)
-class Linearised:
+class NormalEquations:
     """The normal equations around some unknowns; of views that are not used only by themselves."""
 
     own: NDArray[np.float64]
@@ -94,11 +94,11 @@ class Linearised:
 
     def errors_step(self, shared: NDArray[np.float64]) -> NDArray[np.float64]:
         """(N, 6) the robot errors' step that goes with a step of the shared unknowns."""
-        return solved(self.own, self.pull - self.mixed @ shared)
+        return solve_stack(self.own, self.pull - self.mixed @ shared)
 
 
 @dataclass(frozen=True, eq=False)
-class Measured:
+class CornerTerms:
     """What the corners say around some unknowns, for pixels of unit noise."""
 
     unknowns: Unknowns
@@ -110,16 +110,18 @@ class Measured:
     """(N,) px^2."""
 
 
-def measure(problem: Problem, unknowns: Unknowns, good: NDArray[np.bool_]) -> Measured:
+def corner_terms(problem: Problem, unknowns: Unknowns, good: NDArray[np.bool_]) -> CornerTerms:
     """What the corners `good` (N, M) say around `unknowns`."""
     T_camera_board = unknowns.T_camera_board(problem)
     blocks = pixel_blocks(T_camera_board, unknowns.lens, problem.corners, good)
     J = _by_unknown(problem, unknowns, T_camera_board)
     Jt = J.swapaxes(1, 2)
-    return Measured(unknowns, Jt @ blocks.information @ J, (Jt @ blocks.pull[..., None])[..., 0], blocks.squares)
+    return CornerTerms(unknowns, Jt @ blocks.information @ J, (Jt @ blocks.pull[..., None])[..., 0], blocks.squares)
 
 
-def weigh(problem: Problem, measured: Measured, used: NDArray[np.bool_], noise: NoiseLevel) -> Linearised:
+def normal_equations(
+    problem: Problem, measured: CornerTerms, used: NDArray[np.bool_], noise: NoiseLevel
+) -> NormalEquations:
     """The normal equations with the corners, the robot and the priors in their standard deviations."""
     weight = 1 / noise.pixel_px**2
     N, g, errors, lens = (
@@ -138,7 +140,7 @@ def weigh(problem: Problem, measured: Measured, used: NDArray[np.bool_], noise: 
         + ((errors[used] / noise.robot) ** 2).sum()
         + ((lens / problem.prior) ** 2).sum()
     )
-    return Linearised(
+    return NormalEquations(
         own=own,
         mixed=mixed,
         pull=pull,
@@ -151,13 +153,13 @@ def weigh(problem: Problem, measured: Measured, used: NDArray[np.bool_], noise: 
     )
 
 
-def carried(
+def board_motion_jacobian(
     mounting: Mounting, X: NDArray[np.float64], Y: NDArray[np.float64], T_camera_board: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     """(N, 6, 6) how the flange's small motion, from the right, moves the board in the camera, from the left."""
     if mounting == "eye-in-hand":
-        return np.broadcast_to(-adjoint(inverses(X)), (len(T_camera_board), 6, 6))
-    return adjoint(T_camera_board @ inverses(Y))
+        return np.broadcast_to(-adjoint(invert_poses(X)), (len(T_camera_board), 6, 6))
+    return adjoint(T_camera_board @ invert_poses(Y))
 
 
 def robot_error(
@@ -168,16 +170,16 @@ def robot_error(
     T_camera_board: NDArray[np.float64],
 ) -> NDArray[np.float64]:
     """(N, 4, 4) where the flange was, in the told flange frame, for the board to be seen at `T_camera_board`."""
-    told = inverses(T_base_flange)
+    told = invert_poses(T_base_flange)
     if mounting == "eye-in-hand":
-        return told @ Y @ inverses(T_camera_board) @ inverses(X)
-    return told @ X @ T_camera_board @ inverses(Y)
+        return told @ Y @ invert_poses(T_camera_board) @ invert_poses(X)
+    return told @ X @ T_camera_board @ invert_poses(Y)
 
 
 def _by_unknown(problem: Problem, unknowns: Unknowns, T_camera_board: NDArray[np.float64]) -> NDArray[np.float64]:
     """(N, 6 + LENS, 6 + SHARED) the board's motion in the camera and the lens, by the error, X, Y and the lens."""
     J = np.zeros((len(T_camera_board), 6 + LENS, 6 + SHARED))
-    moved = carried(problem.mounting, unknowns.X, unknowns.Y, T_camera_board)
+    moved = board_motion_jacobian(problem.mounting, unknowns.X, unknowns.Y, T_camera_board)
     J[:, :6, :6] = moved @ right_jacobian(unknowns.errors)
     J[:, :6, 6:12] = -np.eye(6)
     J[:, :6, 12:18] = adjoint(T_camera_board)

@@ -11,12 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.pose_estimation.projection import pixel_jacobian, reprojection
-from calibration.solver.bundle_adjustment import Adjusted
+from calibration.solver.bundle_adjustment import Adjustment
 from calibration.solver.problem import Problem
 
 
 @dataclass(frozen=True)
-class LensResidual:
+class ResidualDistortion:
     """The coefficient k1 of OpenCV's model that the views still ask for."""
 
     k1: float
@@ -24,7 +24,7 @@ class LensResidual:
     """Its standard deviation; infinite where the views cannot tell."""
 
 
-def lens_residual(problem: Problem, adjusted: Adjusted) -> LensResidual:
+def estimate_residual_distortion(problem: Problem, adjusted: Adjustment) -> ResidualDistortion:
     """By the corners that the solution was made of.
 
     What a view's own board pose, camera matrix and board size can explain is taken off first, view by view: no error in
@@ -45,8 +45,8 @@ def lens_residual(problem: Problem, adjusted: Adjusted) -> LensResidual:
         pull += float(by_k1 @ residuals[view, seen].T.ravel())
         information += float(by_k1 @ by_k1)
     if not information > 0:
-        return LensResidual(0.0, float("inf"))
-    return LensResidual(pull / information, adjusted.noise.pixel_px / float(np.sqrt(information)))
+        return ResidualDistortion(0.0, float("inf"))
+    return ResidualDistortion(pull / information, adjusted.noise.pixel_px / float(np.sqrt(information)))
 
 
 def _rest(explained: NDArray[np.float64], values: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -9,9 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.geometry.se3 import inverted
-from calibration.solver.noise import Assumed, NoiseLevel
-from calibration.solver.problem import SHARED, Linearised, Unknowns
+from calibration.geometry.se3 import invert_stack
+from calibration.solver.noise import NoiseLevel, NoisePriors
+from calibration.solver.problem import SHARED, NormalEquations, Unknowns
 
 PRIOR_ERRORS = 2.0
 """The assumed level counts as this many errors beside those of the views."""
@@ -28,7 +28,7 @@ class RobotSpread:
     redundancy: NDArray[np.float64]
     """(N, 2) of three each."""
 
-    def sigmas(self, assumed: Assumed, but: int | None = None) -> NDArray[np.float64]:
+    def sigmas(self, assumed: NoisePriors, but: int | None = None) -> NDArray[np.float64]:
         """(2,) the robot's noise, by all views or by all but one."""
         told = np.array([assumed.robot_rad, assumed.robot_m])
         if not assumed.estimate_noise:
@@ -42,29 +42,29 @@ class RobotSpread:
 def robot_spread(
     errors: NDArray[np.float64],
     noise: NoiseLevel,
-    system: Linearised,
+    system: NormalEquations,
     shared_covariance: NDArray[np.float64],
     used: NDArray[np.bool_],
 ) -> RobotSpread:
     """Of the robot `errors` (N, 6); of views not `used` there is none."""
     taken = np.linalg.solve(system.own, system.mixed)
-    covariance = inverted(system.own) + taken @ shared_covariance @ taken.swapaxes(1, 2)
+    covariance = invert_stack(system.own) + taken @ shared_covariance @ taken.swapaxes(1, 2)
     share = np.einsum("nii->ni", covariance) / noise.robot**2
     redundancy = np.clip(3.0 - share.reshape(-1, 2, 3).sum(axis=2), 1e-6, 3.0)
     squares = (errors**2).reshape(-1, 2, 3).sum(axis=2)
     return RobotSpread(np.where(used[:, None], squares, 0.0), np.where(used[:, None], redundancy, 0.0))
 
 
-def estimated_noise(
-    assumed: Assumed,
+def estimate_noise(
+    assumed: NoisePriors,
     noise: NoiseLevel,
     unknowns: Unknowns,
-    system: Linearised,
+    system: NormalEquations,
     used: NDArray[np.bool_],
     good: NDArray[np.bool_],
 ) -> NoiseLevel:
     """The noise by the views `used` (N,) and their corners `good` (N, M), around the present `noise`."""
-    shared_covariance = inverted(system.shared_information(used))
+    shared_covariance = invert_stack(system.shared_information(used))
     spread = robot_spread(unknowns.errors, noise, system, shared_covariance, used)
     robot_rad, robot_m = spread.sigmas(assumed)
     by_prior = float(np.sum(np.diag(shared_covariance) * np.diag(system.prior)))

@@ -39,7 +39,7 @@ __all__ = [
     "HandEyeError",
     "activate",
     "load_hand_eye",
-    "looking_back",
+    "looks_back_message",
     "require_match",
     "write_hand_eye",
     "write_result",
@@ -147,12 +147,12 @@ def activate(
     with contextlib.suppress(FileNotFoundError, IsADirectoryError, TooLargeError):
         former = read_limited(active_file, LARGEST_BYTES)
     if former not in (None, content):  # activated twice, it is not its own former one
-        replace_synced(previous_of(active_file), former)
+        replace_synced(previous_path(active_file), former)
     replace_synced(active_file, content)
     return hand_eye
 
 
-def previous_of(active_file: Path) -> Path:
+def previous_path(active_file: Path) -> Path:
     """Where the calibration is kept that was in use before."""
     return active_file.with_name(f"{active_file.stem}.previous.json")
 
@@ -234,7 +234,7 @@ def _unknown(form: HandEyeForm) -> tuple[str, ...]:
     )
 
 
-def looking_back(T_flange_camera: NDArray[np.float64]) -> str:
+def looks_back_message(T_flange_camera: NDArray[np.float64]) -> str:
     """Return a message that the camera looks back at the arm, with the angle between its view and the flange's z."""
     degrees = np.degrees(np.arccos(max(float(T_flange_camera[2, 2]), -1.0)))
     return f"by the hand-eye file the camera looks back at the arm, {degrees:.0f} degrees from the flange's z"
@@ -244,7 +244,7 @@ def _backwards(T_flange_camera: NDArray[np.float64]) -> tuple[str, ...]:
     """Return a warning if the camera looks back along the flange's z: this is a mistake in the file, not a mounting."""
     if T_flange_camera[2, 2] > BACKWARDS:
         return ()
-    return (f"{looking_back(T_flange_camera)}: {CHECK_ROTATION}",)
+    return (f"{looks_back_message(T_flange_camera)}: {CHECK_ROTATION}",)
 
 
 def _check_age(path: Path, created: datetime | None, max_age_days: float, now: datetime) -> None:

@@ -193,7 +193,7 @@ def _check_length(name: str, length_m: object) -> None:
         )
 
 
-def usual_board(told: dict[str, Any]) -> Board:
+def default_board(told: dict[str, Any]) -> Board:
     """The usual board, but for the fields `told`; markers in proportion to their squares. Raises BoardError."""
     if "pitch_m" in told and "marker_m" not in told:
         told = told | {"marker_m": told["pitch_m"] * Board.marker_m / Board.pitch_m}

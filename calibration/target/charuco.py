@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.target.board import Board
-from calibration.target.corner_refinement import refined_corners
+from calibration.target.corner_refinement import refine_corners
 
 ENLARGED_UP_TO_PX = 1_100_000
 """Images up to this size are looked at twice as large: a marker's cell of two pixels is read badly. Larger ones would
@@ -36,7 +36,7 @@ def find_charuco(grey: NDArray[np.uint8], board: Board) -> tuple[NDArray[np.int6
     known, seen = _agreeing(*_markers(grey, board))
     if len(known) < FEWEST_MARKERS * 4:
         return np.zeros(0, dtype=np.int64), np.zeros((0, 2))
-    return refined_corners(grey, board, known, seen, within_pitches=NEAR_PITCHES)
+    return refine_corners(grey, board, known, seen, within_pitches=NEAR_PITCHES)
 
 
 def count_markers(grey: NDArray[np.uint8], board: Board) -> int:

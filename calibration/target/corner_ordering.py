@@ -2,7 +2,8 @@
 
 A plain grid looks the same from more than one side. A checkerboard with an even and an odd number of squares along its
 sides does not, for the colours, nor does a circle grid whose first dot is larger. For the others a numbering is chosen
-that is one of those that `renumberings` gives: views that are to be used together have to be made to agree, by trying.
+that is one of those that `symmetric_numberings` gives: views that are to be used together have to be made to
+agree, by trying.
 A mirrored image of a plain grid is the image of another plain grid, and is not noticed.
 """
 
@@ -15,7 +16,7 @@ LARGER = 1.25
 """So much larger than the dots around it is the first dot, in diameters."""
 
 
-def renumberings(board: Board) -> list[NDArray[np.int64]]:
+def symmetric_numberings(board: Board) -> list[NDArray[np.int64]]:
     """All (N,) permutations under which the board looks the same: corner `i` may as well be corner `p[i]`, so that
     `ids` of a view may as well be `p[ids]`. The first leaves everything as it is; a ChArUco board has no other.
 
@@ -36,7 +37,7 @@ def right_handed(grid: NDArray[np.float64]) -> NDArray[np.float64]:
     return grid if xx * yy - xy * yx > 0 else grid[:, ::-1]
 
 
-def numbered_by_colour(
+def order_by_colour(
     grid: NDArray[np.float64], grey: NDArray[np.uint8], board: Board
 ) -> tuple[NDArray[np.float64], bool]:
     """A checkerboard's corners (rows, columns, 2) so that its first square is black, and whether that leaves no
@@ -44,10 +45,10 @@ def numbered_by_colour(
     numbers = np.arange(grid.shape[0] * grid.shape[1]).reshape(grid.shape[:2])
     candidates = [grid.reshape(-1, 2)[turned] for turned in _turns(numbers)]
     right = [candidate for candidate in candidates if _first_is_black(candidate, grey)]
-    return _upmost(right or candidates), len(renumberings(board)) == 1 and len(right) == 1
+    return _upmost(right or candidates), len(symmetric_numberings(board)) == 1 and len(right) == 1
 
 
-def numbered_by_first_dot(
+def order_by_first_dot(
     grid: NDArray[np.float64], diameters: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], bool]:
     """A circle grid's dots (rows, columns, 2) and their diameters (rows, columns) so that the larger dot is the first,

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.target.board import Board
-from calibration.target.rendering import DOTS, BoardPicture, board_picture
+from calibration.target.rendering import DOTS, BoardImage, render_board
 
 HALF_WINDOW_PITCHES = 0.6
 """Half the side of what is laid over the image. Half a pitch reaches to the middle of the squares around."""
@@ -38,7 +38,7 @@ INSIDE_PX = 2.0
 NEIGHBOURS = 4
 
 
-def refined_corners(
+def refine_corners(
     grey: NDArray[np.uint8],
     board: Board,
     known: NDArray[np.float64],
@@ -50,17 +50,17 @@ def refined_corners(
     to be.
 
     `seen` (M, 2) px is roughly where `known` (M, 2) m, board frame, are; M >= 4, not on a line. Corners farther than
-    `within_pitches` from all of these are left out. `dots`: a circle grid's diameters, as for `board_picture`.
+    `within_pitches` from all of these are left out. `dots`: a circle grid's diameters, as for `render_board`.
     """
     import cv2
     from scipy.spatial import KDTree
 
     H = np.asarray(cv2.findHomography(known, seen, 0)[0], dtype=np.float64)
     points = board.points[:, :2]
-    flat = mapped(H, points)
+    flat = apply_homography(H, points)
     # The lens bends what is flat: a corner about as much as what is known around it.
     distance, neighbours = KDTree(known).query(points, k=NEIGHBOURS)
-    guesses = flat + (seen - mapped(H, known))[neighbours].mean(axis=1)
+    guesses = flat + (seen - apply_homography(H, known))[neighbours].mean(axis=1)
     pitch_px = _pitch_px(H, board)
     expected = _expected(grey.shape, board, H, float(np.median(pitch_px)), dots)
     ids, pixels, correlations = [], [], []
@@ -79,7 +79,7 @@ def refined_corners(
     return np.array(ids, dtype=np.int64)[clear], np.array(pixels, dtype=np.float64).reshape(-1, 2)[clear]
 
 
-def mapped(H: NDArray[np.float64], points: NDArray[np.float64]) -> NDArray[np.float64]:
+def apply_homography(H: NDArray[np.float64], points: NDArray[np.float64]) -> NDArray[np.float64]:
     """Points (N, 2) by a homography (3, 3)."""
     result = points @ H[:, :2].T + H[:, 2]
     return result[:, :2] / result[:, 2:]
@@ -105,8 +105,8 @@ def _expected(
 
 
 @lru_cache(maxsize=8)
-def _picture(board: Board, pixels_per_pitch: int, dots: tuple[float, float]) -> BoardPicture:
-    return board_picture(board, pixels_per_pitch, 0.5, dots)
+def _picture(board: Board, pixels_per_pitch: int, dots: tuple[float, float]) -> BoardImage:
+    return render_board(board, pixels_per_pitch, 0.5, dots)
 
 
 def _laid_over(
@@ -165,6 +165,6 @@ def _half_windows(board: Board, pitch_px: NDArray[np.float64], dots: tuple[float
 def _pitch_px(H: NDArray[np.float64], board: Board) -> NDArray[np.float64]:
     """(N,) how many pixels a pitch has at each corner, in the direction that has fewer."""
     points, step = board.points[:, :2], board.pitch_m / 2
-    across = mapped(H, points + [step, 0.0]) - mapped(H, points - [step, 0.0])
-    down = mapped(H, points + [0.0, step]) - mapped(H, points - [0.0, step])
+    across = apply_homography(H, points + [step, 0.0]) - apply_homography(H, points - [step, 0.0])
+    down = apply_homography(H, points + [0.0, step]) - apply_homography(H, points - [0.0, step])
     return np.minimum(np.linalg.norm(across, axis=1), np.linalg.norm(down, axis=1))

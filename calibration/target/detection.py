@@ -9,11 +9,11 @@ from numpy.typing import NDArray
 from calibration.errors import BoardImageError, BoardMirroredError, BoardNotSeenError
 from calibration.target.board import FEWEST_CORNERS, Board
 from calibration.target.charuco import count_markers, find_charuco
-from calibration.target.corner_ordering import renumberings
+from calibration.target.corner_ordering import symmetric_numberings
 from calibration.target.grids import FirstDotElsewhereError, find_checkerboard, find_circles
-from calibration.target.planarity import flatness
+from calibration.target.planarity import check_planarity
 
-__all__ = ["BoardSighting", "detect_board", "renumberings"]
+__all__ = ["BoardSighting", "detect_board", "symmetric_numberings"]
 
 SPREAD_PITCHES = 0.25
 """Corners are on a line when they deviate less from it (rms): two rows do by 0.5, a row of nine and one more by 0.3."""
@@ -33,7 +33,7 @@ class BoardSighting:
     corner_sigma_px: float | None
     """Standard deviation of one coordinate, by how well they lie on a flat board; None: too few corners to tell."""
     numbered: bool = True
-    """Whether the image told which corner is the first; if not, see `renumberings`."""
+    """Whether the image told which corner is the first; if not, see `symmetric_numberings`."""
 
 
 def detect_board(image: NDArray[np.uint8], board: Board) -> BoardSighting:
@@ -64,7 +64,7 @@ def detect_board(image: NDArray[np.uint8], board: Board) -> BoardSighting:
             f"the {len(ids)} corners seen of the board ({board}) lie on a line, from which its pose does not follow: "
             "bring more of it into the image"
         )
-    agree, sigma = flatness(board, ids, pixels)
+    agree, sigma = check_planarity(board, ids, pixels)
     return BoardSighting(ids=ids[agree], pixels=pixels[agree], corner_sigma_px=sigma, numbered=numbered)
 
 

@@ -6,11 +6,11 @@ from numpy.typing import NDArray
 from calibration.target.board import Board
 from calibration.target.corner_ordering import (
     larger_dot_elsewhere,
-    numbered_by_colour,
-    numbered_by_first_dot,
+    order_by_colour,
+    order_by_first_dot,
     right_handed,
 )
-from calibration.target.corner_refinement import refined_corners
+from calibration.target.corner_refinement import refine_corners
 
 Found = tuple[NDArray[np.int64], NDArray[np.float64], bool]
 """Numbers (N,) and pixels (N, 2) of what was found, and whether the image left no choice where to begin numbering."""
@@ -40,8 +40,8 @@ def find_checkerboard(grey: NDArray[np.uint8], board: Board) -> Found:
     else:
         return _nothing()
     grid = right_handed(_grid(corners, board))
-    numbered, certain = numbered_by_colour(grid, grey, board)
-    return *refined_corners(grey, board, board.points[:, :2], numbered.reshape(-1, 2)), certain
+    numbered, certain = order_by_colour(grid, grey, board)
+    return *refine_corners(grey, board, board.points[:, :2], numbered.reshape(-1, 2)), certain
 
 
 def find_circles(grey: NDArray[np.uint8], board: Board) -> Found:
@@ -58,7 +58,7 @@ def find_circles(grey: NDArray[np.uint8], board: Board) -> Found:
         return _nothing()
     grid = right_handed(_grid(centres, board))
     sizes = diameters[KDTree(places).query(grid)[1]]
-    numbered, sizes, certain = numbered_by_first_dot(grid, sizes)
+    numbered, sizes, certain = order_by_first_dot(grid, sizes)
     if not certain and board.columns != board.rows and larger_dot_elsewhere(sizes):
         raise FirstDotElsewhereError
     rough = numbered.reshape(-1, 2)
@@ -66,7 +66,7 @@ def find_circles(grey: NDArray[np.uint8], board: Board) -> Found:
     ratios = sizes / np.sqrt(_cell_areas(numbered))
     common = round(float(np.median(ratios)), 2)
     first = round(float(ratios[0, 0]), 2) if certain else common
-    return *refined_corners(grey, board, board.points[:, :2], rough, dots=(common, first)), certain
+    return *refine_corners(grey, board, board.points[:, :2], rough, dots=(common, first)), certain
 
 
 class FirstDotElsewhereError(ValueError):

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.target.board import Board
-from calibration.target.corner_refinement import mapped
+from calibration.target.corner_refinement import apply_homography
 
 FEWEST = 12
 """Fewer corners leave too little over to judge by."""
@@ -21,7 +21,7 @@ GAUSSIAN = 1.4826
 """Standard deviation of a normal distribution by the median of its absolute values."""
 
 
-def flatness(
+def check_planarity(
     board: Board, ids: NDArray[np.int64], pixels: NDArray[np.float64]
 ) -> tuple[NDArray[np.bool_], float | None]:
     """Which of the corners `ids` (N,) found at `pixels` (N, 2) lie on one flat board (N,), and the standard deviation
@@ -56,7 +56,7 @@ def _residuals(
     import cv2
 
     H = np.asarray(cv2.findHomography(places[agree], pixels[agree], 0)[0], dtype=np.float64)
-    residuals = pixels - mapped(H, places)
+    residuals = pixels - apply_homography(H, places)
     if agree.sum() < BENT_FROM:
         return residuals, 8
     x, y = (2 * (places - places.min(axis=0)) / np.maximum(np.ptp(places, axis=0), 1e-9) - 1).T

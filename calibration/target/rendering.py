@@ -28,7 +28,7 @@ class BoardShapes:
 
 
 @dataclass(frozen=True, eq=False)
-class BoardPicture:
+class BoardImage:
     """A board seen straight on, without perspective."""
 
     pixels: NDArray[np.uint8]
@@ -55,9 +55,9 @@ def board_shapes(board: Board, dots: tuple[float, float] = DOTS) -> BoardShapes:
     return BoardShapes(rectangles=np.vstack([squares, cells]), discs=np.zeros((0, 3)))
 
 
-def board_picture(
+def render_board(
     board: Board, pixels_per_pitch: int, margin_pitches: float = 1.0, dots: tuple[float, float] = DOTS
-) -> BoardPicture:
+) -> BoardImage:
     """A picture of the board with `pixels_per_pitch` pixels to a pitch and a white margin of about `margin_pitches`
     pitches (a whole number of pixels) around it. `dots`: as for `board_shapes`.
 
@@ -85,7 +85,7 @@ def board_picture(
         inside = across**2 + down[:, None] ** 2 <= radius**2
         blocks = inside.reshape(rows.stop - rows.start, DISC_SAMPLES, columns.stop - columns.start, DISC_SAMPLES)
         ink[rows, columns] += blocks.mean(axis=(1, 3))
-    return BoardPicture(
+    return BoardImage(
         pixels=np.round(255.0 * np.clip(1.0 - ink, 0.0, 1.0)).astype(np.uint8),
         pixels_per_m=pixels_per_m,
         origin_px=(float(start[0]) - 0.5, float(start[1]) - 0.5),

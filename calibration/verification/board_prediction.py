@@ -6,14 +6,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.errors import HandEyeInvalidError, HandEyeMismatchError
-from calibration.geometry.se3 import cross_matrix, inverses
+from calibration.geometry.se3 import cross_matrix, invert_poses
 from calibration.input_checks.observations import FEWEST_VIEWS
 from calibration.observations import Observations
-from calibration.pose_estimation.board_pose import board_poses
-from calibration.pose_estimation.corner_disambiguation import number_nearest
-from calibration.pose_estimation.projection import LENS, corners_of, pixel_blocks
+from calibration.pose_estimation.board_pose import estimate_board_poses
+from calibration.pose_estimation.corner_disambiguation import number_nearest_prediction
+from calibration.pose_estimation.projection import LENS, pixel_blocks, stack_corners
 from calibration.result import HandEyeResult
-from calibration.solver.noise import Assumed
+from calibration.solver.noise import NoisePriors
 from calibration.storage.hand_eye_file import HandEye, require_match
 from calibration.target.board import Board
 
@@ -22,7 +22,7 @@ SAME_CAMERA = 0.05
 
 
 @dataclass(frozen=True, eq=False)
-class Claim:
+class PredictedBoard:
     """What a calibration says."""
 
     X: NDArray[np.float64]
@@ -45,7 +45,7 @@ class Claim:
 
 
 @dataclass(frozen=True, eq=False)
-class Appearance:
+class BoardObservation:
     """One view's board, as far as the calibration puts it from where it lay: a rotation vector and a shift of its
     middle, along the axes in which the claim has the board (those of the base, for a camera on the flange)."""
 
@@ -57,14 +57,14 @@ class Appearance:
     """(6, 6) covariance of what is this view's alone: robot and corners."""
 
 
-def claim_of(hand_eye: HandEye | HandEyeResult) -> Claim:
+def predict_board(hand_eye: HandEye | HandEyeResult) -> PredictedBoard:
     """What it says of where the board is to be seen.
 
     Raises:
         HandEyeInvalidError: it does not tell where the board lay and how sure it is.
     """
     if isinstance(hand_eye, HandEyeResult):
-        return Claim(
+        return PredictedBoard(
             hand_eye.X,
             hand_eye.Y,
             _joint(hand_eye, hand_eye.covariance),
@@ -81,8 +81,8 @@ def claim_of(hand_eye: HandEye | HandEyeResult) -> Claim:
             "the calibration does not tell where the board lay, how sure it is and with which camera matrix, so that "
             "it cannot be verified: calibrate anew"
         )
-    assumed = Assumed()
-    return Claim(
+    assumed = NoisePriors()
+    return PredictedBoard(
         hand_eye.T_flange_camera,
         Y,
         _joint(hand_eye, covariance),
@@ -99,7 +99,7 @@ def _joint(hand_eye: HandEye | HandEyeResult, covariance: NDArray[np.float64]) -
     return covariance if hand_eye.joint_covariance is None else hand_eye.joint_covariance
 
 
-def appearances(claim: Claim, views: Observations) -> tuple[list[str], list[Appearance]]:
+def observe_board(claim: PredictedBoard, views: Observations) -> tuple[list[str], list[BoardObservation]]:
     """Names and boards of the views in which there is one; numbered so that it is turned least from how it lay.
 
     Raises:
@@ -111,12 +111,12 @@ def appearances(claim: Claim, views: Observations) -> tuple[list[str], list[Appe
             f"{views.K[0, 0]:.0f} px: give the camera the resolution that it was calibrated with, or calibrate anew"
         )
     flange = np.array([view.T_base_flange for view in views.views])
-    T_camera = (flange if views.mounting == "eye-in-hand" else inverses(flange)) @ claim.X
-    views = number_nearest(views, inverses(T_camera) @ claim.Y)
+    T_camera = (flange if views.mounting == "eye-in-hand" else invert_poses(flange)) @ claim.X
+    views = number_nearest_prediction(views, invert_poses(T_camera) @ claim.Y)
     # The corners are undistorted by what the camera tells; the fitted matrix takes it from there.
-    told = corners_of(views)
+    told = stack_corners(views)
     corners = replace(told, K=claim.K, points=claim.board_scale * told.points)
-    poses = board_poses(corners)
+    poses = estimate_board_poses(corners)
     information = pixel_blocks(poses.T_camera_board, np.zeros(LENS), corners, poses.good).information
     names, seen = [], []
     for k in np.flatnonzero(poses.found):
@@ -135,7 +135,7 @@ def appearances(claim: Claim, views: Observations) -> tuple[list[str], list[Appe
         of_robot = np.diag([claim.robot_sigma_rad**2] * 3 + [claim.robot_sigma_m**2] * 3)
         own = by_camera @ of_corners @ by_camera.T + by_robot @ of_robot @ by_robot.T
         names.append(views.views[k].name)
-        seen.append(Appearance(off, by_claim, own))
+        seen.append(BoardObservation(off, by_claim, own))
     return names, seen
 
 

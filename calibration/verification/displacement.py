@@ -10,13 +10,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.verification.board_prediction import Appearance, Claim
+from calibration.verification.board_prediction import BoardObservation, PredictedBoard
 
 
 @dataclass(frozen=True, eq=False)
-class NewPlace:
+class Displacement:
     """Of N views together: how far from where it lay, a rotation vector and a shift of its middle each, as in
-    `calibration.verification.board_prediction.Appearance`."""
+    `calibration.verification.board_prediction.BoardObservation`."""
 
     off: NDArray[np.float64]
     """(6,) their mean."""
@@ -35,7 +35,7 @@ class NewPlace:
     where it is the board: twice the logarithm of by how much likelier the board is."""
 
 
-def new_place(claim: Claim, seen: Sequence[Appearance]) -> NewPlace:
+def locate_displacement(claim: PredictedBoard, seen: Sequence[BoardObservation]) -> Displacement:
     """Where the views (one or more) put the board together."""
     from scipy.linalg import block_diag
 
@@ -50,7 +50,7 @@ def new_place(claim: Claim, seen: Sequence[Appearance]) -> NewPlace:
     by_camera, left_by_camera = _best(off, by_claim[:, :6], covariance)
     board = np.zeros((6, 3))
     board[:3, 0], board[3:, 1:] = normal, claim.Y[:3, :2]
-    return NewPlace(
+    return Displacement(
         off=mean @ off,
         covariance=mean @ covariance @ mean.T,
         apart=places[one] - places[other],
@@ -63,7 +63,9 @@ def new_place(claim: Claim, seen: Sequence[Appearance]) -> NewPlace:
     )
 
 
-def _from_the_first(claim: Claim, seen: Sequence[Appearance]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _from_the_first(
+    claim: PredictedBoard, seen: Sequence[BoardObservation]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """(6N,) and (6N, C) where the views have the board and how that depends on the claim. Rotation vectors of large
     turns do not add up: they are taken from that turn about the normal by which the first view has it turned."""
     from scipy.spatial.transform import Rotation

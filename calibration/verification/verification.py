@@ -16,8 +16,14 @@ from calibration.input_checks.observations import check_each
 from calibration.observations import Observations
 from calibration.result import HandEyeResult
 from calibration.storage.hand_eye_file import HandEye
-from calibration.verification.board_prediction import Appearance, Claim, appearances, check_same, claim_of
-from calibration.verification.displacement import NewPlace, new_place
+from calibration.verification.board_prediction import (
+    BoardObservation,
+    PredictedBoard,
+    check_same,
+    observe_board,
+    predict_board,
+)
+from calibration.verification.displacement import Displacement, locate_displacement
 
 NOTABLE_M = 0.001
 """What is less off is good enough, however exact arm and camera are ..."""
@@ -100,14 +106,14 @@ def verify(hand_eye: HandEye | HandEyeResult, views: Observations) -> Verificati
         HandEyeMismatchError: It is of another camera, robot, board, mounting or image size.
         HandEyeInputError: A view is not valid.
     """
-    claim = claim_of(hand_eye)
+    claim = predict_board(hand_eye)
     check_same(hand_eye, views)
     if not views.views:
         return _nothing("there is no view of the board that the calibration was not solved from")
     check_each(views)
     if not all(np.isfinite(told).all() for told in (claim.X, claim.Y, claim.covariance, claim.K)):
         return _nothing("the calibration has no solution")
-    names, seen = appearances(claim, views)
+    names, seen = observe_board(claim, views)
     if not seen:
         return _nothing("the board could not be made out in the views that the calibration was not solved from")
     covariances = [each.own + each.by_claim @ claim.covariance @ each.by_claim.T for each in seen]
@@ -121,7 +127,7 @@ def verify(hand_eye: HandEye | HandEyeResult, views: Observations) -> Verificati
         )
         for name, each, covariance in zip(names, seen, covariances, strict=True)
     )
-    place = new_place(claim, seen)
+    place = locate_displacement(claim, seen)
     off = _is_elsewhere(seen, covariances, place, claim)
     expected = max(row.expected_m for row in rows)
     verification = Verification(
@@ -140,7 +146,7 @@ def verify(hand_eye: HandEye | HandEyeResult, views: Observations) -> Verificati
 
 
 def _is_elsewhere(
-    seen: list[Appearance], covariances: list[NDArray[np.float64]], place: NewPlace, claim: Claim
+    seen: list[BoardObservation], covariances: list[NDArray[np.float64]], place: Displacement, claim: PredictedBoard
 ) -> bool:
     """Whether the board is notably elsewhere, and not by chance: in a view by itself, or as far as a motion of the
     camera explains it in all of them together, which shows smaller ones."""
@@ -152,16 +158,18 @@ def _is_elsewhere(
     return (shift > NOTABLE_M or turn > NOTABLE_RAD) and place.camera_squares > _limit(6, claim, tests)
 
 
-def _judged(verification: Verification, seen: list[Appearance], place: NewPlace, claim: Claim) -> Verification:
+def _judged(
+    verification: Verification, seen: list[BoardObservation], place: Displacement, claim: PredictedBoard
+) -> Verification:
     """The board does not appear where it lay: why?"""
     limit = _limit(3, claim, 2 * max(len(place.apart), 1))
     anew = "check that camera and bracket are tight and that the tool is the same, then calibrate anew"
     if any(_is_off(*pair, limit) for pair in zip(place.apart, place.apart_covariances, strict=True)):
         turns, shifts = place.apart[:, :3], place.apart[:, 3:]
-        apart = apart_words(np.linalg.norm(shifts, axis=1).max(), np.linalg.norm(turns, axis=1).max())
+        apart = format_discrepancy(np.linalg.norm(shifts, axis=1).max(), np.linalg.norm(turns, axis=1).max())
         words = f"views from different sides put the board {apart} apart, more than chance does: {anew}"
         return replace(verification, words=words)
-    appears = f"the board appears {apart_words(verification.worst_m, verification.worst_rad)} from where it lay"
+    appears = f"the board appears {format_discrepancy(verification.worst_m, verification.worst_rad)} from where it lay"
     if not _from_two_sides(seen):
         words = (
             f"{appears}: look from two sides, {np.degrees(SIDES_RAD):.0f} degrees apart or more, to tell whether it "
@@ -187,7 +195,7 @@ def _judged(verification: Verification, seen: list[Appearance], place: NewPlace,
     return replace(verification, board_moved_m=moved, board_turned_rad=turned, passed=True, words=words)
 
 
-def _off_the_table(place: NewPlace, claim: Claim) -> str | None:
+def _off_the_table(place: Displacement, claim: PredictedBoard) -> str | None:
     """How a board is off the plane in which it lay, in words; None: it is not."""
     along, normal = claim.Y[:3, :2], claim.Y[:3, 2:3]
     rise, tilt = place.off[3:] @ normal, place.off[:3] @ along
@@ -199,7 +207,7 @@ def _off_the_table(place: NewPlace, claim: Claim) -> str | None:
     return None
 
 
-def _from_two_sides(seen: list[Appearance]) -> bool:
+def _from_two_sides(seen: list[BoardObservation]) -> bool:
     turns = np.array([each.by_claim[:3, :3] for each in seen])
     return bool(rotation_angles(turns[:, None].swapaxes(-1, -2) @ turns).max() >= SIDES_RAD)
 
@@ -218,7 +226,7 @@ def _beyond(off: NDArray[np.float64], covariance: NDArray[np.float64], least: fl
     return not float(np.linalg.norm(off)) <= least and not squares <= limit
 
 
-def _limit(numbers: int, claim: Claim, tests: int) -> float:
+def _limit(numbers: int, claim: PredictedBoard, tests: int) -> float:
     """Squares in standard deviations below which chance keeps so many numbers in each of so many tests, but for a
     share `CHANCE` of verifications."""
     from scipy.special import fdtri
@@ -245,6 +253,6 @@ def _degrees(radians: float) -> str:
     return f"{math.degrees(radians):.2f} degrees"
 
 
-def apart_words(metres: float, radians: float) -> str:
+def format_discrepancy(metres: float, radians: float) -> str:
     """How far two poses are apart, for people."""
     return f"{_mm(metres)} and {_degrees(radians)}"

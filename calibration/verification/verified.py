@@ -1,7 +1,7 @@
 """What speaks against a calibration that was just solved, by the views that were held out."""
 
 from calibration.result import Finding
-from calibration.verification.verification import Verification, apart_words
+from calibration.verification.verification import Verification, format_discrepancy
 
 
 def verification_findings(verification: Verification) -> tuple[Finding, ...]:
@@ -11,8 +11,8 @@ def verification_findings(verification: Verification) -> tuple[Finding, ...]:
         return (Finding("not-verified", words, refuses=False),)
     if verification.passed and verification.board_moved_m is None:
         return ()
-    off = apart_words(verification.worst_m, verification.worst_rad)
-    expected = apart_words(verification.expected_m, verification.expected_rad)
+    off = format_discrepancy(verification.worst_m, verification.worst_rad)
+    expected = format_discrepancy(verification.expected_m, verification.expected_rad)
     words = (
         f"on poses that were held out the board appears {off} off, where about {expected} are expected: see that "
         "board, camera and bracket are firm, and calibrate anew"

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from calibration.geometry.transforms import inverse
 from calibration.target.board import Board
-from calibration.target.rendering import board_picture
+from calibration.target.rendering import render_board
 from cell.simulation.clutter import Box
 
 THICKNESS_M = 0.003
@@ -99,7 +99,7 @@ class Print:
         least = pixels_per_m * self._board.pitch_m
         per_pitch = min(2 ** max(int(np.ceil(np.log2(least))), 0), FINEST)
         if per_pitch not in self._pictures:
-            picture = board_picture(self._board, per_pitch, MARGIN_PITCHES)
+            picture = render_board(self._board, per_pitch, MARGIN_PITCHES)
             scale, (x, y) = picture.pixels_per_m, picture.origin_px
             H_picture_board = np.array([[scale, 0, x], [0, scale, y], [0, 0, 1]])
             self._pictures[per_pitch] = np.dstack([picture.pixels, 255 - picture.pixels]), H_picture_board

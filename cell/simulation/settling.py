@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from cell.simulation.rod_contacts import contacts, strand_numbers
 from cell.simulation.shapes import STEP_M
-from recognition.geometry.polyline import evenly
+from recognition.geometry.polyline import resample
 
 _STEP_M = 0.003
 _STEPS = 120
@@ -47,7 +47,7 @@ def settle(
     from scipy.sparse import diags_array
     from scipy.sparse.linalg import spsolve
 
-    nodes = [evenly(np.asarray(curve), _STEP_M) / radius_m for curve in curves]
+    nodes = [resample(np.asarray(curve), _STEP_M) / radius_m for curve in curves]
     string = strand_numbers(nodes)
     x = np.vstack(nodes)
     step = np.repeat([float(np.linalg.norm(np.diff(n, axis=0), axis=1).mean()) for n in nodes], [len(n) for n in nodes])
@@ -84,7 +84,7 @@ def _fine(nodes: NDArray[np.float64], radius_m: float) -> NDArray[np.float64]:
     from scipy.interpolate import CubicSpline
 
     t = np.arange(len(nodes))
-    curve = evenly(CubicSpline(t, nodes)(np.linspace(0, t[-1], 20 * len(nodes))), STEP_M)
+    curve = resample(CubicSpline(t, nodes)(np.linspace(0, t[-1], 20 * len(nodes))), STEP_M)
     curve[:, 2] = np.maximum(curve[:, 2], radius_m)
     return curve
 

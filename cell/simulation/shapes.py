@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cell.simulation.crossings import is_closed
-from recognition.geometry.polyline import arc_length, evenly
+from recognition.geometry.polyline import arc_length, resample
 
 STEP_M = 0.001
 """Distance of the points of a scene's curves."""
@@ -112,7 +112,7 @@ def rotated(plan: Plan, angle_rad: float) -> Plan:
 def turned(plan: Plan, length_m: float, rng: np.random.Generator) -> Plan:
     """`plan` scaled to a length, in even steps, turned at random and centred on the origin."""
     angle = rng.uniform(0, 2 * np.pi)
-    plan = rotated(evenly(plan * (length_m / polyline_length(plan)), STEP_M), angle)
+    plan = rotated(resample(plan * (length_m / polyline_length(plan)), STEP_M), angle)
     return plan - (plan.max(axis=0) + plan.min(axis=0)) / 2
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 
 from cell.simulation.shapes import STEP_M, Plan, bent, bow, polyline_length, rotated
-from recognition.geometry.polyline import evenly
+from recognition.geometry.polyline import resample
 
 SNUG = 1.002
 """Distance of strands in contact, in units of the sum of their radii: nothing may lie inside anything."""
@@ -87,14 +87,14 @@ def _leave(beyond_m: np.ndarray, rng: np.random.Generator, radius_m: float) -> n
 
 def _middle(plan: Plan, length_m: float) -> Plan:
     """The middle part of `plan` of that length."""
-    fine = evenly(plan, STEP_M / 8)
+    fine = resample(plan, STEP_M / 8)
     spare = (polyline_length(fine) - length_m) / 2 / (STEP_M / 8)
-    return evenly(fine[max(round(spare), 0) : len(fine) - max(round(spare), 0)], STEP_M)
+    return resample(fine[max(round(spare), 0) : len(fine) - max(round(spare), 0)], STEP_M)
 
 
 def _placed(plan: list[Plan], rng: np.random.Generator) -> list[Plan]:
     """The strands turned together at random and centred on the origin, in even steps."""
     angle = rng.uniform(0, 2 * np.pi)
-    plan = [evenly(rotated(curve, angle), STEP_M) for curve in plan]
+    plan = [resample(rotated(curve, angle), STEP_M) for curve in plan]
     points = np.vstack(plan)
     return [curve - (points.max(axis=0) + points.min(axis=0)) / 2 for curve in plan]

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from cell.simulation.clearance import MIN_ANGLE_RAD, SIDE_CLEARANCE, clear
 from cell.simulation.crossings import PlanCrossing, plan_crossings
 from cell.simulation.shapes import STEP_M, polyline_length
-from recognition.geometry.polyline import evenly
+from recognition.geometry.polyline import resample
 
 _STEP_M = 0.003
 _CHUNK_STEPS = 70
@@ -199,4 +199,4 @@ def _smooth(curve: Plan, length_m: float) -> Plan:
 
     t = np.arange(len(curve))
     fine = CubicSpline(t, curve)(np.linspace(0, t[-1], 20 * len(curve)))
-    return evenly(fine * (length_m / polyline_length(fine)), STEP_M)
+    return resample(fine * (length_m / polyline_length(fine)), STEP_M)

@@ -2,16 +2,16 @@
 
 import numpy as np
 
-from recognition.assembly.uncertainty import evidence
-from recognition.messages import in_mm
+from recognition.assembly.uncertainty import point_uncertainty
+from recognition.messages import format_position
 from recognition.model.model import Chain, End
 from recognition.parameters import ChainParameters
 from recognition.preprocessing.target_cloud import Scene
 from recognition.refinement.refinement import RESTING_PERCENTILE, FittedStrand, Refinement
-from recognition.refinement.string_classifier import perhaps_square, select_strings
+from recognition.refinement.string_classifier import classify_strings, may_be_square
 from recognition.registration.registration import Registration
 from recognition.shirakawa.end_extension import at_border
-from recognition.tracing.height_map import Cover
+from recognition.tracing.height_map import HeightMap
 
 FLOATING = 0.4
 """A string rests on the table somewhere; where there is more room below all of it, as a share of its radius, that is
@@ -21,15 +21,15 @@ MUCH_THINNER = 0.25
 found whole."""
 
 
-def fitted_chains(
-    refinement: Refinement, registration: Registration, cover: Cover, scene: Scene, parameters: ChainParameters
+def assemble_fitted_chains(
+    refinement: Refinement, registration: Registration, cover: HeightMap, scene: Scene, parameters: ChainParameters
 ) -> tuple[tuple[Chain, ...], list[str], list[str]]:
     """The chains of the strings among the fitted strands; in words which may be no strings, or not all of them; and
     what was left out or contradicts the radius.
 
     `cover` looks down on the registered surface.
     """
-    strands, doubts, warnings = select_strings(refinement, registration.points, parameters, scene.table_z_m)
+    strands, doubts, warnings = classify_strings(refinement, registration.points, parameters, scene.table_z_m)
     if not strands:
         warnings.insert(
             0,
@@ -38,13 +38,13 @@ def fitted_chains(
         )
     chains: list[Chain] = []
     for number, strand in enumerate(strands):
-        sigma_m, views = evidence(strand, registration, refinement.scatter_m)
-        ends = end_kinds(strand, cover, scene, parameters)
+        sigma_m, views = point_uncertainty(strand, registration, refinement.scatter_m)
+        ends = classify_ends(strand, cover, scene, parameters)
         chains.append(Chain(number, strand.closed, strand.radius_m, strand.points, sigma_m, views, ends))
-        if perhaps_square(strand):
+        if may_be_square(strand):
             doubts.append(
-                f"chain {number} at {in_mm(strand.points.mean(axis=0))} may be no string but a bar with edges: "
-                "what was seen of it cannot tell"
+                f"chain {number} at {format_position(strand.points.mean(axis=0))} may be no string but a bar with "
+                "edges: what was seen of it cannot tell"
             )
         below = float(np.percentile(strand.points[:, 2], RESTING_PERCENTILE)) - scene.table_z_m - strand.radius_m
         if below > FLOATING * strand.radius_m:
@@ -66,7 +66,7 @@ def fitted_chains(
     return tuple(chains), doubts, warnings
 
 
-def end_kinds(strand: FittedStrand, cover: Cover, scene: Scene, parameters: ChainParameters) -> tuple[End, End]:
+def classify_ends(strand: FittedStrand, cover: HeightMap, scene: Scene, parameters: ChainParameters) -> tuple[End, End]:
     """For the first and the last point: `free` when the string was seen to stop there, else `unseen`.
 
     It was not seen to stop where it leaves the workspace or goes on under another strand. Both of a closed strand's

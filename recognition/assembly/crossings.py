@@ -6,9 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr
 
-from recognition.geometry.intersections import Meeting, meetings
-from recognition.geometry.polyline import arc_length, closed_up, points_at
-from recognition.messages import in_mm
+from recognition.geometry.intersections import Intersection, find_intersections
+from recognition.geometry.polyline import arc_length, close_polyline, points_at
+from recognition.messages import format_position
 from recognition.model.model import Crossing, StrandPoint
 from recognition.parameters import ChainParameters
 from recognition.strand import Strand
@@ -30,17 +30,17 @@ def find_crossings(
     seen right at the crossing, the under one as near to it as the over one lets it be seen.
     """
     crossings, ambiguities = [], []
-    for number, meeting in enumerate(meetings(strands)):
+    for number, meeting in enumerate(find_intersections(strands)):
         heights = np.array([_height(strands, meeting, side, surface, parameters) for side in (0, 1)])
         gap = float(np.ptp(heights))
         confidence = float(ndtr(gap / (np.sqrt(2) * HEIGHT_SIGMA_M)))
         crossings.append(crossing_of(meeting, number, heights, confidence))
         if confidence < CERTAIN:
-            ambiguities.append(not_certain(crossings[-1], heights_differ_by(gap)))
+            ambiguities.append(uncertain_crossing_message(crossings[-1], height_difference_message(gap)))
     return crossings, ambiguities
 
 
-def crossing_of(meeting: Meeting, number: int, heights: NDArray[np.float64], confidence: float) -> Crossing:
+def crossing_of(meeting: Intersection, number: int, heights: NDArray[np.float64], confidence: float) -> Crossing:
     """The crossing where two strands meet at the `heights` (2,), the higher one over the other.
 
     Its sign is that of the turn from the over strand's direction to the under one's, seen from above.
@@ -61,19 +61,19 @@ def crossing_of(meeting: Meeting, number: int, heights: NDArray[np.float64], con
     )
 
 
-def not_certain(crossing: Crossing, why: str) -> str:
+def uncertain_crossing_message(crossing: Crossing, why: str) -> str:
     """In words, that which of the strands is over is not certain."""
-    return f"crossing {crossing.id} at {in_mm(crossing.point)}: {why}; which is over is not certain"
+    return f"crossing {crossing.id} at {format_position(crossing.point)}: {why}; which is over is not certain"
 
 
-def heights_differ_by(gap_m: float) -> str:
+def height_difference_message(gap_m: float) -> str:
     """In words, why a crossing is not certain where the strands are too near in height."""
     return f"the strands' heights differ by {gap_m * 1000:.1f} mm only"
 
 
 def _height(
     strands: Sequence[Strand],
-    meeting: Meeting,
+    meeting: Intersection,
     side: int,
     surface: NDArray[np.float64],
     parameters: ChainParameters,
@@ -88,7 +88,7 @@ def _height(
     sine = max(abs(float(own[0] * other[1] - own[1] * other[0])), 0.3)
     hidden = parameters.r * 1.5 / sine
     strand = strands[meeting.strands[side]]
-    line = closed_up(strand.points, strand.closed)
+    line = close_polyline(strand.points, strand.closed)
     length = arc_length(line)[-1]
     tops = []
     for sign in (-1, 1):

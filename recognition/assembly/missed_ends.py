@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from recognition.geometry.polyline import way_out
+from recognition.geometry.polyline import end_direction
 from recognition.model.model import Chain
 from recognition.parameters import ChainParameters
 
@@ -18,7 +18,7 @@ NEAR = 3.0
 """It is near within so many radii: what is in no chain begins 2 from a chain's last point."""
 
 
-def without_missed_ends(
+def mark_unobserved_ends(
     chains: Sequence[Chain], left_over: Sequence[NDArray[np.float64]], parameters: ChainParameters
 ) -> tuple[Chain, ...]:
     """The chains, with those `free` ends `unseen` that have one of the `left_over` pieces (M, 3) ahead of them.
@@ -47,5 +47,5 @@ def _goes_on(line: NDArray[np.float64], rest: NDArray[np.float64], r: float) -> 
     """Whether some of `rest` (M, 3) is ahead of the first point of `line` (N, 3) and near it."""
     offset = rest - line[0]
     distance = np.linalg.norm(offset, axis=1)
-    ahead = offset @ way_out(line, LOOKED_AT * r) > IN_LINE * distance
+    ahead = offset @ end_direction(line, LOOKED_AT * r) > IN_LINE * distance
     return bool((ahead & (distance < NEAR * r)).any())

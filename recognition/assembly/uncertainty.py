@@ -25,7 +25,7 @@ BRIDGE_BEND = 8.0
 """Bend radius, in string radii, by which a string may leave the smooth way where it is hidden."""
 
 
-def evidence(
+def point_uncertainty(
     strand: FittedStrand, registration: Registration, scatter_m: float
 ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     """(N,) one sigma across the string, metres, and (N,) number of views, for each point of the strand.

@@ -7,9 +7,9 @@ from numpy.typing import NDArray
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import KDTree
 
-from recognition.geometry.neighbours import within
-from recognition.geometry.polyline import closed_up, evenly
-from recognition.messages import in_mm
+from recognition.geometry.neighbours import neighbour_matrix
+from recognition.geometry.polyline import close_polyline, resample
+from recognition.messages import format_position
 from recognition.model.model import Chain
 from recognition.parameters import ChainParameters
 
@@ -17,7 +17,7 @@ MOST = 5
 """Pieces told one by one."""
 
 
-def left_over(
+def find_unexplained_surface(
     surface: NDArray[np.float64], chains: Sequence[Chain], parameters: ChainParameters
 ) -> list[NDArray[np.float64]]:
     """The pieces (M, 3) of `surface` (N, 3) larger than r_cn that lie farther than 2 r from every chain, the largest
@@ -28,7 +28,7 @@ def left_over(
     rest = surface[_far(surface, chains, parameters)] if chains else surface
     if len(rest) == 0:
         return []
-    _, piece = connected_components(within(rest, rest, parameters.r), directed=False)
+    _, piece = connected_components(neighbour_matrix(rest, rest, parameters.r), directed=False)
     order = np.argsort(piece, kind="stable")
     rest, first = rest[order], np.flatnonzero(np.diff(piece[order], prepend=-1))
     pieces = np.split(rest, first[1:])
@@ -38,7 +38,7 @@ def left_over(
 
 def _far(surface: NDArray[np.float64], chains: Sequence[Chain], parameters: ChainParameters) -> NDArray[np.bool_]:
     """Which points (N,) are beyond the reach of every chain."""
-    lines = [evenly(closed_up(chain.points, chain.closed), parameters.r) for chain in chains]
+    lines = [resample(close_polyline(chain.points, chain.closed), parameters.r) for chain in chains]
     reach = np.repeat([2 * max(chain.radius_m, parameters.r) for chain in chains], [len(line) for line in lines])
     distance, nearest = KDTree(np.vstack(lines)).query(surface, distance_upper_bound=float(reach.max()))
     far = ~np.isfinite(distance)
@@ -46,14 +46,15 @@ def _far(surface: NDArray[np.float64], chains: Sequence[Chain], parameters: Chai
     return far
 
 
-def unexplained(pieces: Sequence[NDArray[np.float64]]) -> list[str]:
+def unexplained_messages(pieces: Sequence[NDArray[np.float64]]) -> list[str]:
     """In words, the `pieces` that the chains leave over, the largest first.
 
     A model that leaves string out is a wrong model, and a grasp beside a thing that the model does not know may
     collide with it: both must be told.
     """
     told = [
-        f"something of {_size(piece) * 1000:.0f} mm at {in_mm(piece.mean(axis=0))} is above the table and in no chain"
+        f"something of {_size(piece) * 1000:.0f} mm at {format_position(piece.mean(axis=0))} is above the table and in "
+        "no chain"
         for piece in pieces[:MOST]
     ]
     if len(pieces) > MOST:

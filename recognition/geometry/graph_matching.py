@@ -12,7 +12,7 @@ MOST_RIVALS = 300
 """Ends that compete with one another, of which a margin is told. Each is a matching more; real scenes have tens."""
 
 
-def best_couples(a: NDArray[np.int64], b: NDArray[np.int64], gain: NDArray[np.float64]) -> NDArray[np.int64]:
+def maximum_weight_matching(a: NDArray[np.int64], b: NDArray[np.int64], gain: NDArray[np.float64]) -> NDArray[np.int64]:
     """Which couples to take for the largest gain in sum: a matching of maximum weight.
 
     Args:
@@ -31,7 +31,7 @@ def best_couples(a: NDArray[np.int64], b: NDArray[np.int64], gain: NDArray[np.fl
     return np.array(sorted(graph.get_edge_data(j, k) for j, k in taken), dtype=np.int64)
 
 
-def margins_of(
+def matching_margins(
     taken: NDArray[np.int64], a: NDArray[np.int64], b: NDArray[np.int64], gain: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     """(K,) how much each of the couples `taken` is ahead of doing without it; 0 where too many compete to tell.
@@ -39,7 +39,7 @@ def margins_of(
     Ends that no couple links directly or through others don't compete: each such group is looked at by itself.
 
     Args:
-        taken: (K,) the answer of `best_couples` to the same a, b and gain.
+        taken: (K,) the answer of `maximum_weight_matching` to the same a, b and gain.
     """
     if len(taken) == 0:
         return np.empty(0)
@@ -51,6 +51,6 @@ def margins_of(
         number = group[a[couple]]
         if rivals[number] <= MOST_RIVALS:
             others = np.flatnonzero((group[a] == number) & (np.arange(len(a)) != couple))
-            without = others[best_couples(a[others], b[others], gain[others])]
+            without = others[maximum_weight_matching(a[others], b[others], gain[others])]
             margins[place] = gain[taken[group[a[taken]] == number]].sum() - gain[without].sum()
     return margins

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
-from recognition.geometry.polyline import arc_length, closed_up
+from recognition.geometry.polyline import arc_length, close_polyline
 
 PARALLEL = 1e-6
 """Sine of the angle under which links count as parallel: where such meet is rounding."""
@@ -28,7 +28,7 @@ class Line(Protocol):
 
 
 @dataclass(frozen=True, eq=False)
-class Meeting:
+class Intersection:
     """Two strands crossing in the projection onto the table."""
 
     strands: tuple[int, int]
@@ -59,9 +59,9 @@ class _Links:
     """(N,) within its strand."""
 
 
-def meetings(strands: Sequence[Line]) -> list[Meeting]:
+def find_intersections(strands: Sequence[Line]) -> list[Intersection]:
     """Where the strands cross, in the order of the strands and along them."""
-    lines = [closed_up(strand.points, strand.closed) for strand in strands]
+    lines = [close_polyline(strand.points, strand.closed) for strand in strands]
     links = _links(lines)
     m, n = _near(links)
     u, v, w = links.way[m, :2], links.way[n, :2], links.start[n, :2] - links.start[m, :2]
@@ -81,7 +81,7 @@ def meetings(strands: Sequence[Line]) -> list[Meeting]:
     round_ = [
         float(arc_length(line)[-1]) if strand.closed else np.inf for line, strand in zip(lines, strands, strict=True)
     ]
-    found: list[Meeting] = []
+    found: list[Intersection] = []
     for k in np.flatnonzero(hit):
         meeting = _meeting(links, int(m[k]), int(n[k]), float(a[k]), float(b[k]))
         if not any(_same(meeting, known, round_) for known in found):
@@ -113,12 +113,12 @@ def _near(links: _Links) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     return m[order], n[order]
 
 
-def _meeting(links: _Links, m: int, n: int, a: float, b: float) -> Meeting:
+def _meeting(links: _Links, m: int, n: int, a: float, b: float) -> Intersection:
     """Where link m, at the share a of its length, crosses link n at b."""
     places = [links.start[k] + share * links.way[k] for k, share in ((m, a), (n, b))]
     first, second = (links.way[k, :2] / np.linalg.norm(links.way[k, :2]) for k in (m, n))
     along = [float(links.s[k] + share * np.linalg.norm(links.way[k])) for k, share in ((m, a), (n, b))]
-    return Meeting(
+    return Intersection(
         strands=(int(links.strand[m]), int(links.strand[n])),
         s_m=(along[0], along[1]),
         heights_m=(float(places[0][2]), float(places[1][2])),
@@ -127,7 +127,7 @@ def _meeting(links: _Links, m: int, n: int, a: float, b: float) -> Meeting:
     )
 
 
-def _same(one: Meeting, other: Meeting, round_: Sequence[float]) -> bool:
+def _same(one: Intersection, other: Intersection, round_: Sequence[float]) -> bool:
     """Whether both are the same place of the same strands, of which the closed ones are `round_` long."""
     if one.strands != other.strands:
         return False

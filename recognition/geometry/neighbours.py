@@ -6,7 +6,7 @@ from scipy.sparse import csr_array
 from scipy.spatial import KDTree
 
 
-def pairs_within(points: NDArray[np.float64], radius: float) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+def neighbour_pairs(points: NDArray[np.float64], radius: float) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     """(P,) and (P,): both orders of each pair of points (N, 3) within `radius`, and each point with itself."""
     if len(points) == 0:
         return np.empty(0, dtype=np.intp), np.empty(0, dtype=np.intp)
@@ -15,7 +15,7 @@ def pairs_within(points: NDArray[np.float64], radius: float) -> tuple[NDArray[np
     return np.concatenate([i, j, itself]), np.concatenate([j, i, itself])
 
 
-def within(centres: NDArray[np.float64], points: NDArray[np.float64], radius: float) -> csr_array:
+def neighbour_matrix(centres: NDArray[np.float64], points: NDArray[np.float64], radius: float) -> csr_array:
     """(M, N) matrix with a one where point j (of N) lies within `radius` of centre i (of M).
 
     `A @ values` then sums over the neighbourhoods, `A.sum(axis=1)` counts them. With `centres` being `points`
@@ -23,7 +23,7 @@ def within(centres: NDArray[np.float64], points: NDArray[np.float64], radius: fl
     """
     if centres is points:
         # Each pair is found once, and without its distance: half the time.
-        i, j = pairs_within(points, radius)
+        i, j = neighbour_pairs(points, radius)
     else:
         pairs = KDTree(centres).sparse_distance_matrix(KDTree(points), radius, output_type="ndarray")
         i, j = pairs["i"], pairs["j"]
@@ -39,7 +39,7 @@ def neighbourhood_means(
 
     NaN in the rows whose centre has no point near.
     """
-    A = within(centres, points, radius)
+    A = neighbour_matrix(centres, points, radius)
     with np.errstate(invalid="ignore"):
         return (A @ values) / np.asarray(A.sum(axis=1))[:, None]
 

@@ -13,7 +13,7 @@ LINE_RATIO = 6.0
 strands, which show the intersection, would be taken for outliers by the usual 2."""
 
 
-def inliers(points: NDArray[np.float64], ratio: float = SURFACE_RATIO) -> NDArray[np.bool_]:
+def inlier_mask(points: NDArray[np.float64], ratio: float = SURFACE_RATIO) -> NDArray[np.bool_]:
     """(N,) mask of the points (N, 3) whose neighbours are not unusually far (the filter of the paper's [11]).
 
     A point is an outlier when the mean distance to its neighbours exceeds the cloud's mean of that by `ratio`

@@ -12,7 +12,7 @@ BENT = 3.0
 """A shorter line, in radii, shows no bend."""
 
 
-def end_parabola(line: NDArray[np.float64], length: float, r: float) -> NDArray[np.float64]:
+def fit_end_parabola(line: NDArray[np.float64], length: float, r: float) -> NDArray[np.float64]:
     """(3, 3) terms of the parabola through the first `length` (metres) of `line` (N, 3), N at least 2.
 
     A point at arc length s from the line's first point is near `terms[0] + s terms[1] + s**2 terms[2]`.

@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 from recognition.geometry.neighbours import group_sums
 
 
-def voxels(points: NDArray[np.float64], size: float) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+def voxel_indices(points: NDArray[np.float64], size: float) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     """(N,) number of the voxel of edge `size` that each of the points (N, 3) is in, and (M,) how many each holds.
 
     The grid begins at the cloud's lowest corner. Voxels are numbered in the order of x, y, z.
@@ -27,6 +27,6 @@ def voxel_means(
     values = np.empty((len(points), 0)) if values is None else values
     if len(points) == 0:
         return points.reshape(0, 3), values
-    voxel, count = voxels(points, size)
+    voxel, count = voxel_indices(points, size)
     stacked = group_sums(voxel, np.hstack([points, values]), len(count)) / count[:, None]
     return stacked[:, :3], stacked[:, 3:]

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recognition.grasping.gripper import Gripper
-from recognition.model.interpolation import ChainLine
+from recognition.model.interpolation import ChainInterpolator
 from recognition.model.model import Chain, Crossing
 from recognition.parameters import ChainParameters
 
@@ -28,7 +28,7 @@ ROUNDING_M = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
-class Places:
+class GraspCandidates:
     """Places along a chain; one row each."""
 
     s_m: NDArray[np.float64]
@@ -40,11 +40,11 @@ class Places:
     """Score but for clearance and way of approach."""
 
 
-def find_places(
+def find_candidates(
     chain: Chain, crossings: Sequence[Crossing], parameters: ChainParameters, gripper: Gripper
-) -> tuple[Places | None, str]:
+) -> tuple[GraspCandidates | None, str]:
     """Places that could be grasped if nothing else were there; and why there is none, or no grasp at them."""
-    line, length, half, r = ChainLine(chain), chain.length_m, gripper.finger_width_m / 2, chain.radius_m
+    line, length, half, r = ChainInterpolator(chain), chain.length_m, gripper.finger_width_m / 2, chain.radius_m
     if len(chain.points) < 2 or length <= 2 * half:
         return None, f"its {length * 1000:.0f} mm are no longer than a finger is wide"
     first, last = (0.0, length) if chain.closed else (half, length - half)
@@ -84,16 +84,18 @@ def find_places(
     reasons.append((np.count_nonzero(good), "where the gripper would touch the table, another strand or a thing"))
     told = "; ".join(f"{number} are {reason}" for number, reason in reasons if number)
     told = f"of {count} places along it {told}"
-    return Places(s[good], point[good], along[good], opening[good], merit[good]), told
+    return GraspCandidates(s[good], point[good], along[good], opening[good], merit[good]), told
 
 
-def _from_passes(line: ChainLine, s: NDArray[np.float64], crossings: Sequence[Crossing]) -> NDArray[np.float64]:
+def _from_passes(line: ChainInterpolator, s: NDArray[np.float64], crossings: Sequence[Crossing]) -> NDArray[np.float64]:
     """(N,) distances along the chain to its nearest pass through a crossing; infinite without one."""
     passes = [p.s_m for x in crossings for p in (x.over, x.under) if p.chain == line.chain.id]
     return np.min([np.full(len(s), np.inf), *(line.apart(s, t) for t in passes)], axis=0)
 
 
-def _from_under_passes(line: ChainLine, s: NDArray[np.float64], crossings: Sequence[Crossing]) -> NDArray[np.float64]:
+def _from_under_passes(
+    line: ChainInterpolator, s: NDArray[np.float64], crossings: Sequence[Crossing]
+) -> NDArray[np.float64]:
     """The same for passes underneath."""
     passes = [x.under for x in crossings] + [x.over for x in crossings if x.confidence < SURE]
     below = [line.apart(s, p.s_m) for p in passes if p.chain == line.chain.id]

@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
-from recognition.grasping.candidates import FAR_M, ROUNDING_M, Places, find_places
+from recognition.grasping.candidates import FAR_M, ROUNDING_M, GraspCandidates, find_candidates
 from recognition.grasping.gripper import Gripper, swept_distance
-from recognition.grasping.obstacles import Obstacles, Things, gather_obstacles
-from recognition.model.interpolation import ChainLine
+from recognition.grasping.obstacles import ObjectPoints, Obstacles, gather_obstacles
+from recognition.model.interpolation import ChainInterpolator
 from recognition.model.model import Chain, Crossing, Grasp
 from recognition.parameters import ChainParameters
 from recognition.preprocessing.target_cloud import Scene
@@ -63,7 +63,7 @@ def find_grasps(
     grasps: list[Grasp] = []
     warnings = []
     for chain in chains:
-        places, reason = find_places(chain, crossings, parameters, gripper)
+        places, reason = find_candidates(chain, crossings, parameters, gripper)
         found = _best(chain, places, obstacles, scene.table_z_m, gripper) if places is not None else []
         if not found:
             warnings.append(f"chain {chain.id} cannot be grasped: {reason}")
@@ -71,7 +71,9 @@ def find_grasps(
     return tuple(sorted(grasps, key=lambda grasp: (-grasp.score, grasp.chain, grasp.s_m))), warnings
 
 
-def _best(chain: Chain, places: Places, obstacles: Obstacles, table_z_m: float, gripper: Gripper) -> list[Grasp]:
+def _best(
+    chain: Chain, places: GraspCandidates, obstacles: Obstacles, table_z_m: float, gripper: Gripper
+) -> list[Grasp]:
     """The best way for each place that has one."""
     best: list[Grasp | None] = [None] * len(places.s_m)
     crowded = np.arange(len(places.s_m))
@@ -118,7 +120,7 @@ def _from_strings(
     pose, ball = _near(T, strings.points, strings.from_above, float(strings.radius_m.max()), gripper)
     way, local = _seen_from(T, pose, strings.points[ball])
     own = strings.chain[ball] == chain.id
-    along = ChainLine(chain).apart(strings.s_m[ball], s[pose])
+    along = ChainInterpolator(chain).apart(strings.s_m[ball], s[pose])
     # The gripped string counts with the others where it has come back.
     itself = own & (along <= 2 * np.linalg.norm(way, axis=1) + gripper.finger_width_m)
     distance = swept_distance(local, opening[pose], reach[pose], gripper, ~itself) - strings.radius_m[ball]
@@ -133,7 +135,7 @@ def _from_things(
     T: NDArray[np.float64],
     opening: NDArray[np.float64],
     reach: NDArray[np.float64],
-    things: Things,
+    things: ObjectPoints,
     gripper: Gripper,
 ) -> NDArray[np.float64]:
     """(N,) distances from things, at most `FAR_M`; less than the gripper's clearance, but not exact, if too near.

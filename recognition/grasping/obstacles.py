@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
 from recognition.geometry.neighbours import group_sums
-from recognition.geometry.polyline import closed_up, even_lengths, points_at
-from recognition.geometry.voxel_grid import voxels
+from recognition.geometry.polyline import close_polyline, points_at, resampled_lengths
+from recognition.geometry.voxel_grid import voxel_indices
 from recognition.model.model import Chain
 
 NEAR_M = 0.004
@@ -31,7 +31,7 @@ CELL_M = 0.01
 
 
 @dataclass(frozen=True, eq=False)
-class Things:
+class ObjectPoints:
     """Balls of one size that cover what was measured and is no string, in the order of the cells they lie in."""
 
     points: NDArray[np.float64]
@@ -62,7 +62,7 @@ class Obstacles:
     """(M,), id of the chain."""
     s_m: NDArray[np.float64]
     """(M,), arc length along the chain."""
-    things: Things
+    things: ObjectPoints
 
     @cached_property
     def from_above(self) -> KDTree:
@@ -89,8 +89,8 @@ def gather_obstacles(chains: Sequence[Chain], surface: NDArray[np.float64], spac
 
 def _balls(chain: Chain) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Points of the chain at most r / 2 apart, and their arc lengths: balls of radius r fill it but for r / 30."""
-    line = closed_up(chain.points, chain.closed)
-    s = even_lengths(line, chain.radius_m / 2)
+    line = close_polyline(chain.points, chain.closed)
+    s = resampled_lengths(line, chain.radius_m / 2)
     return points_at(line, s), s
 
 
@@ -127,9 +127,9 @@ def _thing_points(
     return (np.unique(np.floor(surface / VOXEL_M), axis=0) + 0.5) * VOXEL_M
 
 
-def _things(points: NDArray[np.float64], radius_m: float) -> Things:
-    cell, count = voxels(points, CELL_M)
+def _things(points: NDArray[np.float64], radius_m: float) -> ObjectPoints:
+    cell, count = voxel_indices(points, CELL_M)
     centre = group_sums(cell, points, len(count)) / count[:, None]
     extent = np.zeros(len(count))
     np.maximum.at(extent, cell, np.linalg.norm(points - centre[cell], axis=1))
-    return Things(points[np.argsort(cell, kind="stable")], radius_m, count.astype(np.int64), centre, extent)
+    return ObjectPoints(points[np.argsort(cell, kind="stable")], radius_m, count.astype(np.int64), centre, extent)

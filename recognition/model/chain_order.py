@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 
-def reading_order(points: NDArray[np.float64], closed: bool) -> NDArray[np.intp]:
+def canonical_order(points: NDArray[np.float64], closed: bool) -> NDArray[np.intp]:
     """(N,) indices that bring the `points` (N, 3) of a chain into the model's order.
 
     An open chain begins at its end of smaller x (then y, then z). A closed one begins at its point of smallest x, and

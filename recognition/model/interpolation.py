@@ -10,7 +10,7 @@ from recognition.model.model import Chain
 
 
 @dataclass(frozen=True, eq=False)
-class ChainLine:
+class ChainInterpolator:
     """A chain to be asked for values at any arc length; a closed one goes round and round."""
 
     chain: Chain

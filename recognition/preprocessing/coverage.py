@@ -22,7 +22,7 @@ BLOCKS = 20
 
 
 @dataclass(frozen=True, eq=False)
-class Look:
+class ImagedArea:
     """One picture of the table."""
 
     K: NDArray[np.float64]
@@ -53,7 +53,7 @@ class Coverage:
         return float(self.in_view.mean())
 
 
-def table_coverage(looks: Iterable[Look], x_m: Range, y_m: Range, table_z_m: float) -> Coverage:
+def table_coverage(looks: Iterable[ImagedArea], x_m: Range, y_m: Range, table_z_m: float) -> Coverage:
     """How many of `looks` have each square of the table z = `table_z_m` within `x_m` and `y_m` in the picture.
 
     That is where the square's middle lies in front of the camera and within the image. What hides it there, and
@@ -70,7 +70,7 @@ def table_coverage(looks: Iterable[Look], x_m: Range, y_m: Range, table_z_m: flo
     return Coverage(x_m, y_m, pictures)
 
 
-def told_coverage(coverage: Coverage) -> str | None:
+def coverage_message(coverage: Coverage) -> str | None:
     """In words, how much of the table is in too few pictures, and where; None where that is next to nothing."""
     missing = float((~coverage.in_view).mean())
     if missing <= NOTABLE_SHARE:
@@ -82,7 +82,7 @@ def told_coverage(coverage: Coverage) -> str | None:
     )
 
 
-def unseen_parts(targets: Iterable[TargetCloud], used: Collection[int], scene: Scene) -> list[str]:
+def coverage_warnings(targets: Iterable[TargetCloud], used: Collection[int], scene: Scene) -> list[str]:
     """The warning of a scan, if any: of its `targets`, the views with the indices in `used` made the model.
 
     A view that looked at the table and had no string in its picture counts as well: it would have shown one.
@@ -94,9 +94,9 @@ def unseen_parts(targets: Iterable[TargetCloud], used: Collection[int], scene: S
         saw_no_string = target.in_workspace >= MIN_POINTS > len(target.points)
         if target.image is not None and (target.view in used or saw_no_string):
             height, width = target.image.depth.shape
-            looks.append(Look(target.image.K, width, height, target.T_base_camera))
+            looks.append(ImagedArea(target.image.K, width, height, target.T_base_camera))
     x_m, y_m, _ = scene.workspace_m
-    said = told_coverage(table_coverage(looks, x_m, y_m, scene.table_z_m))
+    said = coverage_message(table_coverage(looks, x_m, y_m, scene.table_z_m))
     return [] if said is None else [said]
 
 

@@ -27,7 +27,7 @@ class DepthImage(Protocol):
     def K(self) -> NDArray[np.float64]: ...
 
 
-def off_rims(
+def is_on_surface(
     image: DepthImage, rows: NDArray[np.intp], columns: NDArray[np.intp], parameters: ChainParameters
 ) -> NDArray[np.bool_]:
     """(N,) which of the pixels (N,) have enough of their eight neighbours on the same surface, within r / 2."""

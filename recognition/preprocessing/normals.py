@@ -90,7 +90,7 @@ def _surface(points: NDArray[np.float64], radius: float) -> tuple[NDArray[np.boo
     means = (A @ terms + A.T @ terms + terms) / (neighbours[:, None] + 1)
     mean = means[:, :3]
     covariance = means[:, [3, 4, 5, 4, 6, 7, 5, 7, 8]].reshape(-1, 3, 3) - mean[:, :, None] * mean[:, None, :]
-    return kept, least_axes(covariance[kept])
+    return kept, smallest_eigenvectors(covariance[kept])
 
 
 def _neighbours(
@@ -107,7 +107,7 @@ def _neighbours(
     return pairs[:, 0], pairs[:, 1], neighbours
 
 
-def least_axes(A: NDArray[np.float64]) -> NDArray[np.float64]:
+def smallest_eigenvectors(A: NDArray[np.float64]) -> NDArray[np.float64]:
     """(N, 3) unit eigenvectors of the least eigenvalue of symmetric matrices (N, 3, 3); up where there is none.
 
     In closed form (the trigonometric solution of the cubic): five times as fast as LAPACK one by one.

@@ -20,7 +20,7 @@ SAMPLE = 10_000
 """Points are thinned evenly to about this many: a plane needs no more."""
 
 
-def levelling(points: NDArray[np.float64], table_z_m: float, parameters: ChainParameters) -> NDArray[np.float64]:
+def table_alignment(points: NDArray[np.float64], table_z_m: float, parameters: ChainParameters) -> NDArray[np.float64]:
     """(4, 4) correction in the base frame that brings the table seen in `points` (N, 3) to z = `table_z_m`.
 
     Every view sees the table before the threshold on z_w takes it away, and the table's height and tilt are known:

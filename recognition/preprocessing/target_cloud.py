@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 from calibration.geometry.transforms import transform_points
 from recognition.errors import RecognitionError
 from recognition.parameters import ChainParameters
-from recognition.preprocessing.flying_pixels import off_rims
-from recognition.preprocessing.table_plane import SAMPLE, levelling
+from recognition.preprocessing.flying_pixels import is_on_surface
+from recognition.preprocessing.table_plane import SAMPLE, table_alignment
 
 MARGIN_M = 0.01
 """How far below the workspace's floor the table's own surface may scatter and still counts as seen."""
@@ -113,13 +113,13 @@ def preprocess(view: DepthView, parameters: ChainParameters, scene: Scene) -> Ta
     taken = depth[rows, columns] > 0
     sample = deproject(view, rows[taken], columns[taken])
     sample = sample[_inside(sample, scene)]
-    T_levelling = levelling(sample, scene.table_z_m, parameters)
+    T_levelling = table_alignment(sample, scene.table_z_m, parameters)
     T_base_camera = T_levelling @ view.T_base_camera
 
     rows, columns = _above(view, T_base_camera, scene.table_z_m + parameters.z_t)
     points = transform_points(T_levelling, deproject(view, rows, columns))
     kept = _inside(points, scene)
-    kept[kept] = off_rims(view, rows[kept], columns[kept], parameters)
+    kept[kept] = is_on_surface(view, rows[kept], columns[kept], parameters)
     measured = int(np.count_nonzero(depth))
     return TargetCloud(
         view=view.index,

@@ -14,7 +14,7 @@ MIN_POINTS = 50
 """Fewer points of string height than this are noise."""
 
 
-def usable_views(
+def select_views(
     targets: Sequence[TargetCloud],
 ) -> tuple[list[TargetCloud], tuple[ViewQuality, ...], str | None]:
     """The views that see a string, the others with the reason, and why there is no string when there is none.
@@ -29,7 +29,7 @@ def usable_views(
         raise InsufficientViewsError(
             f"{len(targets)} view{'s' * (len(targets) != 1)} given; at least {MIN_VIEWS} are needed"
         )
-    reasons = {target.view: unusable(target) for target in targets}
+    reasons = {target.view: exclusion_reason(target) for target in targets}
     left_out = tuple(
         ViewQuality(target.view, False, reason, len(target.points))
         for target in targets
@@ -63,7 +63,7 @@ def usable_views(
     return [], left_out, "no string of this radius in view: nothing in the workspace is as high above the table as z_t"
 
 
-def unusable(target: TargetCloud) -> str | None:
+def exclusion_reason(target: TargetCloud) -> str | None:
     """Why this view cannot be used whatever the others show, or None."""
     if target.measured == 0:
         return "no pixel has a depth"

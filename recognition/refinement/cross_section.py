@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recognition.geometry.neighbours import group_sums
-from recognition.refinement.tube_fit import Assigned, TubeFit
+from recognition.refinement.tube_fit import Assignment, TubeFit
 
 PROFILE_WIDTH = 0.85
 """Sine of the angle from the top within which the profile is taken: beyond, rims disturb it."""
@@ -21,7 +21,7 @@ FEW_STRETCHES = 3
 
 
 @dataclass(frozen=True, eq=False)
-class Roundness:
+class CrossSections:
     """Of each line of a fit."""
 
     out_of_round_m: NDArray[np.float64]
@@ -32,7 +32,7 @@ class Roundness:
     """(K,) one sigma of it; infinite where nothing can be told."""
 
 
-def roundness(fit: TubeFit, assigned: Assigned) -> Roundness:
+def measure_cross_sections(fit: TubeFit, assigned: Assignment) -> CrossSections:
     """How round each line's surface is, from the upper part of its profile, over its whole length."""
     way = fit.points[assigned.link + 1] - fit.points[assigned.link]
     left = np.column_stack([-way[:, 1], way[:, 0]])
@@ -41,7 +41,7 @@ def roundness(fit: TubeFit, assigned: Assigned) -> Roundness:
     inner = np.abs(side) < PROFILE_WIDTH
     link, residual = assigned.link[inner], assigned.residual[inner]
     out_of_round = _out_of_round(fit, side[inner], link, residual, assigned.sigma)
-    return Roundness(out_of_round, *_squareness(fit, side[inner], link, residual))
+    return CrossSections(out_of_round, *_squareness(fit, side[inner], link, residual))
 
 
 def _out_of_round(

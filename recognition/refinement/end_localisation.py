@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from recognition.geometry.parabola import end_parabola
+from recognition.geometry.parabola import fit_end_parabola
 from recognition.geometry.polyline import arc_length
 
 LOOKED_AT = 4.0
@@ -19,7 +19,7 @@ WIDEST_HOLE = 0.5
 Points = NDArray[np.float64]
 
 
-def to_true_end(line: Points, surface: Points, normals: Points, r: float) -> Points:
+def localise_end(line: Points, surface: Points, normals: Points, r: float) -> Points:
     """`line` (N, 3) with its first point moved to the string's end, points added or taken away as needed.
 
     The line is continued by the parabola through its last 4 r, and goes as far as surface (M, 3) with normals
@@ -27,7 +27,7 @@ def to_true_end(line: Points, surface: Points, normals: Points, r: float) -> Poi
     The spacing stays about the same.
     """
     s = arc_length(line)
-    terms = end_parabola(line, LOOKED_AT * r, r)
+    terms = fit_end_parabola(line, LOOKED_AT * r, r)
     direction = -terms[1] / max(float(np.linalg.norm(terms[1])), 1e-12)
     # Bends are known from the string's last centimetre only: they are not carried on for more than r.
     near = np.linalg.norm(surface - terms[0], axis=1) < (FARTHEST + 2) * r

@@ -22,7 +22,7 @@ CUT_SHARE = 1.0
 """So much more than half the overlap is taken off each, as a share of r: near an end a line is known worst."""
 
 
-def joined_where_ends_meet(strands: Sequence[Strand], parameters: ChainParameters) -> list[Strand] | None:
+def merge_overlapping_ends(strands: Sequence[Strand], parameters: ChainParameters) -> list[Strand] | None:
     """The strands, brought to their true ends before, with those joined that reach over one another; None if none do.
 
     Where noise left a hole in a string's nodes, its two parts are both continued over the surface in between.

@@ -6,12 +6,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from recognition.geometry.polyline import arc_length, closed_up, points_at
+from recognition.geometry.polyline import arc_length, close_polyline, points_at
 from recognition.parameters import ChainParameters
-from recognition.refinement.cross_section import roundness
-from recognition.refinement.end_localisation import to_true_end
-from recognition.refinement.end_merging import joined_where_ends_meet
-from recognition.refinement.tube_fit import Assigned, TubeFit
+from recognition.refinement.cross_section import measure_cross_sections
+from recognition.refinement.end_localisation import localise_end
+from recognition.refinement.end_merging import merge_overlapping_ends
+from recognition.refinement.tube_fit import Assignment, TubeFit
 from recognition.strand import Strand
 
 STEP_SHARE = 0.7
@@ -120,14 +120,14 @@ def refine(
         strand if strand.closed else Strand(line, np.zeros(len(line), dtype=bool))
         for strand, line in zip(strands, lines, strict=True)
     ]
-    joined = joined_where_ends_meet(brought, parameters) if joins else None
+    joined = merge_overlapping_ends(brought, parameters) if joins else None
     if joined is not None:
         return refine(joined, surface, normals, parameters, table_z_m, joins - 1)
     fit = TubeFit(lines, r, surface, normals)
     fit.radii = radii
     assigned = _settle(fit, LAST_STEPS, None)
     support = fit.support(assigned)
-    shape = roundness(fit, assigned)
+    shape = measure_cross_sections(fit, assigned)
     fitted = [
         FittedStrand(
             *_once(strand, fit.points[rows], support[rows]),
@@ -161,7 +161,7 @@ def _measured_radii(fit: TubeFit, table_z_m: float) -> NDArray[np.float64]:
     return np.where(measured > LEAST_SHARE * fit.r, measured, fit.radii)
 
 
-def _settle(fit: TubeFit, rounds: Sequence[int], radius_tie: float | None) -> Assigned:
+def _settle(fit: TubeFit, rounds: Sequence[int], radius_tie: float | None) -> Assignment:
     assigned = None
     for steps in rounds:
         assigned = fit.assign()
@@ -174,13 +174,13 @@ def _settle(fit: TubeFit, rounds: Sequence[int], radius_tie: float | None) -> As
 def _to_both_ends(
     line: NDArray[np.float64], surface: NDArray[np.float64], normals: NDArray[np.float64], r: float
 ) -> NDArray[np.float64]:
-    line = to_true_end(line, surface, normals, r)
-    return to_true_end(line[::-1], surface, normals, r)[::-1]
+    line = localise_end(line, surface, normals, r)
+    return localise_end(line[::-1], surface, normals, r)[::-1]
 
 
 def _even(strand: Strand, r: float) -> NDArray[np.float64]:
     """The strand's line in even steps; a closed one goes round and `OVERLAP` points on."""
-    points = closed_up(strand.points, strand.closed)
+    points = close_polyline(strand.points, strand.closed)
     length = float(arc_length(points)[-1])
     line = points_at(points, np.linspace(0.0, length, max(round(length / (STEP_SHARE * r)), 2) + 1))
     return np.vstack([line, line[1 : OVERLAP + 1]]) if strand.closed else line

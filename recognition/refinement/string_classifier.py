@@ -6,9 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
-from recognition.geometry.polyline import arc_length, closed_up
-from recognition.messages import in_mm
-from recognition.model.chain_order import reading_order
+from recognition.geometry.polyline import arc_length, close_polyline
+from recognition.messages import format_position
+from recognition.model.chain_order import canonical_order
 from recognition.parameters import ChainParameters
 from recognition.refinement.refinement import FittedStrand, Refinement
 
@@ -41,7 +41,7 @@ BORNE = 0.25
 """Share of what bears the longest string."""
 
 
-def select_strings(
+def classify_strings(
     refinement: Refinement, surface: NDArray[np.float64], parameters: ChainParameters, table_z_m: float = 0.0
 ) -> tuple[list[FittedStrand], list[str], list[str]]:
     """The fitted strands that are strings, in the model's order and direction; in words which others may be strings
@@ -54,7 +54,7 @@ def select_strings(
     on_tube = _on_tube(refinement, surface, parameters.r)
     kept: list[int] = []
     doubts, left_out = [], []
-    lengths = [float(arc_length(closed_up(strand.points, strand.closed))[-1]) for strand in strands]
+    lengths = [float(arc_length(close_polyline(strand.points, strand.closed))[-1]) for strand in strands]
     for k in np.argsort(-np.array(lengths), kind="stable").tolist():
         strand, length = strands[k], lengths[k]
         usual = float(np.median(strands[kept[0]].support)) if kept else 0.0
@@ -77,13 +77,13 @@ def select_strings(
         )
         maybe = length >= LONG * parameters.r and not borne
         (doubts if maybe else left_out).append(
-            f"left out a piece of {length * 1000:.0f} mm at {in_mm(strand.points.mean(axis=0))}: {why}"
+            f"left out a piece of {length * 1000:.0f} mm at {format_position(strand.points.mean(axis=0))}: {why}"
             + (", so it may be a string" if maybe else "")
         )
     return [_directed(strands[k]) for k in kept], doubts, left_out
 
 
-def perhaps_square(strand: FittedStrand) -> bool:
+def may_be_square(strand: FittedStrand) -> bool:
     """Whether the surface of this string tells too little to say that it is no square bar."""
     return strand.squareness + DOUBTFUL_SIGMAS * strand.squareness_sigma > SQUARE
 
@@ -105,5 +105,5 @@ def _on_tube(refinement: Refinement, surface: NDArray[np.float64], r: float) -> 
 
 
 def _directed(strand: FittedStrand) -> FittedStrand:
-    order = reading_order(strand.points, strand.closed)
+    order = canonical_order(strand.points, strand.closed)
     return replace(strand, points=strand.points[order], bridged=strand.bridged[order], support=strand.support[order])

@@ -32,7 +32,7 @@ CANDIDATES = 4
 
 
 @dataclass(frozen=True, eq=False)
-class Assigned:
+class Assignment:
     """Surface points and the links of the lines that they lie over."""
 
     point: NDArray[np.int64]
@@ -72,7 +72,7 @@ class TubeFit:
         """Rows of one line's points."""
         return slice(int(self.starts[number]), int(self.starts[number + 1]))
 
-    def assign(self) -> Assigned:
+    def assign(self) -> Assignment:
         """Each surface point to the link whose tube it lies on best, by distance and normal."""
         links = np.flatnonzero(self._is_link)
         tree = KDTree((self.points[links] + self.points[links + 1]) / 2)
@@ -88,14 +88,14 @@ class TubeFit:
         order = order[np.diff(found.point[order], prepend=-1) > 0]
         return self._over(found.point[order], found.link[order])
 
-    def follow(self, assigned: Assigned) -> Assigned:
+    def follow(self, assigned: Assignment) -> Assignment:
         """The same points after a step: each may have slid to the next link."""
         on = np.where(assigned.share >= 1, 1, np.where(assigned.share <= 0, -1, 0))
         link = np.clip(assigned.link + on, 0, len(self.points) - 1)
         same = self._is_link[link] & (self.strand[link] == self.strand[assigned.link])
         return self._over(assigned.point, np.where(same, link, assigned.link))
 
-    def step(self, assigned: Assigned, radius_tie: float | None) -> None:
+    def step(self, assigned: Assignment, radius_tie: float | None) -> None:
         """One Gauss-Newton step of all points, and of the radii, tied to r by `radius_tie` (one sigma, metres).
 
         The points' normal matrix is banded. The radii border it with a column each, and since the lines do not meet
@@ -133,19 +133,19 @@ class TubeFit:
         self.radii = self.radii + change
         self.points = self.points - (solved[:, 0] + solved[:, 1] * change[line]).reshape(-1, 3)
 
-    def support(self, assigned: Assigned) -> NDArray[np.float64]:
+    def support(self, assigned: Assignment) -> NDArray[np.float64]:
         """(N,) weight of the surface points that bear each point of the lines."""
         count = len(self.points)
         start = group_sums(assigned.link, assigned.weight * (1 - assigned.share), count)
         return start + group_sums(assigned.link + 1, assigned.weight * assigned.share, count)
 
-    def owners(self, assigned: Assigned) -> NDArray[np.int64]:
+    def owners(self, assigned: Assignment) -> NDArray[np.int64]:
         """(M,) for each surface point the number of the line on whose tube it lies, -1 for none."""
         owner = np.full(len(self.surface), -1)
         owner[assigned.point] = self.strand[assigned.link]
         return owner
 
-    def _over(self, point: NDArray[np.int64], link: NDArray[np.int64]) -> Assigned:
+    def _over(self, point: NDArray[np.int64], link: NDArray[np.int64]) -> Assignment:
         """Where the surface points lie over their links; those that lie on no tube are left out."""
         start = self.points[link]
         way = self.points[link + 1] - start
@@ -163,7 +163,7 @@ class TubeFit:
         residual = residual[on]
         sigma = max(1.4826 * float(np.median(np.abs(residual))), SIGMA_FLOOR * self.r) if len(residual) else self.r
         weight = np.maximum(1 - (residual / (CUT_SIGMAS * sigma)) ** 2, 0.0) ** 2
-        return Assigned(point[on], link[on], share[on], outward[on], residual, weight, sigma)
+        return Assignment(point[on], link[on], share[on], outward[on], residual, weight, sigma)
 
     def _tangents(self) -> Points:
         """(N, 3) unit vectors along the lines."""
@@ -172,7 +172,7 @@ class TubeFit:
         way = self.points[ahead] - self.points[behind]
         return way / np.maximum(np.linalg.norm(way, axis=1, keepdims=True), 1e-12)
 
-    def _slopes(self, assigned: Assigned) -> csr_array:
+    def _slopes(self, assigned: Assignment) -> csr_array:
         """(K, 3N) derivative of the residuals by the points' coordinates."""
         shares = np.column_stack([1 - assigned.share, assigned.share])
         values = -(shares[:, :, None] * assigned.outward[:, None, :]).ravel()

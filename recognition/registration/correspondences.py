@@ -24,7 +24,7 @@ MIN_PAIRS = 20
 
 
 @dataclass(frozen=True, eq=False)
-class Overlap:
+class Correspondences:
     """Points of two views that lie on the same piece of surface."""
 
     first: int
@@ -43,12 +43,12 @@ class Overlap:
     """How many points looked."""
 
 
-def anchors(cloud: NormalCloud, count: int = ANCHORS) -> NDArray[np.intp]:
+def anchor_points(cloud: NormalCloud, count: int = ANCHORS) -> NDArray[np.intp]:
     """(M,) which points of the cloud look: at most `count`, evenly spread, as its voxels come in order of place."""
     return np.arange(0, len(cloud.points), max(-(-len(cloud.points) // count), 1))
 
 
-def overlaps(
+def find_correspondences(
     cloud: NormalCloud,
     others: Sequence[NormalCloud],
     parameters: ChainParameters,
@@ -57,12 +57,12 @@ def overlaps(
     count: int = ANCHORS,
     T: NDArray[np.float64] | None = None,
     T_others: Sequence[NDArray[np.float64]] | None = None,
-) -> list[Overlap]:
+) -> list[Correspondences]:
     """The overlaps of `cloud` with each of the other views; those with too few pairs to decide anything are left out.
 
     Clouds are looked at as moved by `T` (4, 4) and `T_others` where these are given.
     """
-    chosen = anchors(cloud, max(count * FULL_PARTNERS // max(len(others), FULL_PARTNERS), MIN_ANCHORS))
+    chosen = anchor_points(cloud, max(count * FULL_PARTNERS // max(len(others), FULL_PARTNERS), MIN_ANCHORS))
     T = np.eye(4) if T is None else T
     points, normals = cloud.points[chosen] @ T[:3, :3].T + T[:3, 3], cloud.normals[chosen] @ T[:3, :3].T
     found = []
@@ -76,6 +76,8 @@ def overlaps(
         near = near[alike]
         if len(near) >= MIN_PAIRS:
             found.append(
-                Overlap(cloud.view, other.view, chosen[near], nearest[near], distance[near], cosine[alike], len(chosen))
+                Correspondences(
+                    cloud.view, other.view, chosen[near], nearest[near], distance[near], cosine[alike], len(chosen)
+                )
             )
     return found

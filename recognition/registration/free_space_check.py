@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from recognition.errors import RecognitionError
 from recognition.parameters import ChainParameters
 from recognition.preprocessing.normals import NormalCloud
-from recognition.registration.correspondences import anchors
+from recognition.registration.correspondences import anchor_points
 
 MAX_SEEN_THROUGH = 0.025
 """Share of other views' surface that a view may see through. Views that agree have none, in the median over their
@@ -36,7 +36,7 @@ class ContradictingViewsError(RecognitionError):
     slug = "contradicting-views"
 
 
-def strangers(
+def find_inconsistent_views(
     clouds: Sequence[NormalCloud], robot_sigma: NDArray[np.float64], parameters: ChainParameters
 ) -> dict[int, str]:
     """The views that do not fit the others, each with the reason; `clouds` as registered.
@@ -47,7 +47,7 @@ def strangers(
     Raises:
         ContradictingViewsError: half of the views or more would have to go.
     """
-    through = seen_through(clouds, parameters)
+    through = free_space_violations(clouds, parameters)
     against = np.maximum(through, through.T)
     kept = list(range(len(clouds)))
     reasons: dict[int, str] = {}
@@ -85,13 +85,13 @@ def strangers(
     return reasons
 
 
-def seen_through(clouds: Sequence[NormalCloud], parameters: ChainParameters) -> NDArray[np.float64]:
+def free_space_violations(clouds: Sequence[NormalCloud], parameters: ChainParameters) -> NDArray[np.float64]:
     """(V, V) share of the surface of view j that view i sees through: it measured something more than r behind it.
 
     Zero where a cloud has no depth image, or does not look there.
     """
     count = len(clouds)
-    chosen = [anchors(cloud, _POINTS) for cloud in clouds]
+    chosen = [anchor_points(cloud, _POINTS) for cloud in clouds]
     points = np.vstack([cloud.points[some] for cloud, some in zip(clouds, chosen, strict=True)])
     normals = np.vstack([cloud.normals[some] for cloud, some in zip(clouds, chosen, strict=True)])
     view = np.repeat(np.arange(count), [len(some) for some in chosen])

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recognition.errors import TooCrowdedError
-from recognition.geometry.outlier_filter import inliers
+from recognition.geometry.outlier_filter import inlier_mask
 from recognition.geometry.voxel_grid import voxel_means
 from recognition.parameters import ChainParameters
 from recognition.preprocessing.normals import NormalCloud
@@ -17,7 +17,7 @@ VOXEL_SHARE = 1 / 3
 """The merged cloud is thinned to voxels of this share of r: eight views overlap and say the same many times."""
 
 
-def merge(
+def merge_clouds(
     clouds: Sequence[NormalCloud], parameters: ChainParameters
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Points and normals, (N, 3) each, of all clouds together: averaged in voxels, outliers removed.
@@ -39,5 +39,5 @@ def merge(
             "check the table's height, the workspace and the string's radius"
         )
     points, normals = points[sided], normals[sided] / length[sided]
-    kept = inliers(points)
+    kept = inlier_mask(points)
     return points[kept], normals[kept]

@@ -10,7 +10,7 @@ from recognition.registration.pose_prior import PoseSigmas
 
 
 @dataclass(frozen=True, eq=False)
-class CommonError:
+class HandEyeErrorEstimate:
     """The likelihood of the calibration's error `c` (6,), a rotation vector and a translation in the camera's frame,
     `T_flange_camera_true = T_flange_camera @ from_rotation_vector(c[3:], c[:3])`; radians and metres.
 
@@ -26,7 +26,7 @@ class CommonError:
     """(6,) c with what is known beforehand: what the registered poses were corrected by."""
 
 
-def common_error(alignment: Alignment, sigmas: PoseSigmas) -> CommonError | None:
+def estimate_hand_eye_error(alignment: Alignment, sigmas: PoseSigmas) -> HandEyeErrorEstimate | None:
     """What `alignment`, which was made with `sigmas`, tells; None where no surface held it."""
     information = alignment.calibration_information
     if information is None:
@@ -34,4 +34,4 @@ def common_error(alignment: Alignment, sigmas: PoseSigmas) -> CommonError | None
     # Beforehand the error is most likely nought, so that all of the vector is the views'.
     vector = information @ alignment.calibration
     told = information - np.diag(np.repeat([sigmas.hand_eye_rad, sigmas.hand_eye_m], 3) ** -2.0)
-    return CommonError((told + told.T) / 2, vector, alignment.calibration)
+    return HandEyeErrorEstimate((told + told.T) / 2, vector, alignment.calibration)

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from recognition.parameters import ChainParameters
 from recognition.preprocessing.normals import NormalCloud
-from recognition.registration.correspondences import ANCHORS, Overlap, anchors, overlaps
+from recognition.registration.correspondences import ANCHORS, Correspondences, anchor_points, find_correspondences
 from recognition.registration.pose_prior import COMMON, PosePrior
 
 TUKEY = 4.685
@@ -67,9 +67,9 @@ class _Rows:
         return self.residual + np.concatenate(changes)
 
 
-def align(
+def align_views(
     clouds: Sequence[NormalCloud],
-    first_pairs: Sequence[Overlap],
+    first_pairs: Sequence[Correspondences],
     centre: NDArray[np.float64],
     prior: PosePrior,
     parameters: ChainParameters,
@@ -110,7 +110,7 @@ def align(
     )
 
 
-def transforms(state: NDArray[np.float64], centre: NDArray[np.float64]) -> list[NDArray[np.float64]]:
+def corrections(state: NDArray[np.float64], centre: NDArray[np.float64]) -> list[NDArray[np.float64]]:
     """The correction (4, 4) of each view: it turns about the centre and moves it, by the twist (6,) in `state`."""
     twists = state.reshape(-1, 6)
     T = np.tile(np.eye(4), (len(twists), 1, 1))
@@ -133,20 +133,23 @@ def _pairs(
     centre: NDArray[np.float64],
     parameters: ChainParameters,
     search: tuple[float, float, int],
-) -> list[Overlap]:
-    T = transforms(state[:-COMMON], centre)
+) -> list[Correspondences]:
+    T = corrections(state[:-COMMON], centre)
     return [
         overlap
         for k in range(1, len(clouds))
-        for overlap in overlaps(clouds[k], clouds[:k], parameters, *search, T[k], T[:k])
+        for overlap in find_correspondences(clouds[k], clouds[:k], parameters, *search, T[k], T[:k])
     ]
 
 
 def _rows(
-    clouds: Sequence[NormalCloud], pairs: Sequence[Overlap], state: NDArray[np.float64], centre: NDArray[np.float64]
+    clouds: Sequence[NormalCloud],
+    pairs: Sequence[Correspondences],
+    state: NDArray[np.float64],
+    centre: NDArray[np.float64],
 ) -> _Rows:
     """The pairs' distances and how they change, the views standing where `state` has them."""
-    T = transforms(state[:-COMMON], centre)
+    T = corrections(state[:-COMMON], centre)
     moved = [
         np.hstack([cloud.points @ A[:3, :3].T + (A[:3, 3] - centre), cloud.normals @ A[:3, :3].T])
         for cloud, A in zip(clouds, T, strict=True)
@@ -197,7 +200,7 @@ def _fit(rows: _Rows, state: NDArray[np.float64], prior: PosePrior) -> tuple[NDA
 
 
 def _misfit(
-    rows: _Rows, state: NDArray[np.float64], pairs: Sequence[Overlap], looked: int, parameters: ChainParameters
+    rows: _Rows, state: NDArray[np.float64], pairs: Sequence[Correspondences], looked: int, parameters: ChainParameters
 ) -> float:
     """How far the surfaces are apart, metres: the mean over all that `looked`, `FINE`'s reach where nothing was near.
 
@@ -214,7 +217,7 @@ def _moved(clouds: Sequence[NormalCloud], change: NDArray[np.float64], centre: N
     """Mean distance by which a change of state moves the views' points."""
     distances = []
     for k, cloud in enumerate(clouds):
-        some = cloud.points[anchors(cloud, 50)] - centre
+        some = cloud.points[anchor_points(cloud, 50)] - centre
         distances.append(
             np.linalg.norm(np.cross(change[6 * k : 6 * k + 3], some) + change[6 * k + 3 : 6 * k + 6], axis=1)
         )

@@ -14,13 +14,13 @@ from calibration.geometry.transforms import transform_points
 from recognition.model.model import ViewQuality
 from recognition.parameters import ChainParameters
 from recognition.preprocessing.normals import NormalCloud
-from recognition.registration.correspondences import Overlap, overlaps
-from recognition.registration.free_space_check import strangers
-from recognition.registration.fusion import merge
-from recognition.registration.hand_eye_error import CommonError, common_error
-from recognition.registration.multiview_icp import Alignment, align, transforms
+from recognition.registration.correspondences import Correspondences, find_correspondences
+from recognition.registration.free_space_check import find_inconsistent_views
+from recognition.registration.fusion import merge_clouds
+from recognition.registration.hand_eye_error import HandEyeErrorEstimate, estimate_hand_eye_error
+from recognition.registration.multiview_icp import Alignment, align_views, corrections
 from recognition.registration.pose_prior import PoseSigmas, pose_prior
-from recognition.registration.view_fitness import fitness
+from recognition.registration.view_fitness import evaluate_fitness
 
 DRIFT_SIGMA = 5.0
 """Length, in sigmas of its six directions, from which on a common error of all views is a calibration's that has
@@ -51,21 +51,20 @@ class Registration:
     `centre`, radians and metres."""
     warnings: tuple[str, ...] = ()
     """What the poses tell of the cell."""
-    common_error: CommonError | None = None
+    hand_eye_error: HandEyeErrorEstimate | None = None
     """What the views tell of the calibration's error; None where their surfaces tell nothing."""
 
 
 def register(
     clouds: Sequence[NormalCloud],
     parameters: ChainParameters,
-    pairs: Sequence[Overlap] | None = None,
+    pairs: Sequence[Correspondences] | None = None,
     sigmas: PoseSigmas | None = None,
 ) -> Registration:
     """Brings the views to where they fit one another and the told poses best, and merges them.
 
-    `pairs` are the overlaps of each view with those before it (`recognition.registration.correspondences.overlaps`),
-    where they were looked for as the views arrived. A view that contradicts the others is left out and the rest are
-    registered anew.
+    `pairs` are the overlaps of each view with those before it (`find_correspondences`), where they were looked for as
+    the views arrived. A view that contradicts the others is left out and the rest are registered anew.
 
     Raises:
         ContradictingViewsError: no majority of the views shows the same scene.
@@ -74,10 +73,12 @@ def register(
     sigmas = sigmas or PoseSigmas()
     clouds = sorted(clouds, key=lambda cloud: cloud.view)
     if pairs is None:
-        pairs = [overlap for k, cloud in enumerate(clouds) for overlap in overlaps(cloud, clouds[:k], parameters)]
+        pairs = [
+            overlap for k, cloud in enumerate(clouds) for overlap in find_correspondences(cloud, clouds[:k], parameters)
+        ]
     centre = np.vstack([cloud.points for cloud in clouds]).mean(axis=0)
     alignment, placed = _aligned(clouds, pairs, centre, parameters, sigmas)
-    reasons = strangers(placed, alignment.robot, parameters)
+    reasons = find_inconsistent_views(placed, alignment.robot, parameters)
     used = clouds
     if reasons:
         used = [cloud for cloud in clouds if cloud.view not in reasons]
@@ -90,8 +91,8 @@ def register(
         looser = replace(sigmas, **{name: spread * value for name, value in asdict(sigmas).items()})
         alignment, placed = _aligned(used, pairs, centre, parameters, looser)
         sigmas = looser
-    points, normals = merge(placed, parameters)
-    views = fitness(used, placed, parameters)
+    points, normals = merge_clouds(placed, parameters)
+    views = evaluate_fitness(used, placed, parameters)
     views += [
         ViewQuality(cloud.view, False, reasons[cloud.view], len(cloud.points))
         for cloud in clouds
@@ -105,11 +106,11 @@ def register(
         centre,
         alignment.covariance,
         tuple(warnings),
-        common_error(alignment, sigmas),
+        estimate_hand_eye_error(alignment, sigmas),
     )
 
 
-def moved(cloud: NormalCloud, T: NDArray[np.float64]) -> NormalCloud:
+def transform_cloud(cloud: NormalCloud, T: NDArray[np.float64]) -> NormalCloud:
     """`cloud` with all that belongs to it moved by `T` (4, 4)."""
     return replace(
         cloud,
@@ -122,13 +123,16 @@ def moved(cloud: NormalCloud, T: NDArray[np.float64]) -> NormalCloud:
 
 def _aligned(
     clouds: Sequence[NormalCloud],
-    pairs: Sequence[Overlap],
+    pairs: Sequence[Correspondences],
     centre: NDArray[np.float64],
     parameters: ChainParameters,
     sigmas: PoseSigmas,
 ) -> tuple[Alignment, list[NormalCloud]]:
-    alignment = align(clouds, pairs, centre, pose_prior(clouds, centre, sigmas), parameters)
-    placed = [moved(cloud, T) for cloud, T in zip(clouds, transforms(alignment.twists.ravel(), centre), strict=True)]
+    alignment = align_views(clouds, pairs, centre, pose_prior(clouds, centre, sigmas), parameters)
+    placed = [
+        transform_cloud(cloud, T)
+        for cloud, T in zip(clouds, corrections(alignment.twists.ravel(), centre), strict=True)
+    ]
     return alignment, placed
 
 

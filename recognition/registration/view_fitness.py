@@ -9,7 +9,7 @@ from calibration.geometry.transforms import inverse, rotation_angle, transform_p
 from recognition.model.model import ViewQuality
 from recognition.parameters import ChainParameters
 from recognition.preprocessing.normals import NormalCloud
-from recognition.registration.correspondences import MIN_COSINE, anchors
+from recognition.registration.correspondences import MIN_COSINE, anchor_points
 
 JUDGED = 60
 """Points of each view by which its fitness is judged."""
@@ -18,7 +18,7 @@ PARTNERS = 7
 and not with its square."""
 
 
-def fitness(
+def evaluate_fitness(
     clouds: Sequence[NormalCloud], placed: Sequence[NormalCloud], parameters: ChainParameters
 ) -> list[ViewQuality]:
     """For each view, how its anchors lie on the other views' surfaces, and how far it was moved.
@@ -30,7 +30,7 @@ def fitness(
     back = [cloud.T_correction @ inverse(there.T_correction) for cloud, there in zip(clouds, placed, strict=True)]
     qualities = []
     for k, view in enumerate(placed):
-        own = anchors(view, JUDGED)
+        own = anchor_points(view, JUDGED)
         points, normals = view.points[own], view.normals[own]
         distance, apart = np.full(len(own), np.inf), np.zeros(len(own))
         for j in _partners(k, len(placed)):

@@ -5,9 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from recognition.geometry.neighbours import within
+from recognition.geometry.neighbours import neighbour_matrix
 from recognition.parameters import ChainParameters
-from recognition.shirakawa.matching import SearchField, Segment, step
+from recognition.shirakawa.matching import SearchField, Segment, next_point
 
 SHARP_RAD = np.radians(75)
 """A turn beyond this within two links is not a string's: its bending radius would be about r."""
@@ -27,11 +27,13 @@ def intersection_ratios(
     points: NDArray[np.float64], in_intersection: NDArray[np.bool_], radius: float
 ) -> NDArray[np.float64]:
     """(N,) R_c of every point: the share of intersection points among those within `radius` = r_f (eq. 7)."""
-    A = within(points, points, radius)
+    A = neighbour_matrix(points, points, radius)
     return (A @ in_intersection.astype(np.float64)) / np.asarray(A.sum(axis=1))
 
 
-def approach(search: SearchField, R_c: NDArray[np.float64], segment: Segment, parameters: ChainParameters) -> Approach:
+def approach_intersection(
+    search: SearchField, R_c: NDArray[np.float64], segment: Segment, parameters: ChainParameters
+) -> Approach:
     """Continues `segment` by the matching method until it ends or meets an intersection (III.D.1).
 
     That is where R_c of a target exceeds R_t. The search walks on while R_c does not fall; where it is largest is
@@ -52,7 +54,7 @@ def approach(search: SearchField, R_c: NDArray[np.float64], segment: Segment, pa
             centre = search.points[segment[turn]]
             segment = segment[:turn]
             break
-        following = step(search, segment[-1], parameters)
+        following = next_point(search, segment[-1], parameters)
         if following is None:
             return Approach(segment, None)
         segment.append(following)
@@ -75,7 +77,7 @@ def sharp_turn(points: NDArray[np.float64]) -> int | None:
 def _highest(search: SearchField, R_c: NDArray[np.float64], target: int, parameters: ChainParameters) -> int:
     """The point at which R_c is largest on the way on from `target`."""
     highest = [target]
-    while (following := step(search, highest[-1], parameters)) is not None:
+    while (following := next_point(search, highest[-1], parameters)) is not None:
         if R_c[following] < R_c[highest[-1]]:
             break
         highest = [*highest, following] if R_c[following] == R_c[highest[-1]] else [following]
@@ -96,7 +98,7 @@ def find_restarts(
     restarts = []
     while (restart := search.nearest_connectable(bifurcation_centre, parameters.r_cf)) is not None:
         search.connectable[restart] = False
-        linked = step(search, restart, parameters)
+        linked = next_point(search, restart, parameters)
         if linked is not None:
             # Taken by this link: a later restart must not link to it as well.
             search.eliminate(search.points[linked], parameters.r_n)

@@ -7,21 +7,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recognition.geometry.polyline import arc_length
-from recognition.messages import in_mm
-from recognition.model.chain_order import reading_order
+from recognition.messages import format_position
+from recognition.model.chain_order import canonical_order
 from recognition.model.model import Chain
 from recognition.parameters import ChainParameters
 from recognition.preprocessing.normals import NormalCloud
 from recognition.preprocessing.target_cloud import Scene
-from recognition.shirakawa.end_extension import end_kinds
-from recognition.shirakawa.evidence import evidence
+from recognition.shirakawa.end_extension import classify_ends
+from recognition.shirakawa.evidence import point_uncertainty
 from recognition.strand import Strand
 
 SHARP_RAD = np.radians(75)
 """A turn beyond this over r_f to either side is not a string's."""
 
 
-def make_chains(
+def assemble_chains(
     strands: Sequence[Strand],
     single: NDArray[np.float64],
     clouds: Sequence[NormalCloud],
@@ -40,7 +40,7 @@ def make_chains(
             kept.append(_directed(strand))
         else:
             warnings.append(
-                f"left out a piece of {length * 1000:.0f} mm at {in_mm(strand.points.mean(axis=0))}: "
+                f"left out a piece of {length * 1000:.0f} mm at {format_position(strand.points.mean(axis=0))}: "
                 "too short to be told from noise"
             )
     kept.sort(key=lambda strand: -arc_length(strand.points)[-1])
@@ -48,18 +48,18 @@ def make_chains(
         warnings.insert(0, "no string found: nothing above the table is long and thin")
     chains = []
     for number, strand in enumerate(kept):
-        sigma_m, views = evidence(strand, clouds, parameters)
-        ends = end_kinds(strand, single, scene, parameters)
+        sigma_m, views = point_uncertainty(strand, clouds, parameters)
+        ends = classify_ends(strand, single, scene, parameters)
         chains.append(Chain(number, strand.closed, parameters.r, strand.points, sigma_m, views, ends))
     return kept, tuple(chains), warnings
 
 
 def _directed(strand: Strand) -> Strand:
-    order = reading_order(strand.points, strand.closed)
+    order = canonical_order(strand.points, strand.closed)
     return replace(strand, points=strand.points[order], bridged=strand.bridged[order])
 
 
-def sharp_bends(chains: Sequence[Chain]) -> list[str]:
+def sharp_bend_messages(chains: Sequence[Chain]) -> list[str]:
     """In words, where a chain turns more sharply than a string does: there it may have taken the wrong strand.
 
     Compared are the directions over r_f before and behind each point. A string of radius r that bends by more than
@@ -76,7 +76,7 @@ def sharp_bends(chains: Sequence[Chain]) -> list[str]:
         sharpest = int(cosine.argmin())
         if cosine[sharpest] < np.cos(SHARP_RAD):
             found.append(
-                f"chain {chain.id} bends sharply at {in_mm(chain.points[sharpest + step])}: "
+                f"chain {chain.id} bends sharply at {format_position(chain.points[sharpest + step])}: "
                 "it may have taken the wrong strand at a crossing"
             )
     return found

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from recognition.geometry.neighbours import within
+from recognition.geometry.neighbours import neighbour_matrix
 from recognition.parameters import ChainParameters
 
 
@@ -13,7 +13,7 @@ def contribution_rates(points: NDArray[np.float64], radius: float) -> NDArray[np
     1 on a line, 1/2 on a symmetric flat cross, 1/3 in a ball. A point without neighbours has no width either:
     its rate is 1.
     """
-    A = within(points, points, radius)
+    A = neighbour_matrix(points, points, radius)
     k = np.asarray(A.sum(axis=1))[:, None]
     # Relative to the centroid of all, so that the products below lose no digits.
     local = points - points.mean(axis=0) if len(points) else points
@@ -35,5 +35,5 @@ def intersection_points(
     intersection where the over strand's points outnumber the others, and a line of no width, as clean depth
     gives, could never reach R_t: on a right-angled cross R_c would stay under 1/2.
     """
-    A = within(points, points, parameters.r_s)
+    A = neighbour_matrix(points, points, parameters.r_s)
     return A @ (rho < parameters.rho_t).astype(np.float64) > 0

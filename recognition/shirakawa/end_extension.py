@@ -43,7 +43,7 @@ def _extended(strand: Strand, single: NDArray[np.float64], parameters: ChainPara
     return strand
 
 
-def end_kinds(
+def classify_ends(
     strand: Strand, single: NDArray[np.float64], scene: Scene, parameters: ChainParameters
 ) -> tuple[EndKind, EndKind]:
     """For the first and the last point: `free` when the string was seen to stop there, else `unseen`.

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
 from recognition.parameters import ChainParameters
-from recognition.shirakawa.bifurcated_restart import approach, find_restarts, intersection_ratios
+from recognition.shirakawa.bifurcated_restart import approach_intersection, find_restarts, intersection_ratios
 from recognition.shirakawa.contribution_rate import contribution_rates, intersection_points
 from recognition.shirakawa.matching import SearchField, Segment, starting_order
 
@@ -48,18 +48,18 @@ def match_enhanced(thinned: NDArray[np.float64], parameters: ChainParameters) ->
             if start is None:
                 break
             pending.append([start])
-        found = approach(search, R_c, pending.popleft(), parameters)
+        found = approach_intersection(search, R_c, pending.popleft(), parameters)
         if found.segment:
             segments.append(found.segment)
         if found.bifurcation_centre is not None:
             centres.append(found.bifurcation_centre)
             pending.extend(find_restarts(search, found.bifurcation_centre, parameters))
     bifurcation_centres = np.array(centres).reshape(-1, 3)
-    segments = outside(thinned, segments, bifurcation_centres, parameters)
+    segments = trim_at_intersections(thinned, segments, bifurcation_centres, parameters)
     return EnhancedMatching(segments, bifurcation_centres, rho, in_intersection, R_c)
 
 
-def outside(
+def trim_at_intersections(
     points: NDArray[np.float64],
     segments: list[Segment],
     bifurcation_centres: NDArray[np.float64],

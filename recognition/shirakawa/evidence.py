@@ -16,7 +16,7 @@ SIGMA_FLOOR_M = 0.0002
 """No point is claimed better than this: the views share the hand-eye calibration's error."""
 
 
-def evidence(
+def point_uncertainty(
     strand: Strand, clouds: Sequence[NormalCloud], parameters: ChainParameters
 ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     """(N,) one sigma across the string, metres, and (N,) number of views, for each point of the strand.

@@ -44,7 +44,7 @@ class SearchField:
         return int(near[np.linalg.norm(self.points[near] - centre, axis=1).argmin()])
 
 
-def step(search: SearchField, target: int, parameters: ChainParameters) -> int | None:
+def next_point(search: SearchField, target: int, parameters: ChainParameters) -> int | None:
     """From one target point to the next: steps 1 to 5. None when there is nothing left to link to."""
     centre = search.points[target]
     search.eliminate(centre, parameters.r_n)
@@ -63,7 +63,7 @@ def starting_order(search: SearchField, radius: float) -> NDArray[np.int64]:
     return np.argsort(neighbours, kind="stable")
 
 
-def match(points: NDArray[np.float64], parameters: ChainParameters) -> list[Segment]:
+def match_points(points: NDArray[np.float64], parameters: ChainParameters) -> list[Segment]:
     """Segments of linked points (indices into `points` (N, 3)), until no point is connectable any more."""
     search = SearchField(points)
     segments = []
@@ -71,7 +71,7 @@ def match(points: NDArray[np.float64], parameters: ChainParameters) -> list[Segm
         if not search.connectable[start]:
             continue
         segment = [int(start)]
-        while (linked := step(search, segment[-1], parameters)) is not None:
+        while (linked := next_point(search, segment[-1], parameters)) is not None:
             segment.append(linked)
         segments.append(segment)
     return segments

@@ -9,7 +9,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import KDTree
 
 from recognition.errors import TooCrowdedError
-from recognition.geometry.graph_matching import best_couples
+from recognition.geometry.graph_matching import maximum_weight_matching
 from recognition.geometry.polyline import arc_length
 from recognition.parameters import ChainParameters
 from recognition.strand import End, Strand, join, strand_ends
@@ -51,7 +51,7 @@ def reconstruct(
         )
     strands = [Strand(points, np.zeros(len(points), dtype=bool)) for points in segments if len(points)]
     reconnected = reconnect_close_ends(strands, centres, parameters)
-    opened, centres = open_side_contacts(reconnected, centres, parameters)
+    opened, centres = split_at_side_contacts(reconnected, centres, parameters)
     at_centres = connect_at_intersections(opened, centres, parameters)
     return Reconstruction(reconnected, connect_across_gaps(at_centres, surface, parameters))
 
@@ -64,7 +64,7 @@ def reconnect_close_ends(strands: Sequence[Strand], centres: Points, parameters:
     is for eq. (8) to say, not for their distance.
     """
     ends = strand_ends(strands, parameters)
-    at_intersection = gathering(ends, centres, parameters) >= 0
+    at_intersection = intersection_of_ends(ends, centres, parameters) >= 0
     directed = np.array([end.direction.any() for end in ends], dtype=bool)
     D = np.linalg.norm(_positions(ends)[:, None] - _positions(ends)[None], axis=2)
     # A strand of one point has no direction and may be joined on either side.
@@ -87,7 +87,7 @@ def reconnect_close_ends(strands: Sequence[Strand], centres: Points, parameters:
     return join(strands, ends, pairs, parameters)
 
 
-def open_side_contacts(
+def split_at_side_contacts(
     strands: Sequence[Strand], centres: Points, parameters: ChainParameters
 ) -> tuple[list[Strand], Points]:
     """Strands cut where another's end runs into their side, and `centres` (M, 3) with these places added.
@@ -97,7 +97,7 @@ def open_side_contacts(
     of the ends belong together; where a string truly ends on another, it closes the opening again.
     """
     ends = strand_ends(strands, parameters)
-    loose = gathering(ends, centres, parameters) < 0
+    loose = intersection_of_ends(ends, centres, parameters) < 0
     owner = np.repeat(np.arange(len(strands)), [len(strand.points) for strand in strands])
     points = np.vstack([np.empty((0, 3)), *(strand.points for strand in strands)])
     s = np.concatenate([[], *(arc_length(strand.points) for strand in strands)])
@@ -132,13 +132,13 @@ def open_side_contacts(
 def connect_at_intersections(strands: Sequence[Strand], centres: Points, parameters: ChainParameters) -> list[Strand]:
     """Joins the ends that gather around each intersection of bifurcation `centres` (M, 3) by eq. (8) (III.E.2)."""
     ends = strand_ends(strands, parameters)
-    where = gathering(ends, centres, parameters)
+    where = intersection_of_ends(ends, centres, parameters)
     same = (where[:, None] == where[None]) & (where >= 0)[:, None]
     onward = inner_products(ends) < -OPPOSITE
     return join(strands, ends, least_bending_pairs(ends, same & onward, strands, parameters), parameters)
 
 
-def gathering(ends: Sequence[End], centres: Points, parameters: ChainParameters) -> NDArray[np.int64]:
+def intersection_of_ends(ends: Sequence[End], centres: Points, parameters: ChainParameters) -> NDArray[np.int64]:
     """(N,) number of the intersection that each end gathers around, -1 for none.
 
     An end gathers around the nearest centre if that is within r_cf + r_n, as far as an incoming sequence or a
@@ -215,7 +215,7 @@ def least_bending_pairs(
         return []
     j, k = np.array(couples).T
     # Inner products are 1 at the most: no total of them makes up for a couple missing.
-    taken = best_couples(j, k, len(ends) + 2.0 - b[j, k])
+    taken = maximum_weight_matching(j, k, len(ends) + 2.0 - b[j, k])
     return list(zip(j[taken].tolist(), k[taken].tolist(), strict=True))
 
 

@@ -6,12 +6,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from recognition.geometry.graph_matching import best_couples, margins_of
-from recognition.geometry.parabola import end_parabola
+from recognition.geometry.graph_matching import matching_margins, maximum_weight_matching
+from recognition.geometry.parabola import fit_end_parabola
 from recognition.geometry.polyline import arc_length
 from recognition.parameters import ChainParameters
 from recognition.tracing.fragments import Fragment
-from recognition.tracing.height_map import Cover
+from recognition.tracing.height_map import HeightMap
 
 LOOKED_AT = 5.0
 """Length of string, in radii, from which an end's direction and curvature are taken."""
@@ -75,7 +75,7 @@ class Pairing:
     """(3,) each: places where other couples are nearly as good."""
 
 
-def pair_ends(fragments: Sequence[Fragment], cover: Cover, parameters: ChainParameters) -> Pairing:
+def pair_ends(fragments: Sequence[Fragment], cover: HeightMap, parameters: ChainParameters) -> Pairing:
     """The couples of ends that bend least, over all intersections at once.
 
     Eq. (8) sums v_j . v_k over the couples of the four ends at one intersection. Here the sum runs over all couples
@@ -92,8 +92,8 @@ def pair_ends(fragments: Sequence[Fragment], cover: Cover, parameters: ChainPara
     gain = alone[a] + alone[b] - cost
     worth = gain > 0
     a, b, gain = a[worth], b[worth], gain[worth]
-    taken = best_couples(a, b, gain)
-    doubtful = taken[margins_of(taken, a, b, gain) < SAFE_MARGIN]
+    taken = maximum_weight_matching(a, b, gain)
+    doubtful = taken[matching_margins(taken, a, b, gain) < SAFE_MARGIN]
     doubts = list((ends.points[a[doubtful]] + ends.points[b[doubtful]]) / 2)
     return Pairing(ends, list(zip(a[taken].tolist(), b[taken].tolist(), strict=True)), doubts)
 
@@ -119,7 +119,7 @@ def _end_of(
     points: NDArray[np.float64], r: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
     """Place, outward direction and curvature of a line (N, 3) at its first point, from a parabola through it."""
-    terms = end_parabola(points, LOOKED_AT * r, r)
+    terms = fit_end_parabola(points, LOOKED_AT * r, r)
     direction = -terms[1] / max(float(np.linalg.norm(terms[1])), 1e-12)
     curvature = 2 * terms[2] - 2 * (terms[2] @ direction) * direction
     return terms[0], direction, curvature / max(1.0, float(np.linalg.norm(curvature)) * TIGHTEST_BEND * r)
@@ -160,7 +160,7 @@ def _misfit(ends: FragmentEnds, a: NDArray[np.int64], b: NDArray[np.int64], r: f
 
 
 def _gap_cost(
-    ends: FragmentEnds, a: NDArray[np.int64], b: NDArray[np.int64], cover: Cover, r: float
+    ends: FragmentEnds, a: NDArray[np.int64], b: NDArray[np.int64], cover: HeightMap, r: float
 ) -> NDArray[np.float64]:
     """(M,) price of the couples' gaps. Infinite where a gap lies over bare table: nothing can be hidden there."""
     if len(a) == 0:
@@ -178,7 +178,7 @@ def _gap_cost(
     return np.where(bare * gap > BARE * r, np.inf, GAP_COST * gap / r + UNCOVERED_COST * uncovered)
 
 
-def _covered_ahead(ends: FragmentEnds, cover: Cover, r: float) -> NDArray[np.float64]:
+def _covered_ahead(ends: FragmentEnds, cover: HeightMap, r: float) -> NDArray[np.float64]:
     """(N,) share of the way ahead of each end, as far as 2.5 r, that another strand covers."""
     ahead = np.linspace(0.5, 2.5, 5)[None, :, None] * r
     flat = ends.directions * (1, 1, 0)

@@ -9,8 +9,8 @@ from scipy.sparse import csr_array
 from scipy.spatial import KDTree
 
 from recognition.parameters import ChainParameters
-from recognition.tracing.height_map import Cover
-from recognition.tracing.nodes import LineNodes
+from recognition.tracing.height_map import HeightMap
+from recognition.tracing.nodes import CentreLineNodes
 
 SPACING_SHARE = 0.7
 """Nodes nearer than this share of r to a better borne one of the same strand stand for the same place."""
@@ -60,7 +60,7 @@ class Fragment:
         ]
 
 
-def link(nodes: LineNodes, parameters: ChainParameters) -> list[Fragment]:
+def link_nodes(nodes: CentreLineNodes, parameters: ChainParameters) -> list[Fragment]:
     """The strands as far as they can be followed from node to node.
 
     Every node has two sides, one in its direction and one against it, and each side has one link at most: the
@@ -87,7 +87,7 @@ def link(nodes: LineNodes, parameters: ChainParameters) -> list[Fragment]:
     return fragments
 
 
-def cut_over_bare_table(fragments: Sequence[Fragment], cover: Cover, r: float) -> list[Fragment]:
+def split_over_bare_table(fragments: Sequence[Fragment], cover: HeightMap, r: float) -> list[Fragment]:
     """The fragments cut in two where a long link leads over bare table: there, two strings lie in line."""
     parts = []
     for fragment in fragments:
@@ -100,7 +100,7 @@ def cut_over_bare_table(fragments: Sequence[Fragment], cover: Cover, r: float) -
     return parts
 
 
-def _standing(nodes: LineNodes, r: float) -> NDArray[np.int64]:
+def _standing(nodes: CentreLineNodes, r: float) -> NDArray[np.int64]:
     """(N,) the node that stands for each one's place: the best borne, in turn, keeps those beside it out."""
     i, j = _pairs(nodes, 2 * r).T
     offset = nodes.points[j] - nodes.points[i]
@@ -118,7 +118,7 @@ def _standing(nodes: LineNodes, r: float) -> NDArray[np.int64]:
     return standing
 
 
-def _pairs(nodes: LineNodes, reach: float) -> NDArray[np.int64]:
+def _pairs(nodes: CentreLineNodes, reach: float) -> NDArray[np.int64]:
     """(M, 2) the nodes within `reach` of one another."""
     if len(nodes.points) == 0:
         return np.empty((0, 2), dtype=np.int64)
@@ -126,7 +126,7 @@ def _pairs(nodes: LineNodes, reach: float) -> NDArray[np.int64]:
 
 
 def _onward(
-    nodes: LineNodes, pairs: NDArray[np.int64]
+    nodes: CentreLineNodes, pairs: NDArray[np.int64]
 ) -> tuple[NDArray[np.bool_], NDArray[np.float64], NDArray[np.int64]]:
     """For each of the `pairs` (M, 2): whether a link would leave and enter along the nodes' directions; what it
     costs, its length with a price on bending; and (M, 2) the sides it takes."""
@@ -140,7 +140,7 @@ def _onward(
     return possible, length * (1 + bend), np.column_stack([leaving > 0, arriving < 0]).astype(np.int64)
 
 
-def _add_links(neighbours: NDArray[np.int64], nodes: LineNodes, pairs: NDArray[np.int64]) -> None:
+def _add_links(neighbours: NDArray[np.int64], nodes: CentreLineNodes, pairs: NDArray[np.int64]) -> None:
     """Links the `pairs` (M, 2) where it leads onward and both sides are free, the straightest and shortest first.
 
     `neighbours` (N, 2) holds the node linked to each against and along its direction, -1 for none.

@@ -12,7 +12,7 @@ COVERED_SHARE = 0.1
 """Share of the points above a place that must be high for it to be covered: a single one is noise."""
 
 
-class Cover:
+class HeightMap:
     """Looks down on a surface (M, 3)."""
 
     def __init__(self, surface: NDArray[np.float64]) -> None:

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 from scipy.spatial import KDTree
 
-from recognition.geometry.polyline import arc_length, closed_up, even_lengths, points_at
+from recognition.geometry.polyline import arc_length, close_polyline, points_at, resampled_lengths
 from recognition.parameters import ChainParameters
 from recognition.tracing.fragments import Fragment
 
@@ -26,7 +26,7 @@ SMOOTHED = 5
 """Steps of the line over which the shares are taken."""
 
 
-def cut_where_melted(
+def split_merged_strands(
     fragments: Sequence[Fragment], surface: NDArray[np.float64], parameters: ChainParameters
 ) -> list[Fragment]:
     """The fragments without the places at which they run between two strands of the `surface` (M, 3).
@@ -51,8 +51,8 @@ def _aside(fragments: Sequence[Fragment], surface: NDArray[np.float64], r: float
     """For each fragment (N,), at its points, the share of the surface about it that is aside on both sides."""
     if not fragments:
         return []
-    whole = [closed_up(fragment.points, fragment.closed) for fragment in fragments]
-    lengths = [even_lengths(line, LINE_SHARE * r) for line in whole]
+    whole = [close_polyline(fragment.points, fragment.closed) for fragment in fragments]
+    lengths = [resampled_lengths(line, LINE_SHARE * r) for line in whole]
     lines = [points_at(line, s) for line, s in zip(whole, lengths, strict=True)]
     points = np.vstack(lines)
     way = np.vstack([np.gradient(line[:, :2], axis=0) for line in lines])

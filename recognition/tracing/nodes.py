@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from recognition.geometry.neighbours import group_sums, pairs_within
-from recognition.geometry.voxel_grid import voxels
+from recognition.geometry.neighbours import group_sums, neighbour_pairs
+from recognition.geometry.voxel_grid import voxel_indices
 from recognition.parameters import ChainParameters
 
 VOXEL_SHARE = 0.4
@@ -28,7 +28,7 @@ MIN_SUPPORT = 0.05
 
 
 @dataclass(frozen=True, eq=False)
-class LineNodes:
+class CentreLineNodes:
     """Thinned points with the direction of the string through each."""
 
     points: NDArray[np.float64]
@@ -40,11 +40,11 @@ class LineNodes:
     rho: NDArray[np.float64]
     """(N,), contribution rate of the main axis (eq. 6) before thinning."""
 
-    def __getitem__(self, chosen: NDArray[np.bool_] | NDArray[np.int64]) -> "LineNodes":
-        return LineNodes(self.points[chosen], self.directions[chosen], self.support[chosen], self.rho[chosen])
+    def __getitem__(self, chosen: NDArray[np.bool_] | NDArray[np.int64]) -> "CentreLineNodes":
+        return CentreLineNodes(self.points[chosen], self.directions[chosen], self.support[chosen], self.rho[chosen])
 
 
-def line_nodes(single: NDArray[np.float64], parameters: ChainParameters) -> LineNodes:
+def extract_nodes(single: NDArray[np.float64], parameters: ChainParameters) -> CentreLineNodes:
     """Nodes of the centre line under the centre points c_i (`single`, (N, 3), eq. 1).
 
     Thinning (eq. 3) with two additions. The mean is taken over the neighbours that lie along the node's own string:
@@ -55,12 +55,12 @@ def line_nodes(single: NDArray[np.float64], parameters: ChainParameters) -> Line
     The direction is the main axis of the covariance (eq. 5), whose share is the contribution rate (eq. 6).
     """
     r = parameters.r
-    voxel, count = voxels(single, VOXEL_SHARE * r)
+    voxel, count = voxel_indices(single, VOXEL_SHARE * r)
     weights = count.astype(np.float64)
     points = group_sums(voxel, single, len(count)) / weights[:, None]
     directions, rho = _main_axes(points, weights, PCA_SHARE * r)
     linear = rho >= MIN_RHO
-    nodes = LineNodes(points[linear], directions[linear], weights[linear], rho[linear])
+    nodes = CentreLineNodes(points[linear], directions[linear], weights[linear], rho[linear])
     weights = weights[linear]
     for _ in range(PASSES):
         nodes = _drawn_together(nodes, weights, r)
@@ -69,9 +69,9 @@ def line_nodes(single: NDArray[np.float64], parameters: ChainParameters) -> Line
     return nodes[nodes.support >= MIN_SUPPORT * np.median(nodes.support)] if len(nodes.points) else nodes
 
 
-def _drawn_together(nodes: LineNodes, weights: NDArray[np.float64], r: float) -> LineNodes:
+def _drawn_together(nodes: CentreLineNodes, weights: NDArray[np.float64], r: float) -> CentreLineNodes:
     """Each node moved across its string to the mean of those along it; its direction the mean of theirs."""
-    i, j = pairs_within(nodes.points, np.hypot(ALONG_SHARE, 1.0) * r)
+    i, j = neighbour_pairs(nodes.points, np.hypot(ALONG_SHARE, 1.0) * r)
     offset = nodes.points[j] - nodes.points[i]
     along = np.vecdot(offset, nodes.directions[i])
     across = offset - along[:, None] * nodes.directions[i]
@@ -85,12 +85,14 @@ def _drawn_together(nodes: LineNodes, weights: NDArray[np.float64], r: float) ->
     points = nodes.points + group_sums(i, weight[:, None] * across[near], count) / support[:, None]
     directions = group_sums(i, (weight * np.sign(cosine[near]))[:, None] * nodes.directions[j], count)
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
-    return LineNodes(points, directions, support, nodes.rho)
+    return CentreLineNodes(points, directions, support, nodes.rho)
 
 
-def _unified(nodes: LineNodes, weights: NDArray[np.float64], size: float) -> tuple[LineNodes, NDArray[np.float64]]:
+def _unified(
+    nodes: CentreLineNodes, weights: NDArray[np.float64], size: float
+) -> tuple[CentreLineNodes, NDArray[np.float64]]:
     """One node a voxel: at the place and in the direction of its best borne one, with the weight of all."""
-    voxel, count = voxels(nodes.points, size)
+    voxel, count = voxel_indices(nodes.points, size)
     # In order of voxel, the best borne of each last.
     best = np.lexsort((nodes.support, voxel))[np.cumsum(count) - 1]
     return nodes[best], group_sums(voxel, weights, len(count))
@@ -100,7 +102,7 @@ def _main_axes(
     points: NDArray[np.float64], weights: NDArray[np.float64], radius: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """(N, 3) main axis of the weighted neighbours within `radius` of each point, and (N,) its contribution rate."""
-    i, j = pairs_within(points, radius)
+    i, j = neighbour_pairs(points, radius)
     offset = points[j] - points[i]
     total = group_sums(i, weights[j], len(points))[:, None]
     mean = group_sums(i, weights[j, None] * offset, len(points)) / total

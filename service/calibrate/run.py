@@ -11,7 +11,7 @@ from typing import Any, Literal
 from calibration.dataset.folder import HAND_EYE, SETUP
 from calibration.errors import HandEyeError
 from calibration.storage.hand_eye_file import activate
-from calibration.target.board import Board, BoardError, usual_board
+from calibration.target.board import Board, BoardError, default_board
 from cell.calibrating import CalibrationRun, run_calibration
 from cell.calibration_poses import HELD_OUT, POSES
 from cell.cell import Cell
@@ -50,7 +50,7 @@ def calibrate_run(config_file: Path | None, wanted: WantedRun) -> int:
     after a signal, which stops the arm.
     """
     try:
-        board = usual_board(wanted.board)
+        board = default_board(wanted.board)
         settings = load_config(config_file).cell
         folder = wanted.folder or _new_folder(settings)
         require_new_folder(folder)

@@ -6,9 +6,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from calibration.dataset.detect_views import observe
+from calibration.dataset.detect_views import detect_views
 from calibration.dataset.folder import HAND_EYE, read_folder
-from calibration.dataset.observations_file import OBSERVATIONS, load_kept_observations
+from calibration.dataset.observations_file import OBSERVATIONS, load_observations
 from calibration.errors import BoardDetectionError, HandEyeError
 from calibration.hand_eye import solve_hand_eye
 from calibration.observations import Observations
@@ -82,13 +82,13 @@ def _found(folder: Path) -> Seen:
         is_seen = not isinstance(sighting, str)
         say(f"{name}: {f'{len(sighting.ids)} of {possible} corners' if is_seen else sighting}")
 
-    observed = observe(content, told)
+    observed = detect_views(content, told)
     return Seen(observed.observations, observed.held_out, observed.unseen)
 
 
 def _kept(folder: Path) -> Seen:
     """What was seen when the folder was solved before. Raises HandEyeError."""
-    kept = load_kept_observations(folder / OBSERVATIONS)
+    kept = load_observations(folder / OBSERVATIONS)
     try:
         of_result = json.loads((folder / HAND_EYE).read_bytes())["observations_sha256"]
     except (OSError, ValueError, KeyError, TypeError):

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from calibration.storage.hand_eye_file import HandEye
 from calibration.verification.drift import LATEST, RECENT, Drift, ScanError, judge_drift
-from recognition.registration.hand_eye_error import CommonError
+from recognition.registration.hand_eye_error import HandEyeErrorEstimate
 from recognition.registration.pose_prior import PoseSigmas
 from service.calibrations.store import CalibrationStore
 from service.tables import ScanErrorRow
@@ -26,7 +26,7 @@ class DriftWatch:
         self._latest: tuple[str, int, Drift] | None = None
         """The last judgement: of which calibration, after how many scans."""
 
-    def add(self, scan_id: str, calibration_sha256: str, error: CommonError) -> None:
+    def add(self, scan_id: str, calibration_sha256: str, error: HandEyeErrorEstimate) -> None:
         """Keeps what a scan that was made with this calibration tells of it."""
         row = ScanErrorRow(
             scan_id, calibration_sha256, error.likeliest.tolist(), error.information.tolist(), error.vector.tolist()

@@ -13,7 +13,7 @@ from calibration.target.board import (
     SMALLEST_PITCH_M,
     Board,
     BoardKind,
-    usual_board,
+    default_board,
 )
 from cell.board_seen import ACROSS, DOWN
 from service.calibrations.result_schema import CalibrationResult, FindingResource, VerificationResource
@@ -56,7 +56,7 @@ class BoardRequest(Described):
 
     def board(self) -> Board:
         """The usual board, but for what is told. Raises BoardError."""
-        return usual_board(self.model_dump(exclude_none=True))
+        return default_board(self.model_dump(exclude_none=True))
 
 
 class CalibrationRequest(Described):

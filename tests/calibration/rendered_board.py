@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from calibration.geometry.transforms import from_rotation_vector, transform_points
 from calibration.target.board import Board
-from calibration.target.rendering import DOTS, BoardPicture, board_picture
+from calibration.target.rendering import DOTS, BoardImage, render_board
 
 K_1280 = np.array([[763.0, 0.0, 639.5], [0.0, 763.0, 399.5], [0.0, 0.0, 1.0]])
 """A camera of 1280 x 800 pixels."""
@@ -37,8 +37,8 @@ class Light:
 
 
 @lru_cache(maxsize=32)
-def _picture(board: Board, margin_pitches: float, dots: tuple[float, float]) -> BoardPicture:
-    return board_picture(board, TEXTURE, margin_pitches, dots)
+def _picture(board: Board, margin_pitches: float, dots: tuple[float, float]) -> BoardImage:
+    return render_board(board, TEXTURE, margin_pitches, dots)
 
 
 def image_size(K: NDArray[np.float64]) -> tuple[int, int]:

@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 
 from calibration.errors import HandEyeInputError
-from calibration.geometry.se3 import small_motion
+from calibration.geometry.se3 import pose_from_twist
 from calibration.hand_eye import solve_hand_eye, solve_poses
 from calibration.observations import Mounting, Observations
-from calibration.pose_estimation.board_pose import board_poses
-from calibration.pose_estimation.projection import corners_of
-from calibration.solver.noise import Assumed
+from calibration.pose_estimation.board_pose import estimate_board_poses
+from calibration.pose_estimation.projection import stack_corners
+from calibration.solver.noise import NoisePriors
 from tests.calibration.board_views import (
     NOISE_FREE,
     Noise,
@@ -208,12 +208,12 @@ def test_poses_alone_of_a_mounting_that_is_none() -> None:
 @pytest.mark.parametrize("value", [0.0, -0.001, float("nan"), float("inf")])
 def test_what_is_assumed_must_be_standard_deviations(name: str, value: float) -> None:
     with pytest.raises(ValueError, match=f"{name} is .*small one"):
-        replace(Assumed(), **{name: value})
+        replace(NoisePriors(), **{name: value})
 
 
 def test_what_is_known_exactly_is_assumed_nearly_so() -> None:
     recorded = record(1, 12, plan=realistic_plan)
-    result = solve_hand_eye(recorded.observations, Assumed(focal=1e-9, centre=1e-9, scale=1e-9))
+    result = solve_hand_eye(recorded.observations, NoisePriors(focal=1e-9, centre=1e-9, scale=1e-9))
     assert result.verdict == "accept"
     assert result.board_scale == pytest.approx(1.0, abs=1e-6)
 
@@ -242,8 +242,8 @@ def test_poses_alone(mounting: Mounting) -> None:
     for seed in range(10):
         recorded = record(seed, 20, mounting=mounting)
         poses = recorded.T_base_flange
-        poses[3] = poses[3] @ small_motion(np.array([0.0, 0.02, 0.0, 0.0, 0.0, 0.01]))
-        alone = board_poses(corners_of(recorded.observations)).T_camera_board
+        poses[3] = poses[3] @ pose_from_twist(np.array([0.0, 0.02, 0.0, 0.0, 0.0, 0.01]))
+        alone = estimate_board_poses(stack_corners(recorded.observations)).T_camera_board
         result = solve_poses(poses, alone, mounting, names=tuple("abcdefghijklmnopqrst"))
         assert [view.name for view in result.views if not view.used] == ["d"]
         assert result.verdict == "accept"

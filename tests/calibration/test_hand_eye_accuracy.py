@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 
 from calibration.geometry.transforms import inverse
 from calibration.hand_eye import solve_hand_eye
-from calibration.pose_estimation.board_pose import board_poses
-from calibration.pose_estimation.projection import corners_of
+from calibration.pose_estimation.board_pose import estimate_board_poses
+from calibration.pose_estimation.projection import stack_corners
 from calibration.result import HandEyeResult
-from calibration.solver.noise import Assumed
+from calibration.solver.noise import NoisePriors
 from tests.calibration.board_views import (
     Noise,
     Recorded,
@@ -28,7 +28,7 @@ from tests.calibration.board_views import (
 
 MORE_SEEDS = pytest.mark.parametrize("count", [40, pytest.param(200, marks=pytest.mark.soak)])
 SEEDS = pytest.mark.parametrize("count", [16, pytest.param(200, marks=pytest.mark.soak)])
-AS_TOLD = Assumed(focal=1e-5, centre=1e-5, scale=1e-5)
+AS_TOLD = NoisePriors(focal=1e-5, centre=1e-5, scale=1e-5)
 """A camera and a board that are as told, which closed forms take for granted."""
 COVERED = 12.592
 """Squared error in standard deviations of six numbers that 95 of 100 stay below."""
@@ -65,7 +65,7 @@ def figures(recorded: list[Recorded], results: list[HandEyeResult]) -> Figures:
 
 
 def solved(
-    count: int, make: Callable[[int], Recorded], assumed: Assumed | None = None
+    count: int, make: Callable[[int], Recorded], assumed: NoisePriors | None = None
 ) -> tuple[list[Recorded], list[HandEyeResult]]:
     recorded = [make(seed) for seed in range(count)]
     return recorded, [solve_hand_eye(each.observations, assumed) for each in recorded]
@@ -80,7 +80,7 @@ def by_park(recorded: Recorded) -> NDArray[np.float64]:
     """X (4, 4) by OpenCV."""
     import cv2
 
-    A, B = recorded.T_base_flange, board_poses(corners_of(recorded.observations)).T_camera_board
+    A, B = recorded.T_base_flange, estimate_board_poses(stack_corners(recorded.observations)).T_camera_board
     R, t = cv2.calibrateHandEye(
         list(A[:, :3, :3]),
         list(A[:, :3, 3]),
@@ -119,14 +119,14 @@ def test_a_camera_and_a_board_not_known_exactly_cost_some_of_it(count: int) -> N
 
 @SEEDS
 @pytest.mark.parametrize(
-    "assumed", [Assumed(), pytest.param(AS_TOLD, marks=pytest.mark.soak)], ids=["as usual", "as told"]
+    "assumed", [NoisePriors(), pytest.param(AS_TOLD, marks=pytest.mark.soak)], ids=["as usual", "as told"]
 )
 @pytest.mark.parametrize(
     "noise",
     [Noise(robot_m=3e-4, robot_rad=float(np.radians(0.06))), Noise(pixel_px=0.5)],
     ids=["robot", "pixels"],
 )
-def test_more_noise_than_assumed_is_owned_up_to(count: int, noise: Noise, assumed: Assumed) -> None:
+def test_more_noise_than_assumed_is_owned_up_to(count: int, noise: Noise, assumed: NoisePriors) -> None:
     found = figures(*solved(count, some(noise), assumed))
     # The mean of 16 scatters by 0.9 about 6, and one cell in 16 is 0.06.
     few = count < 200

@@ -12,7 +12,7 @@ from kinhec.generator import GenerationError, generate_sequence
 from kinhec.io import Sequence
 from kinhec.plans import build_plan, load_tier
 
-from calibration.geometry.se3 import inverses
+from calibration.geometry.se3 import invert_poses
 from calibration.hand_eye import solve_poses
 
 OURS = "pointchain"
@@ -21,7 +21,7 @@ OURS = "pointchain"
 def ours(data, rng):
     """As the benchmark calls a solver: (T_base_flange, T_board_camera, ...)."""
     T_base_flange, T_board_camera, _, _ = data
-    result = solve_poses(T_base_flange, inverses(T_board_camera))
+    result = solve_poses(T_base_flange, invert_poses(T_board_camera))
     return {"X": result.X, "Y": result.Y}
 
 

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from calibration.dataset.detect_views import observe
+from calibration.dataset.detect_views import detect_views
 from calibration.dataset.folder import HAND_EYE, read_folder
 from calibration.dataset.setup import Setup
 from calibration.errors import CalibrationFolderError
@@ -157,7 +157,7 @@ def test_what_is_in_the_folder_gives_the_same_again(cell: Cell, done: tuple[Cali
     assert setup.image_size == (640, 400)
     np.testing.assert_allclose(setup.K, simulated_world(cell.settings).camera.K)
     assert [view.name for view in content.views if view.held_out] == [view.name for view in run.verification.views]
-    observed = observe(content)
+    observed = detect_views(content)
     np.testing.assert_allclose(solve_hand_eye(observed.observations).X, run.result.X, atol=1e-9)
     document = json.loads((folder / HAND_EYE).read_text())
     assert (document["verdict"], document["verification"]["passed"]) == ("accept", True)
@@ -318,7 +318,7 @@ def test_what_was_taken_until_a_stop_is_on_the_disk(cell: Cell, tmp_path: Path) 
     with pytest.raises(StoppedError):
         run_calibration(cell, cell.prepare_calibration(BOARD), tmp_path / "run", BOARD, told)
     assert cell.status.slug == "stopped"
-    observed = observe(read_folder(tmp_path / "run"))
+    observed = detect_views(read_folder(tmp_path / "run"))
     assert len(observed.observations.views) + len(observed.held_out.views) == 3
     cell.connect()
     assert cell.status.state == "ready"

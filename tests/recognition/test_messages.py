@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from recognition.messages import in_mm
+from recognition.messages import format_position
 
 
 def test_places_are_whole_millimetres_without_a_negative_zero() -> None:
-    assert in_mm(np.array([0.0123, -0.0401, -0.0002])) == "(12, -40, 0) mm"
+    assert format_position(np.array([0.0123, -0.0401, -0.0002])) == "(12, -40, 0) mm"

@@ -22,8 +22,8 @@ from recognition.model.model import METHODS, Method
 from recognition.parameters import ChainParameters
 from recognition.pipeline import Recognition, recognise, stages_of
 from recognition.preprocessing.target_cloud import Scene
-from recognition.tracing.fragments import Fragment, link
-from recognition.tracing.nodes import LineNodes
+from recognition.tracing.fragments import Fragment, link_nodes
+from recognition.tracing.nodes import CentreLineNodes
 
 
 @pytest.fixture(scope="module")
@@ -305,14 +305,14 @@ def test_an_end_behind_which_string_was_lost_is_unseen_and_that_is_told(
 ) -> None:
     first = np.array(scan.truth["curves"][0][0])
 
-    def without_its_first_40_mm(nodes: LineNodes, parameters: ChainParameters) -> list[Fragment]:
+    def without_its_first_40_mm(nodes: CentreLineNodes, parameters: ChainParameters) -> list[Fragment]:
         fragments = []
-        for fragment in link(nodes, parameters):
+        for fragment in link_nodes(nodes, parameters):
             kept = np.linalg.norm(fragment.points - first, axis=1) > 0.04
             fragments += fragment.pieces(kept, np.zeros(len(kept), dtype=bool))
         return fragments
 
-    monkeypatch.setattr("recognition.tracing.trace.link", without_its_first_40_mm)
+    monkeypatch.setattr("recognition.tracing.trace.link_nodes", without_its_first_40_mm)
     model = recognise(scan.views, table_1, scene).model
     (chain,) = model.chains
     assert chain.length_m < 0.39

@@ -10,7 +10,7 @@ from cell.simulation.clutter import Box
 from cell.simulation.scenes import StringScene, make_scene
 from cell.simulation.simulate import SimulatedScan, simulate
 from recognition.preprocessing.target_cloud import Scene
-from recognition.radius_estimation import PAPER_R, measured_parameters
+from recognition.radius_estimation import PAPER_R, estimate_parameters
 from recognition.rough_radius import RadiusUnknownError
 
 WITHIN = 0.05
@@ -33,7 +33,7 @@ def strings(*lengths_and_radii: tuple[float, float], boxes: tuple[Box, ...] = ()
 
 def measured(scene: StringScene) -> float:
     scan = scan_of(scene)
-    return measured_parameters(scan.views, Scene(0.0, scan.header.workspace_m)).r
+    return estimate_parameters(scan.views, Scene(0.0, scan.header.workspace_m)).r
 
 
 @pytest.mark.parametrize(("name", "r"), [("loop", 0.0025), ("arc", 0.007)])

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from recognition.rough_radius import HIGHEST_M, RadiusUnknownError, rough_radius
+from recognition.rough_radius import HIGHEST_M, RadiusUnknownError, estimate_rough_radius
 
 TABLE_Z = 0.3
 """Not 0, so that heights above the table and heights are told apart."""
@@ -60,7 +60,7 @@ def off_the_middle(r: float) -> float:
 @pytest.mark.parametrize("degrees", [0, 37, 90])
 @pytest.mark.parametrize("r", [0.002, 0.0042, 0.01, 0.019])
 def test_half_the_height_of_a_string_is_its_radius(r: float, degrees: float) -> None:
-    found = rough_radius([string(r, degrees=degrees)], TABLE_Z)
+    found = estimate_rough_radius([string(r, degrees=degrees)], TABLE_Z)
     # Never more than the highest there is, to rounding.
     assert r - off_the_middle(r) <= found <= r + 1e-12
 
@@ -68,7 +68,7 @@ def test_half_the_height_of_a_string_is_its_radius(r: float, degrees: float) -> 
 @pytest.mark.parametrize("noise", [0.0003, 0.0006])
 @pytest.mark.parametrize("r", [0.002, 0.0042, 0.01])
 def test_noise_is_halved(r: float, noise: float) -> None:
-    found = rough_radius([string(r, noise, seed) for seed in range(3)], TABLE_Z)
+    found = estimate_rough_radius([string(r, noise, seed) for seed in range(3)], TABLE_Z)
     # A cell's third highest of six points is off by less than a sigma, the radius by half of that.
     assert found == pytest.approx(r, abs=off_the_middle(r) + noise / 2)
 
@@ -76,13 +76,13 @@ def test_noise_is_halved(r: float, noise: float) -> None:
 def test_views_that_see_a_side_each_are_taken_together() -> None:
     whole = string(0.0042)
     left = whole[:, 1] > 0
-    assert rough_radius([whole[left], whole[~left]], TABLE_Z) == rough_radius([whole], TABLE_Z)
+    assert estimate_rough_radius([whole[left], whole[~left]], TABLE_Z) == estimate_rough_radius([whole], TABLE_Z)
 
 
 @pytest.mark.parametrize("noise", [0.0007, 0.001, 0.0015])
 def test_the_tables_noise_is_no_string(noise: float) -> None:
     r = 0.0042
-    found = rough_radius([string(r, 0.0003), table(noise)], TABLE_Z)
+    found = estimate_rough_radius([string(r, 0.0003), table(noise)], TABLE_Z)
     assert found == pytest.approx(r, abs=off_the_middle(r) + 0.0003)
 
 
@@ -92,7 +92,7 @@ def test_the_tables_noise_is_no_string(noise: float) -> None:
 )
 def test_a_thing_beside_changes_nothing(length: float, width: float, height: float, degrees: float) -> None:
     r = 0.0042
-    found = rough_radius([string(r), block(length, width, height, degrees)], TABLE_Z)
+    found = estimate_rough_radius([string(r), block(length, width, height, degrees)], TABLE_Z)
     # Few places of a thing are as wide as they are high: the median moves among the string's own heights.
     assert r - off_the_middle(r) <= found <= r * 1.01
 
@@ -100,13 +100,13 @@ def test_a_thing_beside_changes_nothing(length: float, width: float, height: flo
 def test_a_crossing_does_not_double_it() -> None:
     r = 0.0042
     over = string(r, degrees=90, z=2 * r, length=0.06)
-    found = rough_radius([string(r), over], TABLE_Z)
+    found = estimate_rough_radius([string(r), over], TABLE_Z)
     assert r - off_the_middle(r) <= found <= r * 1.01
 
 
 def refusal(*clouds: Points) -> str:
     with pytest.raises(RadiusUnknownError) as refused:
-        rough_radius(clouds, TABLE_Z)
+        estimate_rough_radius(clouds, TABLE_Z)
     assert "give the radius" in str(refused.value)
     return str(refused.value)
 

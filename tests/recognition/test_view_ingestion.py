@@ -15,8 +15,8 @@ from recognition.errors import TooCrowdedError
 from recognition.parameters import ChainParameters
 from recognition.preprocessing.normals import NormalCloud
 from recognition.preprocessing.target_cloud import Scene
-from recognition.registration.correspondences import Overlap
-from recognition.view_ingestion import DuplicateViewError, receive
+from recognition.registration.correspondences import Correspondences
+from recognition.view_ingestion import DuplicateViewError, ingest_views
 
 
 @pytest.fixture(scope="module")
@@ -30,7 +30,7 @@ def scene(scan: SimulatedScan) -> Scene:
 
 
 def test_each_view_is_paired_with_those_before_it(scan: SimulatedScan, scene: Scene, table_1: ChainParameters) -> None:
-    arrivals = receive(iter(scan.views), table_1, scene)
+    arrivals = ingest_views(iter(scan.views), table_1, scene)
     assert [target.view for target in arrivals.targets] == [cloud.view for cloud in arrivals.clouds] == [0, 1, 2]
     assert [(pair.first, pair.second) for pair in arrivals.pairs] == [(1, 0), (2, 0), (2, 1)]
     assert (arrivals.left_out, arrivals.empty_because) == ((), None)
@@ -49,20 +49,22 @@ def test_a_view_is_looked_at_before_the_next_is_asked_for(
             told.append(f"view {view.index} taken")
             yield view
 
-    work = view_ingestion.overlaps
+    work = view_ingestion.find_correspondences
 
-    def watched(cloud: NormalCloud, others: Sequence[NormalCloud], parameters: ChainParameters) -> list[Overlap]:
+    def watched(
+        cloud: NormalCloud, others: Sequence[NormalCloud], parameters: ChainParameters
+    ) -> list[Correspondences]:
         told.append(f"view {cloud.view} paired with {len(others)}")
         return work(cloud, others, parameters)
 
-    monkeypatch.setattr(view_ingestion, "overlaps", watched)
-    receive(arriving(), table_1, scene)
+    monkeypatch.setattr(view_ingestion, "find_correspondences", watched)
+    ingest_views(arriving(), table_1, scene)
     assert told == [line for k in range(3) for line in (f"view {k} taken", f"view {k} paired with {k}")]
 
 
 def test_views_must_be_told_apart(scan: SimulatedScan, scene: Scene, table_1: ChainParameters) -> None:
     with pytest.raises(DuplicateViewError, match="two views have the index 1") as caught:
-        receive([*scan.views, replace(scan.views[2], index=1)], table_1, scene)
+        ingest_views([*scan.views, replace(scan.views[2], index=1)], table_1, scene)
     assert caught.value.slug == "duplicate-view"
 
 
@@ -79,11 +81,11 @@ def test_one_crowded_view_is_left_out_and_most_are_refused(
     scan: SimulatedScan, scene: Scene, table_1: ChainParameters
 ) -> None:
     first, second, third = scan.views
-    arrivals = receive([first, crowded(second), third], table_1, scene)
+    arrivals = ingest_views([first, crowded(second), third], table_1, scene)
     assert [cloud.view for cloud in arrivals.clouds] == [0, 2]
     (quality,) = arrivals.left_out
     assert (quality.index, quality.used) == (1, False)
     assert quality.reason is not None
     assert "points above the table, more than 100000" in quality.reason
     with pytest.raises(TooCrowdedError):
-        receive([first, crowded(second), crowded(third)], table_1, scene)
+        ingest_views([first, crowded(second), crowded(third)], table_1, scene)

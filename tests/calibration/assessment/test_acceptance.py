@@ -5,7 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calibration.assessment.acceptance import UNVERIFIED_SCALE_SIGMA, covariance_to_report, eight_views_to_report, gate
+from calibration.assessment.acceptance import (
+    UNVERIFIED_SCALE_SIGMA,
+    acceptance_findings,
+    reported_covariance,
+    reported_repeatability,
+)
 from calibration.assessment.evidence import Evidence
 from calibration.geometry.transforms import from_rotation_vector
 from tests.calibration.board_views import realistic_plan, record
@@ -35,7 +40,7 @@ GOOD = Evidence(
 
 
 def codes(evidence: Evidence) -> list[str]:
-    return [finding.code for finding in gate(evidence)]
+    return [finding.code for finding in acceptance_findings(evidence)]
 
 
 def with_sigmas(sigma_m: float, sigma_rad: float) -> Evidence:
@@ -60,11 +65,11 @@ def using(count: int) -> Evidence:
 
 
 def test_a_good_calibration_passes():
-    assert gate(GOOD) == ()
+    assert acceptance_findings(GOOD) == ()
 
 
 def test_a_solution_that_still_moved_is_refused():
-    finding = gate(replace(GOOD, settled=False))[0]
+    finding = acceptance_findings(replace(GOOD, settled=False))[0]
     assert finding.code == "not-settled"
     assert finding.refuses
 
@@ -91,7 +96,7 @@ def test_a_solution_that_still_moved_is_refused():
     ],
 )
 def test_beyond_a_limit(evidence, code, measured, limit):
-    findings = {finding.code: finding for finding in gate(evidence)}
+    findings = {finding.code: finding for finding in acceptance_findings(evidence)}
     assert findings[code].refuses
     assert measured in findings[code].words
     said, to_do = findings[code].words.split(":", maxsplit=1)
@@ -118,7 +123,7 @@ def test_beyond_a_limit(evidence, code, measured, limit):
     ],
 )
 def test_within_a_limit(evidence):
-    assert gate(evidence) == ()
+    assert acceptance_findings(evidence) == ()
 
 
 def test_only_one_thing_is_said_of_one_fault():
@@ -128,7 +133,7 @@ def test_only_one_thing_is_said_of_one_fault():
 
 def test_less_than_seven_tenths_of_the_views():
     # Two of three agree, and nothing is wrong with the rest that could be named.
-    (finding,) = gate(using(8))
+    (finding,) = acceptance_findings(using(8))
     assert finding.code == "inconsistent"
     assert "8 of 12" in finding.words
     assert "9 are needed" in finding.words
@@ -138,11 +143,11 @@ def test_views_without_a_board_pose_agree_and_disagree_with_nothing():
     # Four of twelve showed too little of the board: the other eight all agree.
     B = RECORDED.T_camera_board.copy()
     B[8:] = np.nan
-    assert gate(replace(using(8), T_camera_board=B)) == ()
+    assert acceptance_findings(replace(using(8), T_camera_board=B)) == ()
     # Of ten with a pose, six agree.
     B = RECORDED.T_camera_board.copy()
     B[10:] = np.nan
-    found = {finding.code: finding.words for finding in gate(replace(using(6), T_camera_board=B))}
+    found = {finding.code: finding.words for finding in acceptance_findings(replace(using(6), T_camera_board=B))}
     assert "6 of 10" in found["inconsistent"]
     assert "7 are needed" in found["inconsistent"]
 
@@ -150,7 +155,7 @@ def test_views_without_a_board_pose_agree_and_disagree_with_nothing():
 def test_the_cause_takes_the_place_of_the_doubt():
     B = RECORDED.T_camera_board.copy()
     B[6:] = B[6:] @ from_rotation_vector([0.01, 0.0, 0.0], [0.0, 0.0, 0.0])
-    findings = gate(replace(using(6), T_camera_board=B))
+    findings = acceptance_findings(replace(using(6), T_camera_board=B))
     assert [finding.code for finding in findings] == ["board-moved", "too-few-views"]
     assert "from view 07 on" in findings[0].words
 
@@ -159,13 +164,13 @@ def test_a_few_bad_views_among_good_ones_are_no_cause():
     B = RECORDED.T_camera_board.copy()
     bad = [2, 5, 9]
     B[bad] = B[bad] @ from_rotation_vector([0.03, 0.01, 0.0], [0.0, 0.1, 0.0])
-    assert gate(replace(GOOD, T_camera_board=B, used=~np.isin(np.arange(12), bad))) == ()
+    assert acceptance_findings(replace(GOOD, T_camera_board=B, used=~np.isin(np.arange(12), bad))) == ()
 
 
 def test_three_left_out_at_one_end_may_be_the_right_ones():
     A = RECORDED.T_base_flange.copy()
     A[3:] = A[3:] @ from_rotation_vector([0.0, 0.0, 0.12], [0.0, 0.0, 0.3])
-    (finding,) = gate(replace(GOOD, T_base_flange=A, used=np.arange(12) >= 3))
+    (finding,) = acceptance_findings(replace(GOOD, T_base_flange=A, used=np.arange(12) >= 3))
     assert finding.code == "tcp-changed"
     assert "from view 04 on" in finding.words
 
@@ -174,7 +179,7 @@ def test_views_without_a_pose_are_left_out_of_the_search_for_a_cause():
     B = RECORDED.T_camera_board.copy()
     B[6:] = B[6:] @ from_rotation_vector([0.01, 0.0, 0.0], [0.0, 0.0, 0.0])
     B[1] = np.nan
-    findings = gate(replace(using(6), T_camera_board=B))
+    findings = acceptance_findings(replace(using(6), T_camera_board=B))
     assert findings[0].code == "board-moved"
     assert "from view 07 on" in findings[0].words
 
@@ -191,11 +196,11 @@ def test_the_views_that_agree_must_turn_too():
 
 def test_an_unverified_board_size_is_a_warning_and_grows_the_covariance_along_the_view():
     evidence = replace(GOOD, board_scale_sigma=0.0019)
-    (finding,) = gate(evidence)
+    (finding,) = acceptance_findings(evidence)
     assert finding.code == "board-scale-unverified"
     assert not finding.refuses
     assert "0.19 %" in finding.words
-    grown = covariance_to_report(evidence) - evidence.covariance
+    grown = reported_covariance(evidence) - evidence.covariance
     # All places shift along the view by the share of the distance that is not in the covariance yet.
     expected = np.zeros((6, 6))
     expected[5, 5] = (UNVERIFIED_SCALE_SIGMA**2 - 0.0019**2) * 0.4**2
@@ -205,23 +210,23 @@ def test_an_unverified_board_size_is_a_warning_and_grows_the_covariance_along_th
 def test_what_is_predicted_of_a_scan_allows_for_an_unverified_board_size():
     # Views from all round see a place that is off by 2 mm along the view apart by nearly as much.
     open_size = replace(GOOD, board_scale_sigma=0.0019)
-    assert eight_views_to_report(open_size) > eight_views_to_report(GOOD) + 0.001
+    assert reported_repeatability(open_size) > reported_repeatability(GOOD) + 0.001
 
 
 def test_an_unverified_board_size_alone_refuses_nothing():
     open_size = replace(GOOD, board_scale_sigma=0.002)
-    assert np.sqrt(np.trace(covariance_to_report(open_size)[3:, 3:])) > 1e-3
-    assert not any(finding.refuses for finding in gate(open_size))
+    assert np.sqrt(np.trace(reported_covariance(open_size)[3:, 3:])) > 1e-3
+    assert not any(finding.refuses for finding in acceptance_findings(open_size))
 
 
 def test_a_verified_board_size_leaves_the_covariance():
-    np.testing.assert_array_equal(covariance_to_report(GOOD), GOOD.covariance)
+    np.testing.assert_array_equal(reported_covariance(GOOD), GOOD.covariance)
 
 
 def test_poses_alone_are_not_judged_by_what_they_cannot_tell():
     poses = replace(GOOD, pixel_sigma_px=None, K_told=None, K=None, board_scale=None, board_scale_sigma=None)
-    assert gate(poses) == ()
-    np.testing.assert_array_equal(covariance_to_report(poses), poses.covariance)
+    assert acceptance_findings(poses) == ()
+    np.testing.assert_array_equal(reported_covariance(poses), poses.covariance)
 
 
 @pytest.mark.parametrize(
@@ -237,4 +242,4 @@ def test_poses_alone_are_not_judged_by_what_they_cannot_tell():
     ],
 )
 def test_what_is_no_number_is_refused(evidence):
-    assert any(finding.refuses for finding in gate(evidence))
+    assert any(finding.refuses for finding in acceptance_findings(evidence))

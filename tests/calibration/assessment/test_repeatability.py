@@ -3,25 +3,25 @@
 import numpy as np
 import pytest
 
-from calibration.assessment.repeatability import VIEWS, eight_views_bound
-from calibration.geometry.se3 import inverses, small_motion
+from calibration.assessment.repeatability import VIEWS, repeatability_bound
+from calibration.geometry.se3 import invert_poses, pose_from_twist
 from tests.calibration.board_views import look_at
 
 
 def test_no_error_no_disagreement() -> None:
-    assert eight_views_bound(np.zeros((6, 6)), 0.0, 0.0, 0.4, np.array([0, 0, 0.5])) == 0.0
+    assert repeatability_bound(np.zeros((6, 6)), 0.0, 0.0, 0.4, np.array([0, 0, 0.5])) == 0.0
 
 
 def test_it_grows_with_the_errors() -> None:
     covariance = np.diag([1e-8, 1e-8, 1e-8, 1e-8, 1e-8, 1e-8])
     lever = np.array([0.0, 0.0, 0.5])
-    single = eight_views_bound(covariance, 1e-4, 1e-4, 0.4, lever)
-    assert eight_views_bound(4 * covariance, 2e-4, 2e-4, 0.4, lever) == pytest.approx(2 * single)
+    single = repeatability_bound(covariance, 1e-4, 1e-4, 0.4, lever)
+    assert repeatability_bound(4 * covariance, 2e-4, 2e-4, 0.4, lever) == pytest.approx(2 * single)
 
 
 def test_it_bounds_19_of_20_scans() -> None:
     rng = np.random.default_rng(1)
-    X = small_motion(np.array([0.1, -0.2, 0.5, 0.03, -0.05, 0.06]))
+    X = pose_from_twist(np.array([0.1, -0.2, 0.5, 0.03, -0.05, 0.06]))
     root = rng.normal(size=(6, 6)) * np.array([3e-4] * 3 + [1e-4] * 3)[:, None]
     covariance, robot = root @ root.T, np.array([3e-4] * 3 + [1e-4] * 3)
     distance = 0.42
@@ -37,11 +37,11 @@ def test_it_bounds_19_of_20_scans() -> None:
     point = np.array([0.0, 0.0, distance, 1.0])
     worst = []
     for _ in range(1500):
-        X_found = X @ small_motion(root @ rng.normal(size=6))
-        flange = cameras @ inverses(X) @ inverses(small_motion(rng.normal(size=(VIEWS, 6)) * robot))
+        X_found = X @ pose_from_twist(root @ rng.normal(size=6))
+        flange = cameras @ invert_poses(X) @ invert_poses(pose_from_twist(rng.normal(size=(VIEWS, 6)) * robot))
         seen = (flange @ X_found @ point)[:, :3]
         worst.append(np.linalg.norm(seen[:, None] - seen, axis=2).max())
     lever = np.array([0, 0, distance]) + X[:3, :3].T @ X[:3, 3]
-    bound = eight_views_bound(covariance, robot[0], robot[3], distance, lever)
+    bound = repeatability_bound(covariance, robot[0], robot[3], distance, lever)
     # 1500 scans tell a share of 0.95 to 0.006, and the prediction is drawn too.
     assert np.mean(np.array(worst) < bound) == pytest.approx(0.95, abs=0.02)

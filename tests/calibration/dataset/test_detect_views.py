@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 import pytest
 
-from calibration.dataset.detect_views import observe, read_image
+from calibration.dataset.detect_views import detect_views, read_image
 from calibration.dataset.folder import read_folder
 from calibration.errors import BoardMirroredError, BoardNotSeenError, CalibrationFolderError
 from calibration.target.board import Board
@@ -27,7 +27,7 @@ def test_the_corners_of_all_images_are_found_where_they_are(tmp_path: Path) -> N
         assert not isinstance(sighting, str), sighting
         told.append((name, len(sighting.ids)))
 
-    seen = observe(read_folder(rendered_folder(tmp_path, views=3, held_out=1)), tell)
+    seen = detect_views(read_folder(rendered_folder(tmp_path, views=3, held_out=1)), tell)
     assert [view.name for view in seen.observations.views] == ["01", "02", "03"]
     assert [view.name for view in seen.held_out.views] == ["04"]
     assert (seen.observations.camera_id, seen.observations.board, seen.unseen) == ("19443010", Board(), ())
@@ -118,7 +118,7 @@ def spoilt(content: bytes) -> Callable[[Path], object]:
 def test_one_bad_image_is_named_and_left_out(tmp_path: Path, spoil: Callable[[Path], object]) -> None:
     folder = rendered_folder(tmp_path, views=3, held_out=0)
     spoil(folder / "02.png")
-    seen = observe(read_folder(folder))
+    seen = detect_views(read_folder(folder))
     assert [view.name for view in seen.observations.views] == ["01", "03"]
     ((name, reason),) = seen.unseen
     assert name == "02"
@@ -127,17 +127,17 @@ def test_one_bad_image_is_named_and_left_out(tmp_path: Path, spoil: Callable[[Pa
 
 def test_where_no_image_shows_the_board_its_reason_is_told(tmp_path: Path) -> None:
     with pytest.raises(BoardMirroredError, match="no image shows the board; 01: "):
-        observe(read_folder(rendered_folder(tmp_path / "mirrored", views=2, held_out=0, mirrored=True)))
+        detect_views(read_folder(rendered_folder(tmp_path / "mirrored", views=2, held_out=0, mirrored=True)))
     other = rendered_folder(tmp_path / "other", views=2, held_out=0)
     setup = (other / "setup.json").read_text()
     (other / "setup.json").write_text(setup.replace("DICT_4X4_50", "DICT_5X5_50"))
     with pytest.raises(BoardNotSeenError, match="no image shows the board; 01: "):
-        observe(read_folder(other))
+        detect_views(read_folder(other))
 
 
 def test_dots_without_a_first_are_numbered_alike(tmp_path: Path) -> None:
     board = Board(kind="circles", columns=7, rows=7, pitch_m=0.02)
-    seen = observe(read_folder(rendered_folder(tmp_path, board, views=5, held_out=1)))
+    seen = detect_views(read_folder(rendered_folder(tmp_path, board, views=5, held_out=1)))
     views = (*seen.observations.views, *seen.held_out.views)
     assert len(views) == 6
     # Which of the four corners is the first is left to chance, but in all views it is the same.

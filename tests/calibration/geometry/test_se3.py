@@ -6,13 +6,13 @@ import pytest
 from calibration.geometry.se3 import (
     adjoint,
     cross_matrix,
-    inverses,
+    invert_poses,
     mean_pose,
-    motion_vector,
     nearest_rotation,
+    pose_from_twist,
     right_jacobian,
     rotation_angles,
-    small_motion,
+    twist_from_pose,
 )
 from calibration.geometry.transforms import rotation_angle
 
@@ -20,15 +20,15 @@ from calibration.geometry.transforms import rotation_angle
 @pytest.fixture
 def poses() -> np.ndarray:
     """(5, 4, 4) turned by up to about two radians."""
-    return small_motion(np.random.default_rng(0).normal(0, 0.8, (5, 6)))
+    return pose_from_twist(np.random.default_rng(0).normal(0, 0.8, (5, 6)))
 
 
 def test_inverses_undo(poses: np.ndarray) -> None:
-    np.testing.assert_allclose(inverses(poses) @ poses, np.broadcast_to(np.eye(4), poses.shape), atol=1e-14)
+    np.testing.assert_allclose(invert_poses(poses) @ poses, np.broadcast_to(np.eye(4), poses.shape), atol=1e-14)
 
 
 def test_motion_vectors_and_motions_undo_one_another(poses: np.ndarray) -> None:
-    np.testing.assert_allclose(small_motion(motion_vector(poses)), poses, atol=1e-14)
+    np.testing.assert_allclose(pose_from_twist(twist_from_pose(poses)), poses, atol=1e-14)
 
 
 def test_cross_matrix_is_the_cross_product() -> None:
@@ -40,26 +40,28 @@ def test_adjoint_carries_small_motions_to_the_other_side(poses: np.ndarray) -> N
     v = 1e-7 * np.random.default_rng(2).normal(size=(5, 6))
     carried = (adjoint(poses) @ v[..., None])[..., 0]
     # Second order of 1e-7.
-    np.testing.assert_allclose(poses @ small_motion(v), small_motion(carried) @ poses, atol=1e-12)
+    np.testing.assert_allclose(poses @ pose_from_twist(v), pose_from_twist(carried) @ poses, atol=1e-12)
 
 
 def test_right_jacobian_splits_a_motion() -> None:
     rng = np.random.default_rng(3)
     v, d = rng.normal(0, 0.02, (5, 6)), 1e-6 * rng.normal(size=(5, 6))
-    split = small_motion(v) @ small_motion((right_jacobian(v) @ d[..., None])[..., 0])
+    split = pose_from_twist(v) @ pose_from_twist((right_jacobian(v) @ d[..., None])[..., 0])
     # The series ends after the second power of 0.02, the changes after the first of 1e-6.
-    np.testing.assert_allclose(small_motion(v + d), split, atol=1e-11)
+    np.testing.assert_allclose(pose_from_twist(v + d), split, atol=1e-11)
 
 
 def test_rotation_angles_are_those_of_single_poses(poses: np.ndarray) -> None:
-    tiny = small_motion(np.array([[1e-9, 0, 0, 0, 0, 0]]))
+    tiny = pose_from_twist(np.array([[1e-9, 0, 0, 0, 0, 0]]))
     angles = rotation_angles(np.concatenate([poses, tiny])[:, :3, :3])
     np.testing.assert_allclose(angles, [rotation_angle(T) for T in (*poses, tiny[0])], rtol=1e-7)
 
 
 def test_mean_pose_is_in_the_middle() -> None:
     v = np.array([[0.3, 0, 0, 1.0, 2, 3], [-0.3, 0, 0, 3.0, 2, 1]])
-    np.testing.assert_allclose(mean_pose(small_motion(v)), small_motion(np.array([0, 0, 0, 2.0, 2, 2])), atol=1e-14)
+    np.testing.assert_allclose(
+        mean_pose(pose_from_twist(v)), pose_from_twist(np.array([0, 0, 0, 2.0, 2, 2])), atol=1e-14
+    )
 
 
 def test_nearest_rotation_of_a_mirror_is_a_rotation() -> None:

@@ -8,9 +8,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from calibration.errors import HandEyeInputError
-from calibration.geometry.se3 import small_motion
+from calibration.geometry.se3 import pose_from_twist
 from calibration.geometry.transforms import from_rotation_vector
-from calibration.input_checks.motion_diversity import rotation_spread
+from calibration.input_checks.motion_diversity import motion_diversity
 from calibration.input_checks.observations import check_observations, check_poses, enough_corners, pose_from_vector
 from calibration.observations import Observations
 from tests.calibration.board_views import BOARD, orbit_plan, realistic_plan, record, with_poses
@@ -147,7 +147,7 @@ def test_parallel_axes(axis):
 def test_the_spread_of_known_turns():
     # About z by +-20 degrees and about x by +-6: rms 20 / sqrt(2) and 6 / sqrt(2).
     turns = np.radians([[0, 0, 20], [0, 0, -20], [6, 0, 0], [-6, 0, 0]])
-    spread = rotation_spread(np.array([from_rotation_vector([0, 0, 0], turn) for turn in turns]))
+    spread = motion_diversity(np.array([from_rotation_vector([0, 0, 0], turn) for turn in turns]))
     assert np.degrees(spread.largest_rad) == pytest.approx(40, abs=1e-9)
     # Turns do not quite add up, and of four the sample's deviation is larger than the set's by sqrt(4 / 3).
     assert np.degrees(spread.second_axis_rad) == pytest.approx(6 / np.sqrt(2) * np.sqrt(4 / 3), rel=0.02)
@@ -244,7 +244,7 @@ def test_a_camera_matrix_that_is_written_by_columns():
 
 
 def test_a_camera_that_the_robot_does_not_move():
-    nearly_alike = GOOD.T_camera_board[:1] @ small_motion(np.random.default_rng(0).normal(0, 3e-4, (12, 6)))
+    nearly_alike = GOOD.T_camera_board[:1] @ pose_from_twist(np.random.default_rng(0).normal(0, 3e-4, (12, 6)))
     for boards in (np.repeat(GOOD.T_camera_board[:1], 12, axis=0), nearly_alike):
         with pytest.raises(HandEyeInputError, match="board turns by 0") as caught:
             check_poses(GOOD.T_base_flange, boards)

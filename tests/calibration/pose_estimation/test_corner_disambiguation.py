@@ -5,13 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calibration.dataset.detect_views import numbered_alike
+from calibration.dataset.detect_views import make_views_consistent
 from calibration.dataset.setup import Setup
 from calibration.geometry.transforms import from_rotation_vector
 from calibration.observations import Mounting, Observations
-from calibration.pose_estimation.corner_disambiguation import number_alike, number_nearest
+from calibration.pose_estimation.corner_disambiguation import make_numbering_consistent, number_nearest_prediction
 from calibration.target.board import Board
-from calibration.target.corner_ordering import renumberings
+from calibration.target.corner_ordering import symmetric_numberings
 from tests.calibration.board_views import record
 
 DOTS = Board(kind="circles", columns=7, rows=7, pitch_m=0.02)
@@ -20,7 +20,7 @@ SQUARES = Board(kind="checkerboard", columns=9, rows=7, pitch_m=0.02)
 
 def numbered_anyhow(observations: Observations, seed: int) -> tuple[Observations, np.ndarray]:
     """Each view numbered from any side that the board allows, and from which."""
-    possible = renumberings(observations.board)
+    possible = symmetric_numberings(observations.board)
     chosen = np.random.default_rng(seed).integers(0, len(possible), len(observations.views))
     views = (
         replace(view, ids=possible[choice][view.ids]) for view, choice in zip(observations.views, chosen, strict=True)
@@ -34,11 +34,11 @@ def test_all_are_numbered_alike(board: Board, mounting: Mounting) -> None:
     for seed in range(5):
         given = record(seed, 12, board=board, mounting=mounting).observations
         shuffled, _ = numbered_anyhow(given, seed)
-        got = number_alike(shuffled, [False] * 12)
+        got = make_numbering_consistent(shuffled, [False] * 12)
         # Any of the board's numberings will do, the same in all.
         fitting = [
             numbers
-            for numbers in renumberings(board)
+            for numbers in symmetric_numberings(board)
             if all((numbers[a.ids] == b.ids).all() for a, b in zip(given.views, got.views, strict=True))
         ]
         assert len(fitting) == 1
@@ -48,13 +48,13 @@ def test_all_are_numbered_alike(board: Board, mounting: Mounting) -> None:
 def test_views_held_out_are_numbered_as_those_that_are_solved_from(board: Board) -> None:
     given = record(6, 14, board=board).observations
     shuffled, _ = numbered_anyhow(given, 6)
-    solved_from, held_out = numbered_alike(Setup.of(given), shuffled.views, [False] * 14, {"03", "14"})
+    solved_from, held_out = make_views_consistent(Setup.of(given), shuffled.views, [False] * 14, {"03", "14"})
     assert [view.name for view in held_out.views] == ["03", "14"]
     got = {view.name: view for view in (*solved_from.views, *held_out.views)}
     assert len(got) == 14
     fitting = [
         numbers
-        for numbers in renumberings(board)
+        for numbers in symmetric_numberings(board)
         if all((numbers[view.ids] == got[view.name].ids).all() for view in given.views)
     ]
     assert len(fitting) == 1
@@ -67,7 +67,7 @@ def test_numbered_by_where_the_board_is_taken_to_be(board: Board) -> None:
     assert len(set(chosen)) > 1
     # Turned by 20 degrees from where it is: less than half of the least turn that the board allows.
     off = from_rotation_vector((0.01, 0, 0), np.radians((0, 0, 20)))
-    got = number_nearest(shuffled, recorded.T_camera_board @ off)
+    got = number_nearest_prediction(shuffled, recorded.T_camera_board @ off)
     for a, b in zip(recorded.observations.views, got.views, strict=True):
         np.testing.assert_array_equal(a.ids, b.ids)
 
@@ -75,7 +75,7 @@ def test_numbered_by_where_the_board_is_taken_to_be(board: Board) -> None:
 def test_views_that_are_certain_decide() -> None:
     given = record(3, 12, board=DOTS).observations
     shuffled, chosen = numbered_anyhow(given, 3)
-    got = number_alike(shuffled, list(chosen == 0))
+    got = make_numbering_consistent(shuffled, list(chosen == 0))
     assert 0 < (chosen == 0).sum() < 12
     for a, b in zip(given.views, got.views, strict=True):
         np.testing.assert_array_equal(a.ids, b.ids)
@@ -86,10 +86,10 @@ def test_a_stale_pose_spoils_no_other_view() -> None:
     shuffled, _ = numbered_anyhow(given, 4)
     views = list(shuffled.views)
     views[5] = replace(views[5], T_base_flange=views[4].T_base_flange)
-    got = number_alike(replace(shuffled, views=tuple(views)), [False] * 12)
+    got = make_numbering_consistent(replace(shuffled, views=tuple(views)), [False] * 12)
     fitting = [
         numbers
-        for numbers in renumberings(DOTS)
+        for numbers in symmetric_numberings(DOTS)
         if all((numbers[given.views[k].ids] == got.views[k].ids).all() for k in range(12) if k != 5)
     ]
     assert len(fitting) == 1
@@ -97,4 +97,4 @@ def test_a_stale_pose_spoils_no_other_view() -> None:
 
 def test_a_board_with_a_first_corner_is_left_alone() -> None:
     given = record(1, 10).observations
-    assert number_alike(given, [False] * 10) is given
+    assert make_numbering_consistent(given, [False] * 10) is given

@@ -9,7 +9,7 @@ from calibration.errors import HandEyeInputError
 from calibration.geometry.transforms import from_rotation_vector
 from calibration.hand_eye import solve_hand_eye, solve_poses
 from calibration.observations import BoardView, Observations
-from calibration.pose_estimation.duplicate_poses import pose_numbers
+from calibration.pose_estimation.duplicate_poses import number_poses
 from tests.calibration.board_views import Noise, realistic_plan, record, squared_error_in_sigmas
 
 WORN = Noise(robot_m=3e-4, robot_rad=float(np.radians(0.06)))
@@ -41,7 +41,7 @@ def test_which_poses_are_one() -> None:
         ((2e-3, 0.0, 1e-4), 0.0),
     ]
     poses = np.array([pose @ from_rotation_vector(off_m, (0.0, np.radians(turn), 0.0)) for off_m, turn in moves])
-    assert pose_numbers(poses).tolist() == [0, 0, 2, 3, 0, 2]
+    assert number_poses(poses).tolist() == [0, 0, 2, 3, 0, 2]
 
 
 def test_pictures_from_one_pose_do_not_make_it_surer() -> None:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from calibration.observations import BoardView, Observations
-from calibration.pose_estimation.projection import corners_of
+from calibration.pose_estimation.projection import stack_corners
 from calibration.target.board import Board
 
 BOARD = Board(kind="checkerboard", columns=41, rows=27, pitch_m=0.02)
@@ -29,9 +29,9 @@ def test_what_is_straightened_is_distorted_again_to_where_it_was(focal: float, d
     pixels = np.column_stack([u.ravel(), v.ravel()])
     view = BoardView("all over", np.eye(4), np.arange(len(pixels)), pixels)
     observations = Observations(BOARD, K, (1280, 800), (view,), np.array(distortion))
-    straight = corners_of(observations).pixels[0]
+    straight = stack_corners(observations).pixels[0]
     rays = np.column_stack([(straight - K[:2, 2]) / focal, np.ones(len(straight))])
     again = cv2.projectPoints(rays, np.zeros(3), np.zeros(3), K, np.array(distortion))[0].reshape(-1, 2)
     assert np.abs(again - pixels).max() < 1e-6
     assert np.abs(straight - pixels).max() > 10.0
-    np.testing.assert_array_equal(corners_of(replace(observations, distortion=np.zeros(5))).pixels[0], pixels)
+    np.testing.assert_array_equal(stack_corners(replace(observations, distortion=np.zeros(5))).pixels[0], pixels)

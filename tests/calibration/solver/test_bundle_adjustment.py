@@ -7,23 +7,31 @@ import numpy as np
 import pytest
 
 from calibration.observations import Mounting
-from calibration.pose_estimation.board_pose import board_poses
-from calibration.pose_estimation.projection import LENS, corners_of, reprojection
-from calibration.solver.bundle_adjustment import Adjusted, adjust
-from calibration.solver.cross_validation import leave_one_out
-from calibration.solver.noise import Assumed, NoiseLevel
-from calibration.solver.problem import SHARED, Linearised, Measured, Problem, Unknowns, measure, weigh
+from calibration.pose_estimation.board_pose import estimate_board_poses
+from calibration.pose_estimation.projection import LENS, reprojection, stack_corners
+from calibration.solver.bundle_adjustment import Adjustment, adjust
+from calibration.solver.cross_validation import cross_validate
+from calibration.solver.noise import NoiseLevel, NoisePriors
+from calibration.solver.problem import (
+    SHARED,
+    CornerTerms,
+    NormalEquations,
+    Problem,
+    Unknowns,
+    corner_terms,
+    normal_equations,
+)
 from tests.calibration.board_views import Noise, Recorded, error_of, record
 
 MOUNTINGS: list[Mounting] = ["eye-in-hand", "eye-to-hand"]
 
 
-def problem_of(recorded: Recorded, assumed: Assumed | None = None) -> Problem:
+def problem_of(recorded: Recorded, assumed: NoisePriors | None = None) -> Problem:
     observations = recorded.observations
-    return Problem(corners_of(observations), recorded.T_base_flange, observations.mounting, assumed or Assumed())
+    return Problem(stack_corners(observations), recorded.T_base_flange, observations.mounting, assumed or NoisePriors())
 
 
-def adjusted_of(recorded: Recorded, problem: Problem, used: np.ndarray | None = None) -> Adjusted:
+def adjusted_of(recorded: Recorded, problem: Problem, used: np.ndarray | None = None) -> Adjustment:
     count = len(recorded.T_camera_board)
     start = Unknowns(recorded.X, recorded.Y, np.zeros((count, 6)), np.zeros(LENS))
     used = np.ones(count, dtype=bool) if used is None else used
@@ -50,7 +58,7 @@ def test_derivatives_are_those_of_differences(mounting: Mounting) -> None:
         # Residuals are what was seen less what was predicted: the prediction's derivative has the other sign.
         columns.append((residuals(-v[:6], -v[6:]) - residuals(v[:6], v[6:])) / (2 * step))
     J = np.stack(columns, axis=2)
-    measured = measure(problem, unknowns, problem.corners.seen)
+    measured = corner_terms(problem, unknowns, problem.corners.seen)
     expected = J.swapaxes(1, 2) @ J
     scale = np.sqrt(np.einsum("nii->ni", expected))
     scale = scale[:, :, None] * scale[:, None]
@@ -78,7 +86,7 @@ def test_noise_levels_are_found(mounting: Mounting) -> None:
 
 def test_noise_that_is_told_stays() -> None:
     recorded = record(1, 12)
-    assumed = Assumed(pixel_px=0.5, robot_m=1e-9, robot_rad=1e-9, estimate_noise=False)
+    assumed = NoisePriors(pixel_px=0.5, robot_m=1e-9, robot_rad=1e-9, estimate_noise=False)
     adjusted = adjusted_of(recorded, problem_of(recorded, assumed))
     assert adjusted.noise == assumed.noise
     # A robot that is never wrong: all differences are the pixels'.
@@ -90,12 +98,12 @@ def test_noise_that_is_told_stays() -> None:
 def test_leaving_out_in_one_step_is_like_solving_anew(mounting: Mounting) -> None:
     recorded = record(2, 12, mounting=mounting)
     # With the noise held, as the one step does.
-    problem = problem_of(recorded, Assumed(estimate_noise=False))
-    alone = board_poses(problem.corners)
-    quick = leave_one_out(problem, alone, adjusted_of(recorded, problem))
+    problem = problem_of(recorded, NoisePriors(estimate_noise=False))
+    alone = estimate_board_poses(problem.corners)
+    quick = cross_validate(problem, alone, adjusted_of(recorded, problem))
     for k in (0, 5, 11):
         used = np.arange(12) != k
-        slow = leave_one_out(problem, alone, adjusted_of(recorded, problem, used))
+        slow = cross_validate(problem, alone, adjusted_of(recorded, problem, used))
         # Second order of corrections of some 1e-4.
         np.testing.assert_allclose(quick.errors[k], slow.errors[k], atol=2e-6)
         assert quick.off_m[k] == pytest.approx(slow.off_m[k], abs=2e-6)
@@ -107,7 +115,9 @@ def test_left_out_squares_are_those_of_six_numbers() -> None:
     for seed in range(10):
         recorded = record(seed, 16)
         problem = problem_of(recorded)
-        squares.append(leave_one_out(problem, board_poses(problem.corners), adjusted_of(recorded, problem)).squares)
+        squares.append(
+            cross_validate(problem, estimate_board_poses(problem.corners), adjusted_of(recorded, problem)).squares
+        )
     # 160 of them, of variance 12 and more for the noise that is estimated too: 0.3 is a standard deviation.
     assert np.mean(squares) == pytest.approx(6.0, abs=1.2)
 
@@ -154,8 +164,8 @@ def test_where_no_step_leads_on_it_is_not_settled(monkeypatch: pytest.MonkeyPatc
 
     costs = itertools.count(1.0)
 
-    def worse(problem: Problem, measured: Measured, used: np.ndarray, noise: NoiseLevel) -> Linearised:
-        return replace(weigh(problem, measured, used, noise), cost=next(costs))
+    def worse(problem: Problem, measured: CornerTerms, used: np.ndarray, noise: NoiseLevel) -> NormalEquations:
+        return replace(normal_equations(problem, measured, used, noise), cost=next(costs))
 
-    monkeypatch.setattr("calibration.solver.bundle_adjustment.weigh", worse)
+    monkeypatch.setattr("calibration.solver.bundle_adjustment.normal_equations", worse)
     assert not adjusted_of(recorded, problem).settled

@@ -5,25 +5,25 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calibration.pose_estimation.board_pose import board_poses
-from calibration.pose_estimation.projection import LENS, corners_of
-from calibration.solver.noise import Assumed
-from calibration.solver.outlier_rejection import adjust_consistent
+from calibration.pose_estimation.board_pose import estimate_board_poses
+from calibration.pose_estimation.projection import LENS, stack_corners
+from calibration.solver.noise import NoisePriors
+from calibration.solver.outlier_rejection import adjust_and_reject
 from calibration.solver.problem import Problem, Unknowns
-from calibration.solver.residual_distortion import LensResidual, lens_residual
+from calibration.solver.residual_distortion import ResidualDistortion, estimate_residual_distortion
 from tests.calibration.board_views import Noise, Recorded, realistic_plan, record
 
 
-def residual_of(recorded: Recorded, k1: float) -> LensResidual:
+def residual_of(recorded: Recorded, k1: float) -> ResidualDistortion:
     """Of pictures bent by `k1`, from the true calibration on."""
-    corners = corners_of(recorded.observations)
+    corners = stack_corners(recorded.observations)
     rays = (corners.pixels - corners.K[:2, 2]) / corners.K[[0, 1], [0, 1]]
     bent = rays * (1 + k1 * (rays**2).sum(axis=2, keepdims=True)) * corners.K[[0, 1], [0, 1]] + corners.K[:2, 2]
     corners = replace(corners, pixels=np.where(corners.seen[..., None], bent, 0.0))
-    problem = Problem(corners, recorded.T_base_flange, recorded.observations.mounting, Assumed())
-    alone = board_poses(corners)
+    problem = Problem(corners, recorded.T_base_flange, recorded.observations.mounting, NoisePriors())
+    alone = estimate_board_poses(corners)
     start = Unknowns(recorded.X, recorded.Y, np.zeros((len(alone.found), 6)), np.zeros(LENS))
-    return lens_residual(problem, adjust_consistent(problem, alone, start, alone.found)[0])
+    return estimate_residual_distortion(problem, adjust_and_reject(problem, alone, start, alone.found)[0])
 
 
 @pytest.mark.parametrize("k1", [-0.1, -0.03, 0.03, 0.1])

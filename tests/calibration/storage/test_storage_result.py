@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from calibration.dataset.observations_file import load_kept_observations
+from calibration.dataset.observations_file import load_observations
 from calibration.errors import (
     CalibrationFolderError,
     HandEyeInvalidError,
@@ -228,7 +228,7 @@ def test_a_good_solution_far_from_the_flange_is_not_written(tmp_path: Path) -> N
 def test_observations_are_read_again_to_the_last_digit(tmp_path: Path) -> None:
     path, given, held_out = tmp_path / "hand_eye.json", seen("one", "two"), seen("three")
     write_result(path, result(), given, held_out)
-    kept = load_kept_observations(tmp_path / "observations.json")
+    kept = load_observations(tmp_path / "observations.json")
     got = kept.observations
     assert [view.name for view in got.views] == ["one", "two"]
     assert (got.board, got.image_size, got.mounting) == (BOARD, (1280, 800), "eye-in-hand")
@@ -268,14 +268,14 @@ def test_senseless_observations_are_refused(tmp_path: Path, changes: dict[str, A
     document["views"][0] |= changes
     path.write_text(json.dumps(document))
     with pytest.raises(CalibrationFolderError) as refused:
-        load_kept_observations(path)
+        load_observations(path)
     assert told in str(refused.value)
     assert str(path) in str(refused.value)
 
 
 def test_observations_that_are_not_there(tmp_path: Path) -> None:
     with pytest.raises(CalibrationFolderError, match=r"there is no .*solve from the images first"):
-        load_kept_observations(tmp_path / "observations.json")
+        load_observations(tmp_path / "observations.json")
 
 
 def test_activation_keeps_the_former_one(tmp_path: Path) -> None:

@@ -4,8 +4,8 @@ import cv2
 import numpy as np
 import pytest
 
-from calibration.target.board import MARKERS, Board, BoardError, usual_board
-from calibration.target.rendering import board_picture
+from calibration.target.board import MARKERS, Board, BoardError, default_board
+from calibration.target.rendering import render_board
 
 BOARDS = [
     Board(),
@@ -83,7 +83,7 @@ def test_points_are_opencvs_corners():
 def test_z_points_into_the_paper():
     # Seen straight on, as printed, x goes right and y goes down, so that z goes on along the line of sight.
     board = Board()
-    picture = board_picture(board, 30)
+    picture = render_board(board, 30)
     dictionary = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_50)
     opencv = cv2.aruco.CharucoBoard((board.columns, board.rows), board.pitch_m, board.marker_m, dictionary)
     corners, ids, _, _ = cv2.aruco.CharucoDetector(opencv).detectBoard(picture.pixels)
@@ -95,6 +95,6 @@ def test_z_points_into_the_paper():
 
 @pytest.mark.parametrize("kind", ["checkerboard", "circles"])
 def test_what_a_board_without_markers_is_told_of_them_makes_no_other_board(kind: str) -> None:
-    board = usual_board({"kind": kind, "pitch_m": 0.03, "marker_m": 0.02, "dictionary": "DICT_5X5_50"})
-    assert board == usual_board({"kind": kind, "pitch_m": 0.03})
+    board = default_board({"kind": kind, "pitch_m": 0.03, "marker_m": 0.02, "dictionary": "DICT_5X5_50"})
+    assert board == default_board({"kind": kind, "pitch_m": 0.03})
     assert board == Board.from_json(board.to_json())

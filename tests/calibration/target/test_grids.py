@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 
 from calibration.errors import BoardNotSeenError
 from calibration.target.board import Board
-from calibration.target.detection import BoardSighting, detect_board, renumberings
+from calibration.target.detection import BoardSighting, detect_board, symmetric_numberings
 from calibration.target.rendering import DOTS
 from tests.calibration.rendered_board import K_640, K_1280, board_before_camera, render, true_pixels
 
@@ -65,7 +65,7 @@ def test_numbering_that_the_image_leaves_open(board: Board, ways: int, roll_deg:
     sighting, truth = sight(board, roll_deg, dots=(DOTS[0], DOTS[0]))
     assert not sighting.numbered
     assert len(sighting.ids) == len(truth)
-    numberings = renumberings(board)
+    numberings = symmetric_numberings(board)
     assert len(numberings) == ways
     errors = sorted(off_px(sighting, truth[numbering]) for numbering in numberings)
     # One of them is right, and the others are off by the board's size.
@@ -86,7 +86,7 @@ def test_numbering_that_the_image_leaves_open(board: Board, ways: int, roll_deg:
     ids=str,
 )
 def test_renumberings_turn_the_board_upon_itself(board: Board, ways: int):
-    numberings = renumberings(board)
+    numberings = symmetric_numberings(board)
     assert len(numberings) == ways
     assert numberings[0].tolist() == list(range(len(board.points)))
     middle = board.points.mean(axis=0)

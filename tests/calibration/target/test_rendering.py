@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from calibration.target.board import Board
-from calibration.target.rendering import DOTS, board_picture, board_shapes
+from calibration.target.rendering import DOTS, board_shapes, render_board
 
 
 def opencv_picture(board: Board, pixels_per_pitch: int) -> np.ndarray:
@@ -21,7 +21,7 @@ def opencv_picture(board: Board, pixels_per_pitch: int) -> np.ndarray:
     ids=str,
 )
 def test_charuco_is_opencvs_where_every_edge_falls_between_pixels(board: Board, pixels: int):
-    picture = board_picture(board, pixels, margin_pitches=1.0)
+    picture = render_board(board, pixels, margin_pitches=1.0)
     assert np.array_equal(picture.pixels[pixels:-pixels, pixels:-pixels], opencv_picture(board, pixels))
     margin = picture.pixels.copy()
     margin[pixels:-pixels, pixels:-pixels] = 255
@@ -31,7 +31,7 @@ def test_charuco_is_opencvs_where_every_edge_falls_between_pixels(board: Board, 
 @pytest.mark.parametrize("board", [Board(), Board("checkerboard", 6, 5, 0.03), Board("circles", 6, 5, 0.02)], ids=str)
 @pytest.mark.parametrize("pixels", [17, 24])
 def test_ink_is_that_of_the_shapes(board: Board, pixels: int):
-    picture = board_picture(board, pixels, margin_pitches=0.3)
+    picture = render_board(board, pixels, margin_pitches=0.3)
     shapes = board_shapes(board)
     x0, y0, x1, y1 = shapes.rectangles.T
     area = ((x1 - x0) * (y1 - y0)).sum() + np.pi * (shapes.discs[:, 2] ** 2).sum()
@@ -42,7 +42,7 @@ def test_ink_is_that_of_the_shapes(board: Board, pixels: int):
 
 def test_origin_is_where_the_first_corner_is():
     board = Board("checkerboard", 5, 4, 0.03)
-    picture = board_picture(board, 20, margin_pitches=0.5)
+    picture = render_board(board, 20, margin_pitches=0.5)
     assert picture.pixels.shape == (100, 120)
     # Between the pixels 29 and 30: the first two of the four around a corner are black and white.
     assert picture.origin_px == (29.5, 29.5)
@@ -53,7 +53,7 @@ def test_origin_is_where_the_first_corner_is():
 
 def test_first_dot_is_the_larger_one():
     board = Board("circles", 4, 3, 0.02)
-    picture = board_picture(board, 40, margin_pitches=0.5)
+    picture = render_board(board, 40, margin_pitches=0.5)
     for number, point in enumerate(board.points):
         x, y = np.round(picture.origin_px + picture.pixels_per_m * point[:2]).astype(int)
         diameter = (picture.pixels[y, x - 20 : x + 20] < 128).sum() / 40
@@ -62,6 +62,6 @@ def test_first_dot_is_the_larger_one():
 
 def test_no_picture_without_pixels():
     with pytest.raises(ValueError, match="no picture"):
-        board_picture(Board(), 0)
+        render_board(Board(), 0)
     with pytest.raises(ValueError, match="no picture"):
-        board_picture(Board(), 10, margin_pitches=-1.0)
+        render_board(Board(), 10, margin_pitches=-1.0)

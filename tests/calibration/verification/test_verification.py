@@ -18,7 +18,7 @@ from calibration.observations import Observations
 from calibration.result import HandEyeResult
 from calibration.storage.hand_eye_file import load_hand_eye, write_hand_eye, write_result
 from calibration.target.board import Board
-from calibration.target.corner_ordering import renumberings
+from calibration.target.corner_ordering import symmetric_numberings
 from calibration.verification.verification import Verification, verify
 from tests.calibration.board_views import NOISE_FREE, Noise, Plan, Recorded, look_at, orbit_plan, realistic_plan, record
 
@@ -246,7 +246,7 @@ def test_a_board_numbered_from_its_other_end_is_where_it_lay(board: Board) -> No
     recorded = record(8, SOLVED_FROM + 2, plan=plan, board=board)
     views = recorded.observations.views
     result = solve_hand_eye(replace(recorded.observations, views=views[:SOLVED_FROM]))
-    for numbers in renumberings(board)[1:]:
+    for numbers in symmetric_numberings(board)[1:]:
         for k in range(SOLVED_FROM, SOLVED_FROM + 2):
             later = [*views]
             later[k] = replace(views[k], ids=numbers[views[k].ids])

@@ -6,13 +6,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from recognition.assembly.chains import end_kinds, fitted_chains
+from recognition.assembly.chains import assemble_fitted_chains, classify_ends
 from recognition.model.model import Chain
 from recognition.parameters import ChainParameters
 from recognition.preprocessing.target_cloud import Scene
 from recognition.refinement.refinement import FittedStrand, Refinement, refine
 from recognition.registration.registration import Registration
-from recognition.tracing.height_map import Cover
+from recognition.tracing.height_map import HeightMap
 from recognition.tracing.trace import trace_strands
 
 R = 0.0042
@@ -34,10 +34,10 @@ def found(
 def found_or_doubted(
     views: Registration, scene: Scene | None = None, parameters: ChainParameters = PARAMETERS
 ) -> tuple[tuple[Chain, ...], list[str], list[str]]:
-    cover = Cover(views.points)
+    cover = HeightMap(views.points)
     graph = trace_strands(views.points - parameters.r * views.normals, cover, parameters)
     refinement = refine(graph.strands, views.points, views.normals, parameters)
-    return fitted_chains(refinement, views, cover, scene or Scene(), parameters)
+    return assemble_fitted_chains(refinement, views, cover, scene or Scene(), parameters)
 
 
 def fitted(points: np.ndarray) -> FittedStrand:
@@ -120,14 +120,14 @@ def test_an_end_at_the_border_of_the_workspace_is_unseen(
 
 def test_an_end_that_goes_on_under_another_strand_is_unseen(seen: Callable, straight: Callable) -> None:
     over = straight((0, -0.05, 3 * R), (0, 0.05, 3 * R))
-    cover = Cover(seen([over])[0])
+    cover = HeightMap(seen([over])[0])
     line = straight((-0.06, 0, R), (-R, 0, R), 0.003)
-    assert end_kinds(fitted(line), cover, Scene(), PARAMETERS) == ("free", "unseen")
-    assert end_kinds(fitted(line[::-1]), cover, Scene(), PARAMETERS) == ("unseen", "free")
+    assert classify_ends(fitted(line), cover, Scene(), PARAMETERS) == ("free", "unseen")
+    assert classify_ends(fitted(line[::-1]), cover, Scene(), PARAMETERS) == ("unseen", "free")
     # Well before it, and on top of it, it is seen to end.
-    assert end_kinds(fitted(line - (0.02, 0, 0)), cover, Scene(), PARAMETERS) == ("free", "free")
-    assert end_kinds(fitted(line + (R, 0, 4 * R)), cover, Scene(), PARAMETERS) == ("free", "free")
-    assert end_kinds(replace(fitted(line), closed=True), cover, Scene(), PARAMETERS) == ("free", "free")
+    assert classify_ends(fitted(line - (0.02, 0, 0)), cover, Scene(), PARAMETERS) == ("free", "free")
+    assert classify_ends(fitted(line + (R, 0, 4 * R)), cover, Scene(), PARAMETERS) == ("free", "free")
+    assert classify_ends(replace(fitted(line), closed=True), cover, Scene(), PARAMETERS) == ("free", "free")
 
 
 @pytest.mark.parametrize(
@@ -186,7 +186,7 @@ def test_a_ring_is_closed_and_its_length_is_its_perimeter(seen: Callable, arc: C
 def test_no_strands_are_no_chains_and_told(seen: Callable, straight: Callable, registered: Callable) -> None:
     views = registered([seen([straight((0, 0, R), (0.1, 0, R))])])
     nothing = Refinement([], np.full(len(views.points), -1), 0.0)
-    chains, doubts, warnings = fitted_chains(nothing, views, Cover(views.points), Scene(), PARAMETERS)
+    chains, doubts, warnings = assemble_fitted_chains(nothing, views, HeightMap(views.points), Scene(), PARAMETERS)
     assert (chains, doubts) == ((), [])
     (warning,) = warnings
     assert warning.startswith("no string of radius 4.2 mm found")
@@ -211,6 +211,8 @@ def test_a_string_that_may_be_a_bar_is_kept_and_told(seen: Callable, straight: C
     views = registered([seen([line])])
     strand = replace(fitted(line), out_of_round_m=0.0, squareness=0.1, squareness_sigma=0.1)
     refinement = Refinement([strand], np.zeros(len(views.points), dtype=np.int64), 0.0002)
-    (chain,), (doubt,), warnings = fitted_chains(refinement, views, Cover(views.points), Scene(), PARAMETERS)
+    (chain,), (doubt,), warnings = assemble_fitted_chains(
+        refinement, views, HeightMap(views.points), Scene(), PARAMETERS
+    )
     assert (chain.id, warnings) == (0, [])
     assert doubt.startswith("chain 0 at (50, 0, 4) mm may be no string but a bar with edges")

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.special import ndtr
 
-from recognition.assembly.fitted_crossings import fitted_crossings
+from recognition.assembly.fitted_crossings import find_fitted_crossings
 from recognition.model.model import Chain, Crossing
 
 R = 0.0042
@@ -27,7 +27,7 @@ def towards(number: int, degrees: float, height: float, sigma: float = SIGMA, vi
 
 
 def only(*chains: Chain) -> tuple[Crossing, list[str]]:
-    (crossing,), ambiguities = fitted_crossings(chains)
+    (crossing,), ambiguities = find_fitted_crossings(chains)
     return crossing, ambiguities
 
 
@@ -84,7 +84,7 @@ def test_a_grazing_contact_is_no_crossing(straight: Callable) -> None:
     swaying = line + np.column_stack([np.zeros(len(line)), 0.0001 * np.cos(line[:, 0] * 300), np.full(len(line), 0.0)])
     inside = np.abs(swaying[:, 0] - 0.05) < 0.008
     swaying[~inside, 1] = 0.0003
-    assert fitted_crossings([chain(0, line), chain(1, swaying)]) == ([], [])
+    assert find_fitted_crossings([chain(0, line), chain(1, swaying)]) == ([], [])
 
 
 def test_two_crossings_near_one_another_with_a_gap_in_height_are_two(straight: Callable) -> None:
@@ -92,7 +92,7 @@ def test_two_crossings_near_one_another_with_a_gap_in_height_are_two(straight: C
     lower = straight((-0.05, 0, R), (0.05, 0, R), 0.003)
     x = np.linspace(-0.03, 0.03, 41)
     upper = np.column_stack([x, 20 * x**2 - 0.0015, np.full_like(x, 3 * R)])
-    crossings, _ = fitted_crossings([chain(0, lower), chain(1, upper)])
+    crossings, _ = find_fitted_crossings([chain(0, lower), chain(1, upper)])
     assert [(c.over.chain, c.under.chain) for c in crossings] == [(1, 0), (1, 0)]
     assert abs(crossings[0].under.s_m - crossings[1].under.s_m) == pytest.approx(2 * np.sqrt(0.0015 / 20), abs=0.0005)
     assert {c.sign for c in crossings} == {1, -1}
@@ -105,7 +105,7 @@ def test_a_clasp_is_two_crossings(gap: float) -> None:
     lift = gap * R / 2 * np.clip(-x / (2 * R), -1, 1)
     y = 0.3 * (np.abs(x) - 2 * R)
     first, second = np.column_stack([x, y, 2 * R + lift]), np.column_stack([x, -y, 2 * R - lift])
-    crossings, _ = fitted_crossings([chain(0, first), chain(1, second)])
+    crossings, _ = find_fitted_crossings([chain(0, first), chain(1, second)])
     assert [(c.over.chain, c.under.chain) for c in crossings] == [(0, 1), (1, 0)]
 
 
@@ -115,11 +115,11 @@ def test_a_ring_is_grazed_wherever_its_seam_is(straight: Callable, seam: int) ->
     ring = np.column_stack([0.04 * np.cos(angle), 0.04 * np.sin(angle), np.full(60, R)])
     # The line cuts a fifth of a millimetre off the ring, at one height.
     line = straight((0.0398, -0.05, R), (0.0398, 0.05, R), 0.003)
-    assert fitted_crossings([chain(0, np.roll(ring, seam, axis=0), closed=True), chain(1, line)]) == ([], [])
+    assert find_fitted_crossings([chain(0, np.roll(ring, seam, axis=0), closed=True), chain(1, line)]) == ([], [])
 
 
 def test_three_on_one_another_cross_in_pairs() -> None:
-    crossings, _ = fitted_crossings([towards(k, 60.0 * k, (1 + 2 * k) * R) for k in range(3)])
+    crossings, _ = find_fitted_crossings([towards(k, 60.0 * k, (1 + 2 * k) * R) for k in range(3)])
     assert {(c.over.chain, c.under.chain) for c in crossings} == {(1, 0), (2, 0), (2, 1)}
     assert [c.id for c in crossings] == [0, 1, 2]
     gaps = {(c.over.chain, c.under.chain): c.gap_m / R for c in crossings}
@@ -144,14 +144,14 @@ def test_a_chain_crosses_itself_and_a_ring_is_crossed_twice(arc: Callable, strai
     assert crossing.sign == 1
 
     ring = chain(1, arc(0.04, 10, 368, z=3 * R), closed=True)
-    crossings, _ = fitted_crossings([towards(0, 0, R), ring])
+    crossings, _ = find_fitted_crossings([towards(0, 0, R), ring])
     assert [(c.over.chain, c.under.chain) for c in crossings] == [(1, 0), (1, 0)]
     assert {c.sign for c in crossings} == {1, -1}
 
 
 def test_no_chains_no_crossings() -> None:
-    assert fitted_crossings([]) == ([], [])
-    assert fitted_crossings([towards(0, 0, R)]) == ([], [])
+    assert find_fitted_crossings([]) == ([], [])
+    assert find_fitted_crossings([towards(0, 0, R)]) == ([], [])
 
 
 @settings(deadline=None, max_examples=40, derandomize=True)

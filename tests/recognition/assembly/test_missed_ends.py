@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from recognition.assembly.missed_ends import without_missed_ends
+from recognition.assembly.missed_ends import mark_unobserved_ends
 from recognition.model.model import Chain
 from recognition.parameters import ChainParameters
 
@@ -29,9 +29,9 @@ AHEAD = line((109, 0), (125, 0))
 
 
 def test_an_end_with_a_piece_in_line_is_unseen(table_1: ChainParameters) -> None:
-    (found,) = without_missed_ends([ALONG_X], [AHEAD], table_1)
+    (found,) = mark_unobserved_ends([ALONG_X], [AHEAD], table_1)
     assert found.ends == ("free", "unseen")
-    (found,) = without_missed_ends([replace(ALONG_X, points=ALONG_X.points[::-1])], [AHEAD], table_1)
+    (found,) = mark_unobserved_ends([replace(ALONG_X, points=ALONG_X.points[::-1])], [AHEAD], table_1)
     assert found.ends == ("unseen", "free")
 
 
@@ -39,7 +39,7 @@ def test_a_string_that_bends_away_is_in_line(table_1: ChainParameters) -> None:
     # An arc of radius 20 mm, farther than 8.4 mm from the chain's end.
     turn = np.radians(np.arange(26, 60, 2))
     bent = np.column_stack([0.1 + 0.02 * np.sin(turn), 0.02 * (1 - np.cos(turn)), np.full(len(turn), R)])
-    (found,) = without_missed_ends([ALONG_X], [bent], table_1)
+    (found,) = mark_unobserved_ends([ALONG_X], [bent], table_1)
     assert found.ends == ("free", "unseen")
 
 
@@ -47,27 +47,27 @@ def test_a_string_that_bends_away_is_in_line(table_1: ChainParameters) -> None:
     "elsewhere", [line((114, 0), (130, 0)), line((100, 9), (100, 30)), line((90, 9), (106, 12)), line((20, 9), (60, 9))]
 )
 def test_what_is_far_or_aside_is_another_thing(table_1: ChainParameters, elsewhere: np.ndarray) -> None:
-    (found,) = without_missed_ends([ALONG_X], [elsewhere], table_1)
+    (found,) = mark_unobserved_ends([ALONG_X], [elsewhere], table_1)
     assert found.ends == ("free", "free")
 
 
 def test_from_a_thicker_chain_it_may_be_farther(table_1: ChainParameters) -> None:
-    (found,) = without_missed_ends([replace(ALONG_X, radius_m=0.006)], [line((113, 0), (130, 0))], table_1)
+    (found,) = mark_unobserved_ends([replace(ALONG_X, radius_m=0.006)], [line((113, 0), (130, 0))], table_1)
     assert found.ends == ("free", "unseen")
 
 
 def test_what_was_unseen_stays_so_and_a_ring_has_no_end(table_1: ChainParameters) -> None:
-    (found,) = without_missed_ends([replace(ALONG_X, ends=("unseen", "free"))], [AHEAD], table_1)
+    (found,) = mark_unobserved_ends([replace(ALONG_X, ends=("unseen", "free"))], [AHEAD], table_1)
     assert found.ends == ("unseen", "unseen")
     ring = replace(ALONG_X, closed=True)
-    assert without_missed_ends([ring], [AHEAD], table_1) == (ring,)
+    assert mark_unobserved_ends([ring], [AHEAD], table_1) == (ring,)
 
 
 def test_nothing_left_over_or_no_chains(table_1: ChainParameters) -> None:
-    assert without_missed_ends([ALONG_X], [], table_1) == (ALONG_X,)
-    assert without_missed_ends([], [AHEAD], table_1) == ()
+    assert mark_unobserved_ends([ALONG_X], [], table_1) == (ALONG_X,)
+    assert mark_unobserved_ends([], [AHEAD], table_1) == ()
 
 
 def test_a_chain_of_two_points_has_a_direction(table_1: ChainParameters) -> None:
-    (found,) = without_missed_ends([chain(line((99, 0), (100, 0)))], [AHEAD], table_1)
+    (found,) = mark_unobserved_ends([chain(line((99, 0), (100, 0)))], [AHEAD], table_1)
     assert found.ends == ("free", "unseen")

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from cell.simulation.camera import camera_model
 from cell.simulation.scenes import make_scene
 from cell.simulation.simulate import simulate
-from recognition.assembly.torn_ends import torn_ends
+from recognition.assembly.torn_ends import mark_fragmented_ends
 from recognition.model.model import Chain, End
 from recognition.parameters import ChainParameters
 from recognition.pipeline import recognise
@@ -27,7 +27,7 @@ def along_x(begin_m: float, end_m: float, y_m: float = 0.0) -> NDArray[np.float6
 
 def test_two_that_face_one_another_are_one_maybe() -> None:
     # They reach over one another, which two strings cannot.
-    chains, doubts = torn_ends([chain(0, along_x(0.0, 0.1)), chain(1, along_x(0.098, 0.2))])
+    chains, doubts = mark_fragmented_ends([chain(0, along_x(0.0, 0.1)), chain(1, along_x(0.098, 0.2))])
     assert [one.ends for one in chains] == [("free", "unseen"), ("unseen", "free")]
     (said,) = doubts
     assert "an end of chain 0 and one of chain 1 face one another at (98, 0, 4) mm" in said
@@ -36,7 +36,7 @@ def test_two_that_face_one_another_are_one_maybe() -> None:
 def test_a_ring_that_does_not_close_is_told() -> None:
     turn = np.linspace(0.0, 2 * np.pi - 0.05, 200)
     ring = np.column_stack([0.05 * np.cos(turn), 0.05 * np.sin(turn), np.full(200, R)])
-    (one,), doubts = torn_ends([chain(0, ring)])
+    (one,), doubts = mark_fragmented_ends([chain(0, ring)])
     assert one.ends == ("unseen", "unseen")
     assert doubts[0].startswith("the ends of chain 0 face one another")
 
@@ -51,15 +51,15 @@ def test_a_ring_that_does_not_close_is_told() -> None:
     ],
 )
 def test_other_ends_are_as_they_were(other: NDArray[np.float64]) -> None:
-    chains, doubts = torn_ends([chain(0, along_x(0.0, 0.1)), chain(1, other)])
+    chains, doubts = mark_fragmented_ends([chain(0, along_x(0.0, 0.1)), chain(1, other)])
     assert [one.ends for one in chains] == [("free", "free")] * 2
     assert doubts == []
 
 
 def test_none_and_closed_ones() -> None:
-    assert torn_ends([]) == ((), [])
+    assert mark_fragmented_ends([]) == ((), [])
     closed = Chain(0, True, R, along_x(0.0, 0.001), np.full(40, 1e-4), np.full(40, 8), ("free", "free"))
-    (same,), doubts = torn_ends([closed])
+    (same,), doubts = mark_fragmented_ends([closed])
     assert (same.ends, doubts) == (closed.ends, [])
 
 

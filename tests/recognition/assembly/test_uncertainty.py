@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from recognition.assembly.uncertainty import BRIDGE_BEND, FLOOR_M, SYSTEMATIC_SHARE, evidence
+from recognition.assembly.uncertainty import BRIDGE_BEND, FLOOR_M, SYSTEMATIC_SHARE, point_uncertainty
 from recognition.refinement.refinement import FittedStrand
 from recognition.registration.registration import Registration
 
@@ -26,7 +26,7 @@ def views(seen: Callable, straight: Callable, *ends: float) -> list[tuple[np.nda
 
 
 def test_views_are_counted_point_by_point(seen: Callable, straight: Callable, registered: Callable) -> None:
-    _, count = evidence(strand(), registered(views(seen, straight, 0.11, 0.05, 0.03)), 0.0)
+    _, count = point_uncertainty(strand(), registered(views(seen, straight, 0.11, 0.05, 0.03)), 0.0)
     assert np.issubdtype(count.dtype, np.integer)
     # A view's last points belong to the nearest of the line's: to half a step on.
     np.testing.assert_array_equal(count, 1 + (X < 0.05 + 0.35 * R) + (X < 0.03 + 0.35 * R))
@@ -35,7 +35,7 @@ def test_views_are_counted_point_by_point(seen: Callable, straight: Callable, re
 def test_bridged_points_have_no_views(seen: Callable, straight: Callable, registered: Callable) -> None:
     hidden = (X > 0.04) & (X < 0.06)
     # Even where there is some surface, of what hides it.
-    _, count = evidence(strand(hidden), registered(views(seen, straight, 0.11, 0.11)), 0.0)
+    _, count = point_uncertainty(strand(hidden), registered(views(seen, straight, 0.11, 0.11)), 0.0)
     np.testing.assert_array_equal(count, np.where(hidden, 0, 2))
 
 
@@ -45,7 +45,7 @@ def test_specks_and_other_strands_are_not_the_string_seen(
     beside = seen([straight((0, 2 * R, R), (0.1, 2 * R, R))])
     far_side = beside[0][:, 1] > 1.7 * R
     two_points = (np.array([(0.05, 0.0, 2 * R)] * 2), np.array([(0.0, 0.0, 1.0)] * 2))
-    _, count = evidence(strand(), registered([two_points, (beside[0][far_side], beside[1][far_side])]), 0.0)
+    _, count = point_uncertainty(strand(), registered([two_points, (beside[0][far_side], beside[1][far_side])]), 0.0)
     np.testing.assert_array_equal(count, 0)
 
 
@@ -53,7 +53,7 @@ def test_specks_and_other_strands_are_not_the_string_seen(
 def test_more_views_are_better(seen: Callable, straight: Callable, registered: Callable, number: int) -> None:
     # Independent views of POSE_M in each direction: the mean of n has a variance of 1 / n of it, and of the two
     # directions across the string one counts whole and the other half.
-    sigma, _ = evidence(strand(), registered(views(seen, straight, *[0.11] * number), POSE_M), 0.0)
+    sigma, _ = point_uncertainty(strand(), registered(views(seen, straight, *[0.11] * number), POSE_M), 0.0)
     np.testing.assert_allclose(sigma, np.sqrt(1.5 * POSE_M**2 / number + FLOOR_M**2), rtol=1e-9, atol=0)
 
 
@@ -69,19 +69,21 @@ def test_a_rotation_counts_by_its_lever(seen: Callable, straight: Callable, regi
     one_view = registered(views(seen, straight, 0.11))
     for about, lever in ((2, X), (1, X), (0, np.full_like(X, R))):
         # About z it moves the string sideways, about y up and down; about its own direction only by its height.
-        sigma, _ = evidence(strand(), turned_by(one_view, about, 0.01), 0.0)
+        sigma, _ = point_uncertainty(strand(), turned_by(one_view, about, 0.01), 0.0)
         np.testing.assert_allclose(sigma, np.hypot(0.01 * lever, FLOOR_M), rtol=1e-9, atol=0)
 
 
 def test_a_displacement_along_the_string_is_no_error(seen: Callable, straight: Callable, registered: Callable) -> None:
-    sigma, _ = evidence(strand(), turned_by(registered(views(seen, straight, 0.11)), 3, 0.01), 0.0)
+    sigma, _ = point_uncertainty(strand(), turned_by(registered(views(seen, straight, 0.11)), 3, 0.01), 0.0)
     np.testing.assert_allclose(sigma, FLOOR_M, rtol=1e-9, atol=0)
 
 
 def test_the_fit_is_worth_its_points(seen: Callable, straight: Callable, registered: Callable) -> None:
     taken = registered(views(seen, straight, 0.11), 0.0)
     excess = [
-        evidence(strand(support=support), taken, scatter)[0] ** 2 - FLOOR_M**2 - (SYSTEMATIC_SHARE * scatter) ** 2
+        point_uncertainty(strand(support=support), taken, scatter)[0] ** 2
+        - FLOOR_M**2
+        - (SYSTEMATIC_SHARE * scatter) ** 2
         for scatter, support in ((0.0002, 40.0), (0.0004, 40.0), (0.0002, 10.0))
     ]
     # Variances go with the scatter's square and with one over the number of points.
@@ -94,7 +96,7 @@ def test_bridges_are_less_certain_towards_their_middle(
     seen: Callable, straight: Callable, registered: Callable
 ) -> None:
     hidden = (X > 0.04) & (X < 0.06)
-    sigma, _ = evidence(strand(hidden), registered(views(seen, straight, 0.11), 0.0), 0.0)
+    sigma, _ = point_uncertainty(strand(hidden), registered(views(seen, straight, 0.11), 0.0), 0.0)
     np.testing.assert_allclose(sigma[~hidden], FLOOR_M, rtol=1e-9, atol=0)
     # Leaving the smooth way with the least bend radius from the nearest point seen.
     way = np.abs(X[hidden, None] - X[~hidden]).min(axis=1)
@@ -102,14 +104,14 @@ def test_bridges_are_less_certain_towards_their_middle(
     middle = len(way) // 2
     assert (np.diff(sigma[hidden][: middle + 1]) > 0).all()
     # The fit beside a bridge is the fit in it.
-    noisy, _ = evidence(strand(hidden), registered(views(seen, straight, 0.11), 0.0), 0.0003)
+    noisy, _ = point_uncertainty(strand(hidden), registered(views(seen, straight, 0.11), 0.0), 0.0003)
     assert noisy[hidden].min() > noisy[~hidden].max()
 
 
 def test_a_strand_that_no_view_saw_is_finite(registered: Callable) -> None:
     # A strand bridged all along, and a view with nothing near it.
     elsewhere = (np.array([(5.0, 5.0, 5.0)] * 5), np.array([(0.0, 0.0, 1.0)] * 5))
-    sigma, count = evidence(strand(np.ones(len(X), dtype=bool)), registered([elsewhere]), 0.0002)
+    sigma, count = point_uncertainty(strand(np.ones(len(X), dtype=bool)), registered([elsewhere]), 0.0002)
     assert np.isfinite(sigma).all()
     assert sigma.min() > 10 * FLOOR_M
     np.testing.assert_array_equal(count, 0)

@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from recognition.assembly.unexplained import MOST, left_over
-from recognition.assembly.unexplained import unexplained as in_words
+from recognition.assembly.unexplained import MOST, find_unexplained_surface
+from recognition.assembly.unexplained import unexplained_messages as in_words
 from recognition.model.model import Chain
 from recognition.parameters import ChainParameters
 
@@ -20,8 +20,8 @@ def chain(points: np.ndarray, closed: bool = False) -> Chain:
     return Chain(0, closed, 0.0042, points, np.zeros(count), np.ones(count, dtype=np.int64), ("free", "free"))
 
 
-def unexplained(surface: np.ndarray, chains: list[Chain], parameters: ChainParameters) -> list[str]:
-    return in_words(left_over(surface, chains, parameters))
+def unexplained_messages(surface: np.ndarray, chains: list[Chain], parameters: ChainParameters) -> list[str]:
+    return in_words(find_unexplained_surface(surface, chains, parameters))
 
 
 # Points so far apart that the middles of links are more than 2 r from both.
@@ -30,32 +30,32 @@ ALONG_X = chain(line((0, 0), (100, 0), 20))
 
 def test_the_surface_of_a_chain_is_explained(table_1: ChainParameters) -> None:
     beside = line((0, 8), (100, 8), 1)
-    assert unexplained(beside, [ALONG_X], table_1) == []
+    assert unexplained_messages(beside, [ALONG_X], table_1) == []
 
 
 def test_the_surface_of_a_thicker_chain_is_explained(table_1: ChainParameters) -> None:
     beside = line((0, 11), (100, 11), 1)
-    assert len(unexplained(beside, [ALONG_X], table_1)) == 1
-    assert unexplained(beside, [replace(ALONG_X, radius_m=0.006)], table_1) == []
+    assert len(unexplained_messages(beside, [ALONG_X], table_1)) == 1
+    assert unexplained_messages(beside, [replace(ALONG_X, radius_m=0.006)], table_1) == []
 
 
 def test_something_else_is_told_with_its_size_and_place(table_1: ChainParameters) -> None:
     surface = np.vstack([line((0, 4), (100, 4), 1), line((20, 30), (60, 30), 1)])
-    (said,) = unexplained(surface, [ALONG_X], table_1)
+    (said,) = unexplained_messages(surface, [ALONG_X], table_1)
     assert said == "something of 40 mm at (40, 30, 4) mm is above the table and in no chain"
 
 
 def test_pieces_smaller_than_r_cn_are_noise(table_1: ChainParameters) -> None:
     # r_cn = 12.6 mm. Two pieces more than r apart are two, even if together they are larger.
-    assert unexplained(line((20, 30), (32, 30), 1), [ALONG_X], table_1) == []
+    assert unexplained_messages(line((20, 30), (32, 30), 1), [ALONG_X], table_1) == []
     two = np.vstack([line((20, 30), (30, 30), 1), line((35, 30), (45, 30), 1)])
-    assert unexplained(two, [ALONG_X], table_1) == []
-    assert len(unexplained(line((20, 30), (33, 30), 1), [ALONG_X], table_1)) == 1
+    assert unexplained_messages(two, [ALONG_X], table_1) == []
+    assert len(unexplained_messages(line((20, 30), (33, 30), 1), [ALONG_X], table_1)) == 1
 
 
 def test_the_largest_come_first_and_the_rest_are_counted(table_1: ChainParameters) -> None:
     surface = np.vstack([line((0, 30 + 10 * k), (20 + k, 30 + 10 * k), 1) for k in range(MOST + 2)])
-    told = unexplained(surface, [ALONG_X], table_1)
+    told = unexplained_messages(surface, [ALONG_X], table_1)
     assert [said.split()[2] for said in told[:MOST]] == ["26", "25", "24", "23", "22"]
     assert told[MOST:] == ["and 2 more such things"]
 
@@ -63,13 +63,13 @@ def test_the_largest_come_first_and_the_rest_are_counted(table_1: ChainParameter
 def test_a_closed_chain_explains_its_closing_link(table_1: ChainParameters) -> None:
     corners = np.array([(0, 0, 4.2), (60, 0, 4.2), (60, 60, 4.2), (0, 60, 4.2)]) / 1000
     side = line((0, 0), (0, 60), 1)
-    assert unexplained(side, [chain(corners, closed=True)], table_1) == []
-    assert len(unexplained(side, [chain(corners)], table_1)) == 1
+    assert unexplained_messages(side, [chain(corners, closed=True)], table_1) == []
+    assert len(unexplained_messages(side, [chain(corners)], table_1)) == 1
 
 
 def test_without_chains_all_of_the_surface_is_told(table_1: ChainParameters) -> None:
     """A table with string of another radius than told must not read like a bare one."""
-    (said,) = unexplained(line((0, 0), (50, 0), 1), [], table_1)
+    (said,) = unexplained_messages(line((0, 0), (50, 0), 1), [], table_1)
     assert said.startswith("something of 50 mm at (25, 0, ")
-    assert unexplained(np.empty((0, 3)), [], table_1) == []
-    assert unexplained(np.empty((0, 3)), [ALONG_X], table_1) == []
+    assert unexplained_messages(np.empty((0, 3)), [], table_1) == []
+    assert unexplained_messages(np.empty((0, 3)), [ALONG_X], table_1) == []

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 import recognition.geometry.graph_matching
-from recognition.geometry.graph_matching import best_couples, margins_of
+from recognition.geometry.graph_matching import matching_margins, maximum_weight_matching
 
 Ends = NDArray[np.int64]
 ENDS = 6
@@ -33,25 +33,25 @@ def arrays(couples: list[tuple[tuple[int, int], int]]) -> tuple[Ends, Ends, NDAr
 @given(graphs)
 def test_no_other_couples_gain_more(couples: list[tuple[tuple[int, int], int]]) -> None:
     a, b, gain = arrays(couples)
-    taken = best_couples(a, b, gain)
+    taken = maximum_weight_matching(a, b, gain)
     ends = [*a[taken], *b[taken]]
     assert len(ends) == len(set(ends))
     assert gain[taken].sum() == most(couples)
-    for couple, margin in zip(taken, margins_of(taken, a, b, gain), strict=True):
+    for couple, margin in zip(taken, matching_margins(taken, a, b, gain), strict=True):
         assert margin == most(couples) - most([*couples[:couple], *couples[couple + 1 :]])
 
 
 def test_of_couples_equally_good_the_same_are_taken_each_time() -> None:
     # Two answers gain 3. Releases of rustworkx before 0.18 give now this one and now that.
     couples = arrays([((0, 2), 2), ((0, 4), 1), ((1, 4), 1), ((2, 4), 2), ((3, 4), 1)])
-    answers = {tuple(best_couples(*couples)) for _ in range(50)}
+    answers = {tuple(maximum_weight_matching(*couples)) for _ in range(50)}
     assert len(answers) == 1
 
 
 def test_where_too_many_compete_no_couple_is_sure(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(recognition.geometry.graph_matching, "MOST_RIVALS", 2)
     a, b, gain = arrays([((0, 1), 2), ((2, 3), 5), ((3, 4), 3)])
-    assert margins_of(best_couples(a, b, gain), a, b, gain).tolist() == [2.0, 0.0]
+    assert matching_margins(maximum_weight_matching(a, b, gain), a, b, gain).tolist() == [2.0, 0.0]
 
 
 def test_a_thousand_ends_are_matched() -> None:
@@ -59,5 +59,5 @@ def test_a_thousand_ends_are_matched() -> None:
     rng = np.random.default_rng(1)
     a, b = np.unique(np.sort(rng.integers(0, 1000, (5000, 2)), axis=1), axis=0).T
     a, b = a[a != b], b[a != b]
-    taken = best_couples(a, b, rng.uniform(0.5, 1.0, len(a)))
+    taken = maximum_weight_matching(a, b, rng.uniform(0.5, 1.0, len(a)))
     assert len(set(a[taken]) | set(b[taken])) == 2 * len(taken) > 900

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from recognition.geometry.intersections import meetings
+from recognition.geometry.intersections import find_intersections
 from recognition.geometry.polyline import arc_length, points_at
 from recognition.strand import Strand
 
@@ -38,7 +38,7 @@ def test_every_couple_of_links_that_crosses_is_found(points: list[np.ndarray]) -
         for (i, m, a, b), (j, n, c, d) in combinations(links, 2)
         if crosses(a, b, c, d) and not (i == j and abs(m - n) <= 1)
     }
-    found = meetings([strand(walk) for walk in points])
+    found = find_intersections([strand(walk) for walk in points])
     # Links that only touch may count or not.
     assert expected <= {meeting.strands for meeting in found}
     assert [meeting.strands for meeting in found] == sorted(meeting.strands for meeting in found)
@@ -53,7 +53,7 @@ def test_a_crossing_in_a_rings_first_point_is_found_once(turned: bool) -> None:
     angle = np.linspace(0, 2 * np.pi, 40, endpoint=False)
     ring = np.column_stack([np.cos(angle), np.sin(angle), np.zeros(40)])
     line = np.array([(0.3, 0.0, 1.0), (1.7, 0.0, 1.0)])
-    (found,) = meetings([strand(ring, closed=True), strand(line[::-1] if turned else line)])
+    (found,) = find_intersections([strand(ring, closed=True), strand(line[::-1] if turned else line)])
     assert found.s_m[1] == pytest.approx(0.7, abs=1e-9)
 
 
@@ -61,12 +61,12 @@ def test_a_ring_that_crosses_itself_in_its_first_point_does_so_once() -> None:
     # An eight that begins in the middle.
     t = np.linspace(0, 2 * np.pi, 80, endpoint=False)
     eight = np.column_stack([np.sin(t), np.sin(2 * t) / 2, np.cos(t)])
-    (found,) = meetings([strand(eight, closed=True)])
+    (found,) = find_intersections([strand(eight, closed=True)])
     half = arc_length(np.vstack([eight, eight[:1]]))[40]
     assert abs(found.s_m[0] - found.s_m[1]) == pytest.approx(half, abs=1e-9)
     assert sorted(found.heights_m) == pytest.approx([-1, 1], abs=1e-9)
 
 
 def test_links_of_no_length_cross_nothing() -> None:
-    assert meetings([strand(np.zeros((3, 3))), strand(np.array([(-1.0, 0, 1), (1, 0, 1)]))]) == []
-    assert meetings([]) == []
+    assert find_intersections([strand(np.zeros((3, 3))), strand(np.array([(-1.0, 0, 1), (1, 0, 1)]))]) == []
+    assert find_intersections([]) == []

@@ -5,7 +5,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from recognition.geometry.neighbours import neighbourhood_means, within
+from recognition.geometry.neighbours import neighbour_matrix, neighbourhood_means
 
 # Whole coordinates and radii whose squares lie between whole numbers: no distance is a rounding away from the radius.
 grid_points = hnp.arrays(np.float64, st.tuples(st.integers(1, 12), st.just(3)), elements=st.integers(-4, 4).map(float))
@@ -16,7 +16,9 @@ radii = st.integers(0, 60).map(lambda n: float(np.sqrt(n + 0.5)))
 @given(grid_points, grid_points, radii)
 def test_within_marks_every_pair_in_reach(centres: np.ndarray, points: np.ndarray, radius: float) -> None:
     distance = np.linalg.norm(centres[:, None] - points[None], axis=2)
-    np.testing.assert_array_equal(within(centres, points, radius).toarray(), (distance <= radius).astype(float))
+    np.testing.assert_array_equal(
+        neighbour_matrix(centres, points, radius).toarray(), (distance <= radius).astype(float)
+    )
 
 
 @settings(deadline=None)
@@ -36,11 +38,11 @@ def test_means_by_a_loop(centres: np.ndarray, points: np.ndarray, radius: float)
 
 def test_a_point_is_its_own_neighbour_and_the_radius_counts_in() -> None:
     points = np.array([[0.0, 0, 0], [2, 0, 0], [5, 0, 0]])
-    np.testing.assert_array_equal(within(points, points, 2.0).toarray(), [[1, 1, 0], [1, 1, 0], [0, 0, 1]])
+    np.testing.assert_array_equal(neighbour_matrix(points, points, 2.0).toarray(), [[1, 1, 0], [1, 1, 0], [0, 0, 1]])
 
 
 def test_no_points() -> None:
     nothing = np.empty((0, 3))
-    assert within(nothing, nothing, 1.0).shape == (0, 0)
+    assert neighbour_matrix(nothing, nothing, 1.0).shape == (0, 0)
     assert neighbourhood_means(nothing, nothing, nothing, 1.0).shape == (0, 3)
     assert np.isnan(neighbourhood_means(np.zeros((2, 3)), nothing, nothing, 1.0)).all()

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from recognition.geometry.outlier_filter import LINE_RATIO, NEIGHBOURS, SURFACE_RATIO, inliers
+from recognition.geometry.outlier_filter import LINE_RATIO, NEIGHBOURS, SURFACE_RATIO, inlier_mask
 
 
 def sheet() -> np.ndarray:
@@ -17,7 +17,7 @@ def test_points_off_a_surface_are_found_and_the_surface_stays() -> None:
     points = np.vstack([sheet(), off])
     # Shuffled: the answer must not depend on the order.
     order = np.random.default_rng(1).permutation(len(points))
-    mask = inliers(points[order])
+    mask = inlier_mask(points[order])
     assert mask.dtype == bool
     np.testing.assert_array_equal(np.sort(order[~mask]), [900, 901, 902])
 
@@ -26,7 +26,7 @@ def test_an_even_cloud_on_a_circle_has_no_outlier() -> None:
     # Every point of it has the same neighbourhood, so that only rounding tells them apart.
     angle = np.arange(400) / 400 * 2 * np.pi
     circle = np.column_stack([np.cos(angle), np.sin(angle), np.zeros(400)]) * 0.1
-    assert inliers(circle, LINE_RATIO).all()
+    assert inlier_mask(circle, LINE_RATIO).all()
 
 
 @pytest.mark.parametrize("ratio", [1.0, SURFACE_RATIO, LINE_RATIO])
@@ -38,16 +38,16 @@ def test_the_rule_by_brute_force(ratio: float) -> None:
     mean = D[:, :NEIGHBOURS].mean(axis=1)
     expected = mean <= mean.mean() + ratio * mean.std(ddof=1)
     assert not expected.all()
-    np.testing.assert_array_equal(inliers(points, ratio), expected)
+    np.testing.assert_array_equal(inlier_mask(points, ratio), expected)
 
 
 def test_too_small_a_cloud_is_kept_whole() -> None:
     scattered = np.random.default_rng(2).uniform(size=(NEIGHBOURS, 3)) ** 5
-    assert inliers(scattered).tolist() == [True] * NEIGHBOURS
-    assert inliers(np.empty((0, 3))).shape == (0,)
+    assert inlier_mask(scattered).tolist() == [True] * NEIGHBOURS
+    assert inlier_mask(np.empty((0, 3))).shape == (0,)
 
 
 def test_points_in_one_place_are_not_outliers() -> None:
     # Centre points of an exact cylinder fall together ring by ring: their neighbours could not be nearer.
     rings = np.repeat(np.linspace((0.0, 0.0, 0.0), (0.049, 0.0, 0.0), 50), 24, axis=0)
-    assert inliers(rings).all()
+    assert inlier_mask(rings).all()

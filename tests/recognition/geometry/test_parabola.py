@@ -8,7 +8,7 @@ from hypothesis.extra.numpy import arrays
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from recognition.geometry.parabola import BENT, DISTURBED, end_parabola
+from recognition.geometry.parabola import BENT, DISTURBED, fit_end_parabola
 from recognition.geometry.polyline import arc_length
 
 R = 0.0042
@@ -34,7 +34,7 @@ def circle(radius: float, length: float, count: int) -> Points:
 @pytest.mark.parametrize("count", [2, 3, 4, 5, 30])
 @pytest.mark.parametrize("length", [0.3 * R, 2 * R, 4 * R, 20 * R])
 def test_a_line_is_told_exactly_however_it_is_spaced(count: int, length: float) -> None:
-    terms = end_parabola(straight(length * np.linspace(0, 1, count) ** 1.5), LENGTH, R)
+    terms = fit_end_parabola(straight(length * np.linspace(0, 1, count) ** 1.5), LENGTH, R)
     np.testing.assert_allclose(terms[:2], [FIRST, WAY], rtol=0, atol=1e-12)
     # A bend is told per metre: rounding of 1e-16 m over a length of millimetres, squared.
     np.testing.assert_allclose(terms[2], 0.0, rtol=0, atol=1e-9)
@@ -44,7 +44,7 @@ def test_a_parabola_is_told_exactly() -> None:
     # Along a parabola so flat that its length is its width: 5e-6 of a radius high, 1e-11 of one longer.
     x = np.linspace(0, LENGTH, 18)
     bend = 3e-7 / R
-    terms = end_parabola(FIRST + np.column_stack([x, np.zeros(18), bend * x**2]), LENGTH, R)
+    terms = fit_end_parabola(FIRST + np.column_stack([x, np.zeros(18), bend * x**2]), LENGTH, R)
     np.testing.assert_allclose(terms[0], FIRST, rtol=0, atol=1e-9 * R)
     np.testing.assert_allclose(terms[1], (1, 0, 0), rtol=0, atol=1e-9)
     np.testing.assert_allclose(terms[2], (0, 0, bend), rtol=0, atol=1e-3 * bend)
@@ -52,7 +52,7 @@ def test_a_parabola_is_told_exactly() -> None:
 
 @pytest.mark.parametrize("radius", [10 * R, 20 * R, 60 * R])
 def test_a_circle_is_told_to_the_third_order(radius: float) -> None:
-    first, way, bend = end_parabola(circle(radius, LENGTH, 60), LENGTH, R)
+    first, way, bend = fit_end_parabola(circle(radius, LENGTH, 60), LENGTH, R)
     # A circle differs from the parabola by s^3 / 6 R^2 along it and s^4 / 24 R^3 across, at most; and the best fit's
     # derivatives by a few times that over s and over s^2.
     along, across = LENGTH**3 / (6 * radius**2), LENGTH**4 / (24 * radius**3)
@@ -63,24 +63,24 @@ def test_a_circle_is_told_to_the_third_order(radius: float) -> None:
 
 def test_only_the_first_part_counts() -> None:
     bent = circle(20 * R, LENGTH, 20)
-    terms = end_parabola(bent, LENGTH, R)
+    terms = fit_end_parabola(bent, LENGTH, R)
     onward = bent[-1] + np.linspace(0.01, 0.1, 20)[:, None] * (0, 0, 1)
-    np.testing.assert_array_equal(end_parabola(np.vstack([bent, onward]), arc_length(bent)[-1], R), terms)
+    np.testing.assert_array_equal(fit_end_parabola(np.vstack([bent, onward]), arc_length(bent)[-1], R), terms)
 
 
 def test_a_short_line_or_one_of_few_points_shows_no_bend() -> None:
     short = circle(10 * R, 0.95 * BENT * R, 30)
     few = circle(10 * R, LENGTH, 4)
     for line in (short, few):
-        np.testing.assert_array_equal(end_parabola(line, LENGTH, R)[2], 0.0)
-    assert end_parabola(circle(10 * R, 1.05 * BENT * R, 30), LENGTH, R)[2, 1] > 0
+        np.testing.assert_array_equal(fit_end_parabola(line, LENGTH, R)[2], 0.0)
+    assert fit_end_parabola(circle(10 * R, 1.05 * BENT * R, 30), LENGTH, R)[2, 1] > 0
 
 
 def test_what_is_drawn_aside_at_the_end_counts_little() -> None:
     line = straight(np.linspace(0, LENGTH, 17))
     aside = np.array([1.0, 2.0, 0.0]) / np.sqrt(5)
     line[arc_length(line) < DISTURBED * R] += 0.2 * R * aside
-    place, way, _ = end_parabola(line, LENGTH, R)
+    place, way, _ = fit_end_parabola(line, LENGTH, R)
     # Three points of seventeen are off by 0.2 r. Counted like the others they draw the end all of that aside, and turn
     # its direction by 0.17.
     assert abs((place - FIRST) @ aside) < 0.1 * R
@@ -90,12 +90,12 @@ def test_what_is_drawn_aside_at_the_end_counts_little() -> None:
 def test_of_few_points_all_count_alike() -> None:
     # Symmetric: the best line through all four is the x axis.
     zigzag = R * np.array([(0, 0.1, 0), (1, -0.1, 0), (2, -0.1, 0), (3, 0.1, 0)])
-    np.testing.assert_allclose(end_parabola(zigzag, LENGTH, R)[:, 1], 0.0, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(fit_end_parabola(zigzag, LENGTH, R)[:, 1], 0.0, rtol=0, atol=1e-12)
 
 
 def test_a_line_that_does_not_move_stays_where_it_is() -> None:
     for count in (2, 6):
-        terms = end_parabola(np.tile(FIRST, (count, 1)), LENGTH, R)
+        terms = fit_end_parabola(np.tile(FIRST, (count, 1)), LENGTH, R)
         np.testing.assert_allclose(terms, [FIRST, np.zeros(3), np.zeros(3)], rtol=0, atol=1e-15)
 
 
@@ -114,8 +114,8 @@ def lines(draw: st.DrawFn) -> Points:
 @given(lines(), st.integers(0, 2**32 - 1), st.floats(0.2, 5.0))
 def test_moved_turned_and_larger_it_is_the_same_parabola(line: Points, seed: int, scale: float) -> None:
     turn = Rotation.random(rng=np.random.default_rng(seed)).as_matrix()
-    there = end_parabola(line * R, LENGTH, R)
-    moved = end_parabola((line * R * scale) @ turn.T + FIRST, LENGTH * scale, R * scale)
+    there = fit_end_parabola(line * R, LENGTH, R)
+    moved = fit_end_parabola((line * R * scale) @ turn.T + FIRST, LENGTH * scale, R * scale)
     factors = np.array([scale, 1.0, 1 / scale])[:, None]
     expected = factors * there @ turn.T + np.array([FIRST, np.zeros(3), np.zeros(3)])
     # Rounding of coordinates of some 0.1 m, over lengths that may be a thousandth of a radius, squared.

@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from recognition.geometry.polyline import arc_length, closed_up, evenly, points_at
+from recognition.geometry.polyline import arc_length, close_polyline, points_at, resample
 
 CORNERS = np.array([(0.0, 0.0, 0.0), (0.03, 0.0, 0.0), (0.03, 0.04, 0.0)])
 
@@ -15,8 +15,8 @@ polylines = arrays(np.float64, st.tuples(st.integers(2, 12), st.sampled_from((2,
 def test_arc_length_adds_up_the_links() -> None:
     np.testing.assert_allclose(arc_length(CORNERS), (0, 0.03, 0.07), rtol=0, atol=1e-15)
     np.testing.assert_array_equal(arc_length(CORNERS[:1]), [0.0])
-    np.testing.assert_allclose(arc_length(closed_up(CORNERS, True)), (0, 0.03, 0.07, 0.12), rtol=0, atol=1e-15)
-    assert closed_up(CORNERS, False) is CORNERS
+    np.testing.assert_allclose(arc_length(close_polyline(CORNERS, True)), (0, 0.03, 0.07, 0.12), rtol=0, atol=1e-15)
+    assert close_polyline(CORNERS, False) is CORNERS
 
 
 def test_places_lie_on_the_links_and_beyond_the_ends_at_the_ends() -> None:
@@ -27,7 +27,7 @@ def test_places_lie_on_the_links_and_beyond_the_ends_at_the_ends() -> None:
 
 @given(polylines, st.floats(0.01, 0.5))
 def test_even_steps_keep_both_ends_and_are_no_longer_than_told(points: np.ndarray, step: float) -> None:
-    found = evenly(points, step)
+    found = resample(points, step)
     np.testing.assert_allclose(found[[0, -1]], points[[0, -1]], rtol=0, atol=1e-12)
     # The way along the polyline between two places is one step; straight across a corner it is less.
     assert np.linalg.norm(np.diff(found, axis=0), axis=1).max() <= step * (1 + 1e-6)
@@ -41,4 +41,4 @@ def test_the_place_at_a_corners_length_is_the_corner(points: np.ndarray, share: 
 
 
 def test_a_polyline_of_no_length_is_its_point() -> None:
-    np.testing.assert_array_equal(evenly(np.ones((2, 3)), 0.1), np.ones((3, 3)))
+    np.testing.assert_array_equal(resample(np.ones((2, 3)), 0.1), np.ones((3, 3)))

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from recognition.grasping.candidates import FAR_M, MOST_PER_CHAIN, STEP_M, Places, find_places
+from recognition.grasping.candidates import FAR_M, MOST_PER_CHAIN, STEP_M, GraspCandidates, find_candidates
 from recognition.grasping.gripper import Gripper
 from recognition.model.model import Chain, Crossing, StrandPoint
 from recognition.parameters import ChainParameters
@@ -41,15 +41,15 @@ def crossing(over: tuple[int, float], under: tuple[int, float], confidence: floa
     return Crossing(0, np.zeros(3), *at, 2 * R, np.pi / 2, 1, confidence)
 
 
-def places(chain: Chain, *crossings: Crossing, gripper: Gripper = GRIPPER) -> Places:
-    found, _ = find_places(chain, crossings, PARAMETERS, gripper)
+def places(chain: Chain, *crossings: Crossing, gripper: Gripper = GRIPPER) -> GraspCandidates:
+    found, _ = find_candidates(chain, crossings, PARAMETERS, gripper)
     assert found is not None
     return found
 
 
 def reason(chain: Chain, *crossings: Crossing, gripper: Gripper = GRIPPER) -> str:
     """Why there is no place at all."""
-    found, told = find_places(chain, crossings, PARAMETERS, gripper)
+    found, told = find_candidates(chain, crossings, PARAMETERS, gripper)
     assert found is None or len(found.s_m) == 0
     return told
 
@@ -68,7 +68,7 @@ def test_a_straight_string_has_places_every_step_but_half_a_finger_from_its_ends
 
 
 def test_what_other_things_take_away_is_said_of_the_rest() -> None:
-    _, told = find_places(straight(), (), PARAMETERS, GRIPPER)
+    _, told = find_candidates(straight(), (), PARAMETERS, GRIPPER)
     assert told == "of 39 places along it 39 are where the gripper would touch the table, another strand or a thing"
 
 
@@ -86,7 +86,7 @@ def test_a_string_little_longer_than_a_finger_has_one_place(length: float) -> No
 
 def test_a_string_shorter_than_a_finger_has_none() -> None:
     assert reason(straight(length=0.008)) == "its 8 mm are no longer than a finger is wide"
-    found, told = find_places(chain(np.array([(0.0, 0.0, R)])), (), PARAMETERS, GRIPPER)
+    found, told = find_candidates(chain(np.array([(0.0, 0.0, R)])), (), PARAMETERS, GRIPPER)
     assert (found, told) == (None, "its 0 mm are no longer than a finger is wide")
 
 

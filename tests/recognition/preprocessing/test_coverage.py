@@ -20,21 +20,21 @@ from recognition.preprocessing.coverage import (
     MOST_SQUARES,
     NOTABLE_SHARE,
     Coverage,
-    Look,
+    ImagedArea,
+    coverage_message,
+    coverage_warnings,
     table_coverage,
-    told_coverage,
-    unseen_parts,
 )
 from recognition.preprocessing.target_cloud import Scene, preprocess
 
 K = np.array([[400.0, 0.0, 319.5], [0.0, 400.0, 199.5], [0.0, 0.0, 1.0]])
 
 
-def look(T_base_camera: NDArray[np.float64]) -> Look:
-    return Look(K, 640, 400, T_base_camera)
+def look(T_base_camera: NDArray[np.float64]) -> ImagedArea:
+    return ImagedArea(K, 640, 400, T_base_camera)
 
 
-def above(x: float, y: float, height_m: float) -> Look:
+def above(x: float, y: float, height_m: float) -> ImagedArea:
     """Looks straight down; the image's x axis is the base's y."""
     T = np.eye(4)
     T[:3, :3] = np.array([(0, 1, 0), (1, 0, 0), (0, 0, -1)])
@@ -84,17 +84,17 @@ def test_a_large_workspace_is_looked_at_in_larger_squares() -> None:
 
 def test_next_to_nothing_is_not_told() -> None:
     pictures = np.full((100, 100), 8)
-    assert told_coverage(coverage_of(pictures)) is None
+    assert coverage_message(coverage_of(pictures)) is None
     pictures[: round(100 * NOTABLE_SHARE)] = 1
-    assert told_coverage(coverage_of(pictures)) is None
+    assert coverage_message(coverage_of(pictures)) is None
     pictures[: round(100 * NOTABLE_SHARE) + 1] = 1
-    assert told_coverage(coverage_of(pictures)) is not None
+    assert coverage_message(coverage_of(pictures)) is not None
 
 
 def test_a_corner_is_told_by_its_place() -> None:
     pictures = np.full((100, 100), 2)
     pictures[80:, :30] = 1
-    assert told_coverage(coverage_of(pictures)) == (
+    assert coverage_message(coverage_of(pictures)) == (
         "6 % of the table in the workspace (600 cm2) is in fewer than 2 pictures, and strings there may be missed or "
         "cut short; that is at x 0.80 to 1.00 m, y 0.00 to 0.30 m"
     )
@@ -103,13 +103,15 @@ def test_a_corner_is_told_by_its_place() -> None:
 def test_a_rim_is_told_by_what_it_is_around() -> None:
     pictures = np.zeros((100, 100), dtype=np.int64)
     pictures[10:70, 20:90] = 3
-    assert (told_coverage(coverage_of(pictures)) or "").endswith("wholly in view is x 0.10 to 0.70 m, y 0.20 to 0.90 m")
+    assert (coverage_message(coverage_of(pictures)) or "").endswith(
+        "wholly in view is x 0.10 to 0.70 m, y 0.20 to 0.90 m"
+    )
 
 
 def test_what_is_wholly_in_view_is_so() -> None:
     x, y = np.meshgrid(np.arange(100), np.arange(100), indexing="ij")
     coverage = coverage_of(np.where((x - 45) ** 2 + (y - 55) ** 2 < 40**2, 2, 0))
-    words = told_coverage(coverage) or ""
+    words = coverage_message(coverage) or ""
     x0, x1, y0, y1 = (round(100 * float(figure)) for figure in re.findall(r"\d\.\d\d", words))
     assert coverage.in_view[x0:x1, y0:y1].all()
     # The largest rectangle in a disc has 2 / pi of it; steps of 5 cm cost some.
@@ -117,10 +119,10 @@ def test_what_is_wholly_in_view_is_so() -> None:
 
 
 def test_words_are_found_where_nothing_or_no_piece_is_in_view() -> None:
-    nothing = told_coverage(coverage_of(np.zeros((40, 40), dtype=np.int64)))
+    nothing = coverage_message(coverage_of(np.zeros((40, 40), dtype=np.int64)))
     assert (nothing or "").endswith("that is all of it")
     board = np.indices((100, 100)).sum(axis=0) % 2 * 2
-    assert (told_coverage(coverage_of(board)) or "").endswith("that is here and there")
+    assert (coverage_message(coverage_of(board)) or "").endswith("that is here and there")
 
 
 def test_it_takes_less_than_five_milliseconds() -> None:
@@ -130,7 +132,7 @@ def test_it_takes_less_than_five_milliseconds() -> None:
     spent = []
     for _ in range(100):
         began = time.process_time()
-        assert told_coverage(table_coverage(looks, (-0.6, 0.6), (-0.6, 0.6), 0.0)) is not None
+        assert coverage_message(table_coverage(looks, (-0.6, 0.6), (-0.6, 0.6), 0.0)) is not None
         spent.append(time.process_time() - began)
     assert min(spent) < 0.005
 
@@ -143,8 +145,8 @@ def test_simulated_scans_show_all_of_their_workspace(name: str) -> None:
     size = (camera.width, camera.height)
     poses = viewpoints(points, camera.K, size, camera.near_m, camera.working_m, 8)
     half = max(WORKSPACE_HALF_M, float(np.abs(points[:, :2]).max()) + 0.03)
-    looks = [Look(camera.K, *size, T) for T in poses]
-    assert told_coverage(table_coverage(looks, (-half, half), (-half, half), 0.0)) is None
+    looks = [ImagedArea(camera.K, *size, T) for T in poses]
+    assert coverage_message(table_coverage(looks, (-half, half), (-half, half), 0.0)) is None
 
 
 @pytest.fixture(scope="module")
@@ -164,7 +166,7 @@ def test_a_model_tells_what_its_pictures_do_not_show(scan: SimulatedScan) -> Non
     assert warned(scan, (-0.15, 0.15)) == []
     assert warned(scan, None) == [], "there is no workspace to be whole"
     (words,) = warned(scan, (-0.6, 0.6))
-    looks = [Look(view.K, 320, 200, view.T_base_camera) for view in scan.views]
+    looks = [ImagedArea(view.K, 320, 200, view.T_base_camera) for view in scan.views]
     # Poses are corrected by a millimetre or two.
     share = table_coverage(looks, (-0.6, 0.6), (-0.6, 0.6), 0.0).share
     assert float(words.split(" %")[0]) == pytest.approx(100 * (1 - share), abs=1.0)
@@ -178,12 +180,12 @@ def test_a_missing_view_is_missed(scan: SimulatedScan) -> None:
 def test_only_views_that_show_something_count(scan: SimulatedScan, table_1: ChainParameters) -> None:
     scene = Scene(0.0, ((-0.15, 0.15), (-0.15, 0.15), (0.0, 0.12)))
     targets = [preprocess(view, table_1, scene) for view in scan.views]
-    assert unseen_parts(targets, range(4), scene) == []
+    assert coverage_warnings(targets, range(4), scene) == []
     # Views that were left out although they saw something contradict the others.
-    (words,) = unseen_parts(targets, [0], scene)
+    (words,) = coverage_warnings(targets, [0], scene)
     assert words.startswith("100 %")
     # Of a view that saw the table alone it is known that no string is there.
     empty = [replace(target, points=np.zeros((0, 3))) for target in targets[1:]]
-    assert unseen_parts([targets[0], *empty], [0], scene) == []
+    assert coverage_warnings([targets[0], *empty], [0], scene) == []
     blind = [replace(target, points=np.zeros((0, 3)), in_workspace=0) for target in targets[1:]]
-    assert unseen_parts([targets[0], *blind], [0], scene) == [words]
+    assert coverage_warnings([targets[0], *blind], [0], scene) == [words]

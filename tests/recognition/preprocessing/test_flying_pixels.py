@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from recognition.parameters import ChainParameters
-from recognition.preprocessing.flying_pixels import off_rims
+from recognition.preprocessing.flying_pixels import is_on_surface
 
 
 @dataclass(frozen=True)
@@ -23,7 +23,7 @@ def image(depth: np.ndarray, focal_px: float = 440.0) -> Image:
 def kept(picture: Image, parameters: ChainParameters) -> np.ndarray:
     """(H, W) which of all pixels stay."""
     rows, columns = np.indices(picture.depth.shape).reshape(2, -1)
-    return off_rims(picture, rows, columns, parameters).reshape(picture.depth.shape)
+    return is_on_surface(picture, rows, columns, parameters).reshape(picture.depth.shape)
 
 
 def test_a_straight_edge_stays_and_what_flies_goes(table_1: ChainParameters) -> None:

@@ -6,7 +6,7 @@ from scipy.spatial.transform import Rotation
 
 from calibration.geometry.transforms import rigid, transform_points
 from recognition.parameters import ChainParameters
-from recognition.preprocessing.table_plane import levelling
+from recognition.preprocessing.table_plane import table_alignment
 
 
 def table_points(
@@ -27,7 +27,7 @@ def test_known_height_and_tilt_are_recovered(
     table_1: ChainParameters, table_z_m: float, height_m: float, slope_x: float, slope_y: float
 ) -> None:
     points = table_points(table_z_m + height_m, slope_x, slope_y)
-    T = rigid(levelling(points, table_z_m, table_1), "T_levelling")
+    T = rigid(table_alignment(points, table_z_m, table_1), "T_levelling")
     # An exact plane comes to z but for the sine that stands for the angle: 0.012^3 / 6 over 0.25 m is 0.1 um.
     np.testing.assert_allclose(transform_points(T, points)[:, 2], table_z_m, rtol=0, atol=1e-6)
     # The table says nothing of turns about the vertical nor of shifts along it: none is made at its middle.
@@ -44,7 +44,7 @@ def test_the_string_does_not_pull_the_plane_up(table_1: ChainParameters) -> None
     height = table_1.r * (1 + np.sqrt(1 - across**2))
     string = np.column_stack([u, 0.05 + table_1.r * across, 0.001 + 0.004 * u + height])
     noise = np.array([0.0, 0.0, 0.0005]) * rng.standard_normal((5500, 3))
-    T = levelling(np.vstack([table, string]) + noise, 0.0, table_1)
+    T = table_alignment(np.vstack([table, string]) + noise, 0.0, table_1)
     # 0.5 mm of noise over 4000 points is 0.01 mm; the string's flanks below the threshold may add some.
     np.testing.assert_allclose(transform_points(T, table)[:, 2], 0.0, rtol=0, atol=0.0001)
 
@@ -52,7 +52,7 @@ def test_the_string_does_not_pull_the_plane_up(table_1: ChainParameters) -> None
 def test_noise_averages_out(table_1: ChainParameters) -> None:
     points = table_points(-0.002, 0.0, 0.006)
     noisy = points + np.array([0.0, 0.0, 0.001]) * np.random.default_rng(7).standard_normal(points.shape)
-    T = levelling(noisy, 0.0, table_1)
+    T = table_alignment(noisy, 0.0, table_1)
     # 1 mm over 4000 points: 0.016 mm at the middle, twice that at the rim; four sigma of it, rounded up.
     np.testing.assert_allclose(transform_points(T, points)[:, 2], 0.0, rtol=0, atol=0.00015)
 
@@ -64,7 +64,7 @@ def test_untouched_when_no_table_is_seen(table_1: ChainParameters) -> None:
     mostly_else = np.vstack([points[:500], points + np.array([0.0, 0.0, 0.05])])
     narrow = table_points(0.001, 0.0, 0.0, half_m=(0.2, 0.01))
     for cloud in (np.empty((0, 3)), few, string_only, mostly_else, narrow):
-        np.testing.assert_array_equal(levelling(cloud, 0.0, table_1), np.eye(4))
+        np.testing.assert_array_equal(table_alignment(cloud, 0.0, table_1), np.eye(4))
 
 
 @pytest.mark.parametrize(
@@ -75,4 +75,4 @@ def test_untouched_when_the_plane_is_farther_off_than_a_pose_can_be(
     table_1: ChainParameters, height_m: float, slope_x: float, slope_y: float
 ) -> None:
     points = table_points(height_m, slope_x, slope_y)
-    np.testing.assert_array_equal(levelling(points, 0.0, table_1), np.eye(4))
+    np.testing.assert_array_equal(table_alignment(points, 0.0, table_1), np.eye(4))

@@ -5,7 +5,7 @@ import pytest
 
 from recognition.errors import InsufficientViewsError, NoDepthError
 from recognition.preprocessing.target_cloud import TargetCloud
-from recognition.preprocessing.view_selection import MIN_POINTS, usable_views
+from recognition.preprocessing.view_selection import MIN_POINTS, select_views
 
 
 def target(
@@ -16,7 +16,7 @@ def target(
 
 def test_views_that_see_a_string_are_used() -> None:
     targets = [target(0), target(1), target(2, points=MIN_POINTS)]
-    assert usable_views(targets) == (targets, (), None)
+    assert select_views(targets) == (targets, (), None)
 
 
 @pytest.mark.parametrize(
@@ -30,7 +30,7 @@ def test_views_that_see_a_string_are_used() -> None:
     ids=["no depth", "constant", "outside", "too few"],
 )
 def test_a_bad_view_among_good_ones_is_left_out_with_its_reason(bad: TargetCloud, reason: str) -> None:
-    seen, left_out, empty_because = usable_views([target(0), bad, target(2)])
+    seen, left_out, empty_because = select_views([target(0), bad, target(2)])
     assert [t.view for t in seen] == [0, 2]
     (quality,) = left_out
     assert (quality.index, quality.used, quality.points) == (1, False, len(bad.points))
@@ -40,7 +40,7 @@ def test_a_bad_view_among_good_ones_is_left_out_with_its_reason(bad: TargetCloud
 
 
 def test_a_table_without_a_string_is_a_valid_answer() -> None:
-    seen, left_out, empty_because = usable_views([target(0, points=0), target(1, points=3)])
+    seen, left_out, empty_because = select_views([target(0, points=0), target(1, points=3)])
     assert seen == []
     assert [quality.index for quality in left_out] == [0, 1]
     assert empty_because is not None
@@ -48,7 +48,7 @@ def test_a_table_without_a_string_is_a_valid_answer() -> None:
 
 
 def test_an_empty_table_seen_straight_from_above_is_no_broken_sensor() -> None:
-    seen, _, empty_because = usable_views([target(0, points=0, constant=True), target(1, points=0)])
+    seen, _, empty_because = select_views([target(0, points=0, constant=True), target(1, points=0)])
     assert seen == []
     assert empty_because is not None
     assert empty_because.startswith("no string of this radius in view")
@@ -57,25 +57,25 @@ def test_an_empty_table_seen_straight_from_above_is_no_broken_sensor() -> None:
 @pytest.mark.parametrize(("count", "said"), [(0, "0 views given"), (1, "1 view given")])
 def test_too_few_views_are_refused(count: int, said: str) -> None:
     with pytest.raises(InsufficientViewsError, match=f"{said}; at least 2 are needed"):
-        usable_views([target(k) for k in range(count)])
+        select_views([target(k) for k in range(count)])
 
 
 def test_no_depth_anywhere_is_refused_and_says_what_was_seen() -> None:
     blind = [target(0, 0, 0, 0), target(1, 500, 9000, 9000, constant=True), target(2, 0, 10)]
     with pytest.raises(NoDepthError, match="no view measured anything") as caught:
-        usable_views(blind)
+        select_views(blind)
     for said in ("view 0: no pixel has a depth", "view 1: every pixel", "view 2: nothing measured in the workspace"):
         assert said in str(caught.value)
 
 
 def test_one_view_that_looks_at_the_workspace_is_too_few() -> None:
     with pytest.raises(InsufficientViewsError, match="only view 4 measured anything in the workspace"):
-        usable_views([target(3, 0, 0, 0), target(4)])
+        select_views([target(3, 0, 0, 0), target(4)])
 
 
 def test_a_string_in_one_view_alone_is_refused() -> None:
     with pytest.raises(InsufficientViewsError, match="only view 5 sees anything above the table, the other 2 do not"):
-        usable_views([target(4, points=0), target(5), target(6, points=0)])
+        select_views([target(4, points=0), target(5), target(6, points=0)])
 
 
 def test_the_slugs_tell_the_reasons_apart() -> None:

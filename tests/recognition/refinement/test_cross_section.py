@@ -13,7 +13,7 @@ from cell.simulation.simulate import simulate
 from recognition.parameters import ChainParameters
 from recognition.pipeline import recognise
 from recognition.preprocessing.target_cloud import Scene
-from recognition.refinement.cross_section import FEW_STRETCHES, STRETCH, Roundness, roundness
+from recognition.refinement.cross_section import FEW_STRETCHES, STRETCH, CrossSections, measure_cross_sections
 from recognition.refinement.tube_fit import TubeFit
 
 R = 0.0042
@@ -30,9 +30,9 @@ def bar(length: float, noise: float = 0.0, seed: int = 0) -> Surface:
     return points + np.random.default_rng(seed).normal(0, noise, (len(points), 1)) * normals, normals
 
 
-def judged(surface: Surface, *lines: np.ndarray, r: float = R) -> Roundness:
+def judged(surface: Surface, *lines: np.ndarray, r: float = R) -> CrossSections:
     fit = TubeFit(lines, r, *surface)
-    return roundness(fit, fit.assign())
+    return measure_cross_sections(fit, fit.assign())
 
 
 @pytest.mark.parametrize(("r", "offset"), [(R, (0, 0)), (0.9 * R, (0, 0)), (1.1 * R, (0, 0)), (R, (0.05, -0.08))])

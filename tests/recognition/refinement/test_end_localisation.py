@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from recognition.refinement.end_localisation import to_true_end
+from recognition.refinement.end_localisation import localise_end
 
 R = 0.0042
 STEP = 0.7 * R
@@ -24,7 +24,7 @@ def test_a_straight_line_ends_where_the_string_does(
 ) -> None:
     axis = straight((0, 0, R), (0.1, 0, R))
     surface, normals = seen([axis], noise=noise * R)
-    ended = to_true_end(line_from(start * R), surface, normals, R)
+    ended = localise_end(line_from(start * R), surface, normals, R)
     # Of the surface's places, 1 mm (0.24 r) apart, the 95th percentile of the last 2 r.
     assert abs(ended[0, 0]) < 0.25 * R
     assert off_line(ended, [axis]).max() < 0.25 * R
@@ -43,7 +43,7 @@ def test_a_bend_is_carried_on(seen: Callable, arc: Callable, radius: float, beyo
     first = -np.degrees(beyond * R / radius)
     whole = np.radians(np.arange(first, 100, np.degrees(STEP / radius)))
     line = np.column_stack([radius * np.cos(whole), radius * np.sin(whole), np.full_like(whole, R)])
-    ended = to_true_end(line, surface, normals, R)
+    ended = localise_end(line, surface, normals, R)
     assert np.linalg.norm(ended[0] - string[0]) < 0.3 * R
 
 
@@ -53,14 +53,14 @@ def test_it_ends_before_another_string_that_lies_across(seen: Callable, straight
     across = straight((-1.05 * R, -0.04, R), (-1.05 * R, 0.04, R))
     surface, normals = seen([ending, across], noise=NOISE)
     for start in (-0.5, 0.0, 1.5):
-        assert to_true_end(line_from(start * R), surface, normals, R)[0, 0] == pytest.approx(0.0, abs=0.3 * R)
+        assert localise_end(line_from(start * R), surface, normals, R)[0, 0] == pytest.approx(0.0, abs=0.3 * R)
 
 
 def test_it_does_not_leap_over_a_hole_to_the_next_string(seen: Callable, straight: Callable) -> None:
     strings = [straight((0, 0, R), (0.1, 0, R)), straight((-0.05, 0, R), (-R, 0, R))]
     surface, normals = seen(strings, noise=NOISE)
     # A radius of bare table, in line.
-    assert to_true_end(line_from(R), surface, normals, R)[0, 0] == pytest.approx(0.0, abs=0.25 * R)
+    assert localise_end(line_from(R), surface, normals, R)[0, 0] == pytest.approx(0.0, abs=0.25 * R)
 
 
 def test_it_ends_under_a_strand_that_hides_it(seen: Callable, straight: Callable) -> None:
@@ -68,18 +68,18 @@ def test_it_ends_under_a_strand_that_hides_it(seen: Callable, straight: Callable
     over = straight((0, -0.05, 3 * R), (0, 0.05, 3 * R))
     surface, normals = seen([under, over], noise=NOISE)
     # The camera loses it at x = r; the strand above does not lie about its axis.
-    assert to_true_end(line_from(2 * R), surface, normals, R)[0, 0] == pytest.approx(R, abs=0.25 * R)
+    assert localise_end(line_from(2 * R), surface, normals, R)[0, 0] == pytest.approx(R, abs=0.25 * R)
 
 
 def test_a_line_with_no_surface_about_it_stays(seen: Callable, straight: Callable) -> None:
     surface, normals = seen([straight((0, 0.05, R), (0.1, 0.05, R))])
-    np.testing.assert_array_equal(to_true_end(line_from(0), surface, normals, R), line_from(0))
-    np.testing.assert_array_equal(to_true_end(line_from(0), np.empty((0, 3)), np.empty((0, 3)), R), line_from(0))
+    np.testing.assert_array_equal(localise_end(line_from(0), surface, normals, R), line_from(0))
+    np.testing.assert_array_equal(localise_end(line_from(0), np.empty((0, 3)), np.empty((0, 3)), R), line_from(0))
 
 
 def test_lines_of_a_few_points_are_taken(seen: Callable, straight: Callable) -> None:
     surface, normals = seen([straight((0, 0, R), (0.012, 0, R))], noise=NOISE)
     for count in (2, 3, 4):
-        ended = to_true_end(line_from(0.5 * R)[:count], surface, normals, R)
+        ended = localise_end(line_from(0.5 * R)[:count], surface, normals, R)
         assert ended[0, 0] == pytest.approx(0.0, abs=0.3 * R)
         assert np.isfinite(ended).all()

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from recognition.parameters import ChainParameters
-from recognition.refinement.end_merging import joined_where_ends_meet
+from recognition.refinement.end_merging import merge_overlapping_ends
 from recognition.refinement.refinement import refine
 from recognition.strand import Strand
 
@@ -65,10 +65,10 @@ def test_strings_that_end_near_one_another_stay_two(straight: Callable) -> None:
         straight((0.07, -0.05, 3 * R), (0.07, 0.05, 3 * R)),
     ):
         for one in (line, line[::-1]):
-            assert joined_where_ends_meet([strand(one), strand(other)], PARAMETERS) is None
+            assert merge_overlapping_ends([strand(one), strand(other)], PARAMETERS) is None
 
 
 def test_short_pieces_do_not_meet_themselves_and_nothing_meets_nothing(straight: Callable) -> None:
-    assert joined_where_ends_meet([], PARAMETERS) is None
+    assert merge_overlapping_ends([], PARAMETERS) is None
     piece = strand(straight((0, 0, R), (0.004, 0, R)))
-    assert joined_where_ends_meet([piece], PARAMETERS) is None
+    assert merge_overlapping_ends([piece], PARAMETERS) is None

@@ -7,7 +7,7 @@ import numpy as np
 
 from recognition.parameters import ChainParameters
 from recognition.refinement.refinement import FittedStrand, Refinement
-from recognition.refinement.string_classifier import perhaps_square, select_strings
+from recognition.refinement.string_classifier import classify_strings, may_be_square
 
 R = 0.0042
 PARAMETERS = ChainParameters.for_radius(R)
@@ -33,7 +33,7 @@ def judged(
     """With what may be a string too."""
     distance = np.array([np.linalg.norm(surface[:, None] - s.points, axis=2).min(axis=1) for s in strands])
     on = np.arange(len(surface)) % 100 < 100 * owned
-    return select_strings(
+    return classify_strings(
         Refinement(list(strands), np.where(on, distance.argmin(axis=0), -1), 0.0002), surface, PARAMETERS
     )
 
@@ -64,7 +64,7 @@ def test_the_profile_of_a_square_bar_is_no_strings_unless_it_may_be_either(seen:
         strand = replace(fitted(line), squareness=squareness, squareness_sigma=sigma)
         kept, told = selected(surface, strand)
         assert told == ([] if kept else NOT_ROUND)
-        return len(kept) == 1, perhaps_square(strand)
+        return len(kept) == 1, may_be_square(strand)
 
     # Kept, doubted.
     assert kept_and_doubted(0.1, 0.05) == (True, False)
@@ -108,7 +108,7 @@ def test_what_lies_on_another_ones_tube_speaks_for_none(seen: Callable, straight
     for elsewhere in (-1, 0):
         owner = np.where(half, elsewhere, beside_rim.astype(np.int64))
         found = Refinement([fitted(line), fitted(rim)], owner, 0.0002)
-        (kept,), _, told = select_strings(found, surface, PARAMETERS)
+        (kept,), _, told = classify_strings(found, surface, PARAMETERS)
         np.testing.assert_array_equal(kept.points, line)
         assert len(told) == 1
 
@@ -131,7 +131,7 @@ def test_turning_a_strand_round_turns_all_that_goes_with_its_points(seen: Callab
 
 
 def test_no_strands_no_strings() -> None:
-    assert select_strings(Refinement([], np.empty(0, dtype=np.int64), 0.0), np.empty((0, 3)), PARAMETERS) == (
+    assert classify_strings(Refinement([], np.empty(0, dtype=np.int64), 0.0), np.empty((0, 3)), PARAMETERS) == (
         [],
         [],
         [],
@@ -151,4 +151,4 @@ def test_a_tube_that_reaches_into_the_table_is_no_string(seen: Callable, straigh
     assert len(selected(surface, fitted(sunk))[0]) == 1
     lower = fitted(line - (0, 0, R))
     refinement = Refinement([lower], np.zeros(len(surface), dtype=np.int64), 0.0002)
-    assert len(select_strings(refinement, surface - (0, 0, R), PARAMETERS, -R)[0]) == 1
+    assert len(classify_strings(refinement, surface - (0, 0, R), PARAMETERS, -R)[0]) == 1

@@ -9,8 +9,14 @@ import pytest
 from calibration.geometry.transforms import from_rotation_vector, inverse
 from recognition.parameters import ChainParameters
 from recognition.preprocessing.normals import NormalCloud
-from recognition.registration.correspondences import ANCHORS, MIN_ANCHORS, MIN_PAIRS, anchors, overlaps
-from recognition.registration.registration import moved
+from recognition.registration.correspondences import (
+    ANCHORS,
+    MIN_ANCHORS,
+    MIN_PAIRS,
+    anchor_points,
+    find_correspondences,
+)
+from recognition.registration.registration import transform_cloud
 
 AXIS = np.column_stack([np.arange(0.0, 0.1, 0.001), np.zeros(100), np.zeros(100)])
 
@@ -29,7 +35,7 @@ def half(table_1: ChainParameters, tube: Callable) -> Callable[..., NormalCloud]
 def test_only_what_both_show_is_paired(table_1: ChainParameters, half: Callable) -> None:
     # 19 points round: every 5 degrees. 60 to 90 degrees are in both.
     right, left = half(3, 0, 90), half(5, 60, 150)
-    (overlap,) = overlaps(left, [right], table_1, reach=0.05)
+    (overlap,) = find_correspondences(left, [right], table_1, reach=0.05)
     assert (overlap.first, overlap.second) == (5, 3)
     np.testing.assert_allclose(left.points[overlap.at_first], right.points[overlap.at_second], rtol=0, atol=1e-12)
     np.testing.assert_allclose(overlap.distance, 0.0, rtol=0, atol=1e-12)
@@ -43,23 +49,23 @@ def test_only_what_both_show_is_paired(table_1: ChainParameters, half: Callable)
 def test_surfaces_back_to_back_are_not_the_same(table_1: ChainParameters, half: Callable) -> None:
     cloud = half(0, 0, 90)
     inside_out = NormalCloud(1, cloud.points, -cloud.normals, np.eye(4))
-    assert overlaps(inside_out, [cloud], table_1) == []
+    assert find_correspondences(inside_out, [cloud], table_1) == []
 
 
 def test_too_few_pairs_are_none(table_1: ChainParameters, half: Callable) -> None:
     cloud = half(0, 0, 90)
     for count in (MIN_PAIRS - 1, MIN_PAIRS):
         few = NormalCloud(1, cloud.points[:count], cloud.normals[:count], np.eye(4))
-        assert len(overlaps(few, [cloud], table_1)) == (count == MIN_PAIRS)
+        assert len(find_correspondences(few, [cloud], table_1)) == (count == MIN_PAIRS)
 
 
 def test_clouds_are_looked_at_where_they_are_moved_to(table_1: ChainParameters, half: Callable) -> None:
     first, second = half(0, 0, 120), half(1, 20, 140)
     T, T_other = from_rotation_vector((0.3, 0, 0.1), (0.5, 0.2, 1)), from_rotation_vector((0, -0.2, 0), (0, 0, -1))
-    away = moved(second, inverse(T)), moved(first, inverse(T_other))
-    assert overlaps(away[0], [away[1]], table_1) == []
-    (there,) = overlaps(away[0], [away[1]], table_1, T=T, T_others=[T_other])
-    (here,) = overlaps(second, [first], table_1)
+    away = transform_cloud(second, inverse(T)), transform_cloud(first, inverse(T_other))
+    assert find_correspondences(away[0], [away[1]], table_1) == []
+    (there,) = find_correspondences(away[0], [away[1]], table_1, T=T, T_others=[T_other])
+    (here,) = find_correspondences(second, [first], table_1)
     # At rounding, another of two points that are equally far may be taken.
     np.testing.assert_allclose(there.distance, here.distance, rtol=0, atol=1e-12)
     np.testing.assert_allclose(there.cosine, here.cosine, rtol=0, atol=1e-12)
@@ -69,14 +75,14 @@ def test_many_views_are_asked_for_fewer_points_each(table_1: ChainParameters, ha
     cloud, other = half(99, 0, 90), half(0, 0, 90)
     for count in (1, 7, 14, 200):
         others = [replace(other, view=k) for k in range(count)]
-        looked = [overlap.looked for overlap in overlaps(cloud, others, table_1)]
+        looked = [overlap.looked for overlap in find_correspondences(cloud, others, table_1)]
         assert len(looked) == count
         assert max(looked) <= max(ANCHORS * min(1.0, 7 / count), MIN_ANCHORS)
 
 
 def test_anchors_are_bounded_and_spread(half: Callable) -> None:
     cloud = half(0, 0, 90)
-    chosen = anchors(cloud)
+    chosen = anchor_points(cloud)
     assert ANCHORS / 2 < len(chosen) <= ANCHORS
     assert np.ptp(np.diff(chosen)) == 0
-    assert anchors(cloud, 10_000).tolist() == list(range(1900))
+    assert anchor_points(cloud, 10_000).tolist() == list(range(1900))

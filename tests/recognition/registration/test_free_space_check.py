@@ -13,8 +13,8 @@ from recognition.preprocessing.normals import NormalCloud
 from recognition.registration.free_space_check import (
     MAX_ROBOT_SIGMA,
     ContradictingViewsError,
-    seen_through,
-    strangers,
+    find_inconsistent_views,
+    free_space_violations,
 )
 
 K = np.array([[400.0, 0.0, 159.5], [0.0, 400.0, 99.5], [0.0, 0.0, 1.0]])
@@ -39,18 +39,18 @@ def strip(view: int, y_m: float, x_m: tuple[float, float] = (-0.1, 0.1)) -> Norm
 
 
 def left_out(clouds: Sequence[NormalCloud], table_1: ChainParameters, robot: float = 1.0) -> dict[int, str]:
-    return strangers(clouds, np.full(len(clouds), robot), table_1)
+    return find_inconsistent_views(clouds, np.full(len(clouds), robot), table_1)
 
 
 def test_views_of_one_scene_do_not_see_through_one_another(table_1: ChainParameters) -> None:
     # A millimetre and a half is what poses may be off, and not yet another place.
     clouds = [strip(0, 0.0), strip(1, 0.0015), strip(2, -0.001)]
-    np.testing.assert_array_equal(seen_through(clouds, table_1), 0.0)
+    np.testing.assert_array_equal(free_space_violations(clouds, table_1), 0.0)
     assert left_out(clouds, table_1) == {}
 
 
 def test_a_strip_elsewhere_is_seen_through_altogether(table_1: ChainParameters) -> None:
-    through = seen_through([strip(0, 0.0), strip(1, 0.02)], table_1)
+    through = free_space_violations([strip(0, 0.0), strip(1, 0.02)], table_1)
     assert (np.diag(through) == 0).all()
     assert min(through[0, 1], through[1, 0]) > 0.9
 
@@ -92,7 +92,7 @@ def test_a_majority_must_be_left_when_poses_have_gone_too(table_1: ChainParamete
     with pytest.raises(
         ContradictingViewsError, match=r"3 of 5 views would have to be left out.*view 4: to fit"
     ) as told:
-        strangers(clouds, robot, table_1)
+        find_inconsistent_views(clouds, robot, table_1)
     assert "check the poses" in str(told.value)
 
 
@@ -110,25 +110,25 @@ def test_what_a_view_does_not_see_it_does_not_contradict(table_1: ChainParameter
     before = hidden.image.depth.copy()
     before[60:140, 200:260] = 3000
     hidden = replace(hidden, image=image(2, before))
-    np.testing.assert_array_equal(seen_through([whole, half, hidden], table_1), 0.0)
+    np.testing.assert_array_equal(free_space_violations([whole, half, hidden], table_1), 0.0)
     # Behind the camera, and outside its image.
     away = replace(strip(3, 0.0), points=strip(3, 0.0).points + np.array([0.0, 0.0, 1.0]))
     aside = replace(strip(4, 0.0), points=strip(4, 0.0).points + np.array([1.0, 0.0, 0.0]))
-    np.testing.assert_array_equal(seen_through([whole, away, aside], table_1)[0], 0.0)
+    np.testing.assert_array_equal(free_space_violations([whole, away, aside], table_1)[0], 0.0)
 
 
 def test_without_images_nothing_is_contradicted(table_1: ChainParameters) -> None:
     clouds = [replace(strip(k, 0.02 * k), image=None) for k in range(3)]
-    np.testing.assert_array_equal(seen_through(clouds, table_1), 0.0)
+    np.testing.assert_array_equal(free_space_violations(clouds, table_1), 0.0)
     assert left_out(clouds, table_1) == {}
 
 
 def test_a_pose_that_the_arm_cannot_have_told_is_left_out(table_1: ChainParameters) -> None:
     clouds = [strip(k, 0.0) for k in range(4)]
     robot = np.array([1.0, 2.0, MAX_ROBOT_SIGMA + 2, 1.5])
-    reasons = strangers(clouds, robot, table_1)
+    reasons = find_inconsistent_views(clouds, robot, table_1)
     assert list(reasons) == [2]
     assert "12 sigma of the arm's accuracy (the other views: 2)" in reasons[2]
     # An arm that is worse than assumed in all views is no view's fault; nor can two views tell which is wrong.
-    assert strangers(clouds, robot + 8, table_1) == {}
-    assert strangers(clouds[1:3], robot[1:3], table_1) == {}
+    assert find_inconsistent_views(clouds, robot + 8, table_1) == {}
+    assert find_inconsistent_views(clouds[1:3], robot[1:3], table_1) == {}

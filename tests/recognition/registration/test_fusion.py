@@ -9,7 +9,7 @@ from scipy.spatial import KDTree
 from recognition.errors import TooCrowdedError
 from recognition.parameters import ChainParameters
 from recognition.preprocessing.normals import NormalCloud
-from recognition.registration.fusion import MAX_POINTS, merge
+from recognition.registration.fusion import MAX_POINTS, merge_clouds
 
 ARC = np.column_stack([np.cos(np.linspace(0, 3, 250)), np.sin(np.linspace(0, 3, 250)), np.zeros(250)]) * 0.06
 
@@ -21,7 +21,7 @@ def test_merging_thins_drops_outliers_and_keeps_unit_normals(table_1: ChainParam
         noise = 0.0001 * np.random.default_rng(k).standard_normal(points.shape)
         clouds.append(NormalCloud(k, points + noise, normals, np.eye(4)))
     far = NormalCloud(9, np.array([[0.0, 0.0, 0.08]]), np.array([[0.0, 0.0, 1.0]]), np.eye(4))
-    points, normals = merge([*clouds, far], table_1)
+    points, normals = merge_clouds([*clouds, far], table_1)
     assert points.shape == normals.shape
     assert len(points) < sum(len(cloud.points) for cloud in clouds) / 4
     np.testing.assert_allclose(np.linalg.norm(normals, axis=1), 1.0, rtol=0, atol=1e-12)
@@ -37,7 +37,9 @@ def test_a_point_with_opposite_normals_has_no_side(table_1: ChainParameters) -> 
     down = up.copy()
     # Half of the second view's sheet is seen from below.
     down[sheet[:, 0] > 0.011] *= -1
-    points, normals = merge([NormalCloud(0, sheet, up, np.eye(4)), NormalCloud(1, sheet, down, np.eye(4))], table_1)
+    points, normals = merge_clouds(
+        [NormalCloud(0, sheet, up, np.eye(4)), NormalCloud(1, sheet, down, np.eye(4))], table_1
+    )
     assert points[:, 0].max() < 0.011
     np.testing.assert_allclose(normals, np.tile((0.0, 0.0, 1.0), (len(points), 1)), rtol=0, atol=1e-12)
 
@@ -46,4 +48,4 @@ def test_more_points_than_strings_have_are_refused(table_1: ChainParameters) -> 
     points = np.random.default_rng(0).uniform(0, 2.0, (MAX_POINTS + 5000, 3))
     cloud = NormalCloud(0, points, np.tile((0.0, 0.0, 1.0), (len(points), 1)), np.eye(4))
     with pytest.raises(TooCrowdedError, match=r"the views together have 15[0-9]{4} points above the table"):
-        merge([cloud], table_1)
+        merge_clouds([cloud], table_1)

@@ -18,10 +18,10 @@ from cell.simulation.world import SimulatedWorld, simulated_world
 from cell.viewpoints import ViewpointPlan, plan_viewpoints
 from recognition.parameters import ChainParameters
 from recognition.preprocessing.target_cloud import Scene
-from recognition.registration.hand_eye_error import CommonError
+from recognition.registration.hand_eye_error import HandEyeErrorEstimate
 from recognition.registration.pose_prior import PoseSigmas
 from recognition.registration.registration import register
-from recognition.view_ingestion import Arrivals, receive
+from recognition.view_ingestion import IngestedViews, ingest_views
 
 SCENES = ("figure-eight", "several", "straight")
 BEFOREHAND = np.diag(np.repeat([PoseSigmas().hand_eye_rad, PoseSigmas().hand_eye_m], 3) ** 2)
@@ -37,7 +37,7 @@ def usual_cell() -> tuple[SimulatedWorld, ViewpointPlan, Scene]:
     return world, plan, Scene(settings.mounting.table_z_m, settings.workspace_m)
 
 
-def arrivals(scene: str, moved: tuple[float, ...]) -> Arrivals:
+def arrivals(scene: str, moved: tuple[float, ...]) -> IngestedViews:
     """What the cell sees of a scene once the camera has `moved` (turn, shift) since it was calibrated."""
     world, plan, where = usual_cell()
     T_flange_camera = world.T_flange_camera @ from_rotation_vector(moved[3:], moved[:3])
@@ -48,18 +48,18 @@ def arrivals(scene: str, moved: tuple[float, ...]) -> Arrivals:
         for v in plan.viewpoints
         if v.q_rad is not None
     ]
-    return receive(views, ChainParameters.for_radius(0.0042), where)
+    return ingest_views(views, ChainParameters.for_radius(0.0042), where)
 
 
-def told_by(seen: Arrivals, sigmas: PoseSigmas | None = None) -> CommonError:
+def told_by(seen: IngestedViews, sigmas: PoseSigmas | None = None) -> HandEyeErrorEstimate:
     parameters = ChainParameters.for_radius(0.0042)
-    error = register(seen.clouds, parameters, seen.pairs, sigmas).common_error
+    error = register(seen.clouds, parameters, seen.pairs, sigmas).hand_eye_error
     assert error is not None
     return error
 
 
 def true_error(moved: tuple[float, ...]) -> np.ndarray:
-    """(6,) of the told calibration, as `CommonError` has it."""
+    """(6,) of the told calibration, as `HandEyeErrorEstimate` has it."""
     world, _, _ = usual_cell()
     T = inverse(world.told_T_flange_camera) @ world.T_flange_camera @ from_rotation_vector(moved[3:], moved[:3])
     return np.concatenate([Rotation.from_matrix(T[:3, :3]).as_rotvec(), T[:3, 3]])
@@ -110,4 +110,4 @@ def test_views_without_anything_in_common_tell_nothing(table_1: ChainParameters,
     for k, height in enumerate((0.0, 0.1)):
         points, normals = tube(line, table_1.r, 0.2, 2.6, around=12)
         clouds.append(NormalCloud(k, points + (0, 0, height), normals, np.eye(4)))
-    assert register(clouds, table_1).common_error is None
+    assert register(clouds, table_1).hand_eye_error is None

@@ -17,10 +17,10 @@ from cell.simulation.simulate import simulate
 from recognition.parameters import ChainParameters
 from recognition.preprocessing.normals import NormalCloud
 from recognition.preprocessing.target_cloud import Scene
-from recognition.registration.correspondences import overlaps
+from recognition.registration.correspondences import find_correspondences
 from recognition.registration.pose_prior import PoseSigmas, twist_of
-from recognition.registration.registration import Registration, moved, register
-from recognition.view_ingestion import receive
+from recognition.registration.registration import Registration, register, transform_cloud
+from recognition.view_ingestion import ingest_views
 
 S = np.arange(0.0, 0.24, 0.0008)
 # An S of two arcs of 60 mm radius: bent in the plane, so that views cannot slide along it.
@@ -39,7 +39,7 @@ def views_of(tube: Callable, curve: np.ndarray, r: float, twists: np.ndarray) ->
         shifted = curve + np.gradient(curve, axis=0) * rng.uniform(-0.5, 0.5)
         points, normals = tube(shifted, r, *SIDES[k], around=18)
         cloud = NormalCloud(k, points + 0.0001 * rng.standard_normal(points.shape), normals, np.eye(4))
-        clouds.append(replace(moved(cloud, about(twist, curve.mean(axis=0))), T_correction=np.eye(4)))
+        clouds.append(replace(transform_cloud(cloud, about(twist, curve.mean(axis=0))), T_correction=np.eye(4)))
     return clouds
 
 
@@ -187,7 +187,7 @@ def test_a_calibration_that_has_drifted_is_told(table_1: ChainParameters) -> Non
     for drift_m, turn_rad, told in ((0.0007, 0.0, False), (0.0, 0.003, False), (0.004, 0.0, True), (0.0, 0.03, True)):
         T_error = from_rotation_vector((drift_m, 0, 0), (0, 0, turn_rad))
         views = [replace(view, T_flange_camera=view.T_flange_camera @ T_error) for view in scan.views]
-        arrivals = receive(views, table_1, scene)
+        arrivals = ingest_views(views, table_1, scene)
         registration = register(arrivals.clouds, table_1, arrivals.pairs)
         assert all(view.used for view in registration.views)
         assert bool(registration.warnings) == told
@@ -204,7 +204,7 @@ def test_a_calibration_that_has_drifted_is_told(table_1: ChainParameters) -> Non
 
 def test_what_was_paired_at_arrival_is_used(table_1: ChainParameters, tube: Callable) -> None:
     clouds = views_of(tube, BENT, table_1.r, pose_errors(5, 3))
-    pairs = [pair for k in range(3) for pair in overlaps(clouds[k], clouds[:k], table_1)]
+    pairs = [pair for k in range(3) for pair in find_correspondences(clouds[k], clouds[:k], table_1)]
     given, found = register(clouds, table_1, pairs), register(clouds, table_1)
     np.testing.assert_array_equal(given.points, found.points)
     np.testing.assert_array_equal(given.covariance, found.covariance)
@@ -212,7 +212,7 @@ def test_what_was_paired_at_arrival_is_used(table_1: ChainParameters, tube: Call
 
 def test_views_without_anything_in_common_stay_where_they_are(table_1: ChainParameters, tube: Callable) -> None:
     first, second = views_of(tube, BENT, table_1.r, np.zeros((2, 6)))
-    elsewhere = moved(second, from_rotation_vector((0, 0, 0.1), (0, 0, 0)))
+    elsewhere = transform_cloud(second, from_rotation_vector((0, 0, 0.1), (0, 0, 0)))
     registration = register([first, replace(elsewhere, T_correction=np.eye(4))], table_1)
     for cloud in registration.clouds:
         np.testing.assert_allclose(cloud.T_correction, np.eye(4), rtol=0, atol=1e-12)
@@ -225,14 +225,14 @@ def test_a_cloud_is_moved_with_all_that_belongs_to_it() -> None:
     cloud = NormalCloud(
         0, np.array([[1.0, 0, 0], [2.0, 0, 0]]), np.array([[1.0, 0, 0], [0, 0, 1.0]]), np.eye(4), T_base_camera
     )
-    turned = moved(cloud, from_rotation_vector((0, 0, 0.5), (0, 0, np.pi / 2)))
+    turned = transform_cloud(cloud, from_rotation_vector((0, 0, 0.5), (0, 0, np.pi / 2)))
     np.testing.assert_allclose(turned.points, [(0, 1, 0.5), (0, 2, 0.5)], rtol=0, atol=1e-15)
     np.testing.assert_allclose(turned.normals, [(0, 1, 0), (0, 0, 1)], rtol=0, atol=1e-15)
     np.testing.assert_allclose(transform_points(turned.T_correction, cloud.points), turned.points, rtol=0, atol=1e-15)
     assert turned.T_base_camera is not None
     np.testing.assert_allclose(turned.T_base_camera[:3, 3], (0, 0, 0.9), rtol=0, atol=1e-15)
     # A further correction comes on top.
-    back = moved(turned, from_rotation_vector((0, 0, 0), (0, 0, -np.pi / 2)))
+    back = transform_cloud(turned, from_rotation_vector((0, 0, 0), (0, 0, -np.pi / 2)))
     np.testing.assert_allclose(back.T_correction, from_rotation_vector((0, 0, 0.5), (0, 0, 0)), rtol=0, atol=1e-15)
     # The tree of the points is its own.
     assert turned.tree.query([0, 1, 0.5])[0] < 1e-12 < cloud.tree.query([0, 1, 0.5])[0]

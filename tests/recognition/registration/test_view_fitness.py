@@ -7,8 +7,8 @@ import pytest
 
 from recognition.parameters import ChainParameters
 from recognition.preprocessing.normals import NormalCloud
-from recognition.registration.registration import moved
-from recognition.registration.view_fitness import PARTNERS, fitness
+from recognition.registration.registration import transform_cloud
+from recognition.registration.view_fitness import PARTNERS, evaluate_fitness
 
 SHIFT = 0.0004
 
@@ -27,7 +27,7 @@ def test_views_that_agree_fit_whatever_the_strings_length(
     seen: Callable, straight: Callable, table_1: ChainParameters, count: int, length: float
 ) -> None:
     placed = views(count, seen, straight, length, table_1.r)
-    for quality in fitness(placed, placed, table_1):
+    for quality in evaluate_fitness(placed, placed, table_1):
         assert quality.fitness == 1.0
         # Along the string they slid; across it, where distances are measured, they did not.
         assert quality.rms_m is not None
@@ -39,8 +39,8 @@ def test_a_view_beside_the_others_is_told_how_far(seen: Callable, straight: Call
     came = views(4, seen, straight, 0.3, table_1.r)
     T = np.eye(4)
     T[2, 3] = SHIFT
-    placed = [moved(came[0], T), *came[1:]]
-    raised, *others = fitness(came, placed, table_1)
+    placed = [transform_cloud(came[0], T), *came[1:]]
+    raised, *others = evaluate_fitness(came, placed, table_1)
     assert raised.fitness == 1.0
     assert raised.correction_m == pytest.approx(SHIFT, abs=1e-9)
     assert raised.rms_m is not None
@@ -53,8 +53,8 @@ def test_what_no_other_view_shows_does_not_fit(seen: Callable, straight: Callabl
     half = views(2, seen, straight, 0.2, table_1.r)
     left = half[1].points[:, 0] < 0.1
     cut = NormalCloud(1, half[1].points[left], half[1].normals[left], np.eye(4))
-    whole, part = fitness([half[0], cut], [half[0], cut], table_1)
+    whole, part = evaluate_fitness([half[0], cut], [half[0], cut], table_1)
     assert whole.fitness == pytest.approx(0.5, abs=0.05)
     assert part.fitness == 1.0
-    (alone,) = fitness(half[:1], half[:1], table_1)
+    (alone,) = evaluate_fitness(half[:1], half[:1], table_1)
     assert (alone.fitness, alone.rms_m) == (0.0, None)

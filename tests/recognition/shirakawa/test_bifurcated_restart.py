@@ -7,7 +7,12 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from recognition.parameters import ChainParameters
-from recognition.shirakawa.bifurcated_restart import approach, find_restarts, intersection_ratios, sharp_turn
+from recognition.shirakawa.bifurcated_restart import (
+    approach_intersection,
+    find_restarts,
+    intersection_ratios,
+    sharp_turn,
+)
 from recognition.shirakawa.matching import SearchField
 
 CENTRE = np.zeros(3)
@@ -40,7 +45,7 @@ def test_eq_7_by_a_loop(points: np.ndarray, bits: int, r_f: float) -> None:
 
 def test_the_point_before_the_first_over_the_threshold_ends_the_segment(round_figures: ChainParameters) -> None:
     R_c = np.array([0.0, 0.2, 0.6, 0.75, 0.9, 0.8, 0.3])
-    found = approach(row(7), R_c, [0], round_figures)
+    found = approach_intersection(row(7), R_c, [0], round_figures)
     assert found.segment == [0, 1, 2]
 
 
@@ -48,7 +53,7 @@ def test_the_local_maximum_is_the_bifurcation_centre(round_figures: ChainParamet
     search = row(8)
     # A second, higher maximum belongs to another intersection.
     R_c = np.array([0.0, 0.2, 0.6, 0.75, 0.9, 0.8, 0.95, 1.0])
-    found = approach(search, R_c, [0], round_figures)
+    found = approach_intersection(search, R_c, [0], round_figures)
     assert found.bifurcation_centre is not None
     np.testing.assert_array_equal(found.bifurcation_centre, search.points[4])
 
@@ -64,20 +69,20 @@ def test_the_local_maximum_is_the_bifurcation_centre(round_figures: ChainParamet
 )
 def test_of_a_plateau_the_middle_is_the_centre(round_figures: ChainParameters, R_c: list[float], middle: int) -> None:
     search = row(len(R_c))
-    found = approach(search, np.array(R_c), [0], round_figures)
+    found = approach_intersection(search, np.array(R_c), [0], round_figures)
     assert found.bifurcation_centre is not None
     np.testing.assert_array_equal(found.bifurcation_centre, search.points[middle])
 
 
 def test_the_threshold_itself_is_not_exceeded(round_figures: ChainParameters) -> None:
-    found = approach(row(4), np.full(4, round_figures.R_t), [0], round_figures)
+    found = approach_intersection(row(4), np.full(4, round_figures.R_t), [0], round_figures)
     assert found.segment == [0, 1, 2, 3]
     assert found.bifurcation_centre is None
 
 
 def test_a_sequence_that_ends_in_the_open_has_no_centre(round_figures: ChainParameters) -> None:
     search = row(4)
-    found = approach(search, np.zeros(4), [0], round_figures)
+    found = approach_intersection(search, np.zeros(4), [0], round_figures)
     assert (found.segment, found.bifurcation_centre) == ([0, 1, 2, 3], None)
     assert not search.connectable.any()
 
@@ -85,12 +90,12 @@ def test_a_sequence_that_ends_in_the_open_has_no_centre(round_figures: ChainPara
 def test_a_restart_with_its_first_link_is_continued(round_figures: ChainParameters) -> None:
     search = row(5)
     search.connectable[:2] = False
-    assert approach(search, np.zeros(5), [0, 1], round_figures).segment == [0, 1, 2, 3, 4]
+    assert approach_intersection(search, np.zeros(5), [0, 1], round_figures).segment == [0, 1, 2, 3, 4]
 
 
 def test_a_sequence_that_starts_inside_has_no_segment(round_figures: ChainParameters) -> None:
     search = row(3)
-    found = approach(search, np.array([0.8, 0.9, 0.1]), [0], round_figures)
+    found = approach_intersection(search, np.array([0.8, 0.9, 0.1]), [0], round_figures)
     assert found.segment == []
     assert found.bifurcation_centre is not None
     np.testing.assert_array_equal(found.bifurcation_centre, search.points[1])
@@ -98,7 +103,7 @@ def test_a_sequence_that_starts_inside_has_no_segment(round_figures: ChainParame
 
 def test_where_points_run_out_inside_the_highest_so_far_is_the_centre(round_figures: ChainParameters) -> None:
     search = row(4)
-    found = approach(search, np.array([0.0, 0.1, 0.8, 0.9]), [0], round_figures)
+    found = approach_intersection(search, np.array([0.0, 0.1, 0.8, 0.9]), [0], round_figures)
     assert found.segment == [0, 1]
     assert found.bifurcation_centre is not None
     np.testing.assert_array_equal(found.bifurcation_centre, search.points[3])
@@ -115,7 +120,7 @@ def test_a_turn_that_no_string_makes_is_an_intersection(round_figures: ChainPara
     points = bent(85)
     # Asked about after every link, it is seen when two links lie behind it.
     assert [sharp_turn(points[:n]) for n in range(len(points) + 1)] == [None] * 7 + [4, None, None]
-    found = approach(SearchField(points), np.zeros(9), [0], round_figures)
+    found = approach_intersection(SearchField(points), np.zeros(9), [0], round_figures)
     assert found.segment == [0, 1, 2, 3]
     assert found.bifurcation_centre is not None
     np.testing.assert_array_equal(found.bifurcation_centre, points[4])
@@ -124,7 +129,7 @@ def test_a_turn_that_no_string_makes_is_an_intersection(round_figures: ChainPara
 def test_a_bend_that_a_string_can_make_is_none(round_figures: ChainParameters) -> None:
     points = bent(65)
     assert [sharp_turn(points[:n]) for n in range(len(points) + 1)] == [None] * 10
-    found = approach(SearchField(points), np.zeros(9), [0], round_figures)
+    found = approach_intersection(SearchField(points), np.zeros(9), [0], round_figures)
     assert (found.segment, found.bifurcation_centre) == (list(range(9)), None)
 
 

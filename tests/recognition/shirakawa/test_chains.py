@@ -6,7 +6,7 @@ from recognition.geometry.polyline import arc_length
 from recognition.model.model import Chain
 from recognition.parameters import ChainParameters
 from recognition.preprocessing.target_cloud import Scene
-from recognition.shirakawa.chains import make_chains, sharp_bends
+from recognition.shirakawa.chains import assemble_chains, sharp_bend_messages
 from recognition.strand import Strand
 
 NOTHING = np.empty((0, 3))
@@ -23,7 +23,7 @@ def strand(*corners_mm: tuple[float, float]) -> Strand:
 
 
 def chains_of(strands: list[Strand], parameters: ChainParameters) -> tuple[tuple[Chain, ...], list[str]]:
-    kept, chains, warnings = make_chains(strands, NOTHING, [], Scene(), parameters)
+    kept, chains, warnings = assemble_chains(strands, NOTHING, [], Scene(), parameters)
     assert len(kept) == len(chains)
     for kept_strand, chain in zip(kept, chains, strict=True):
         np.testing.assert_array_equal(kept_strand.points, chain.points)
@@ -50,7 +50,7 @@ def test_each_begins_at_its_end_of_smaller_x_then_y(table_1: ChainParameters) ->
 def test_the_same_string_reads_the_same_whichever_way_it_was_found(table_1: ChainParameters) -> None:
     one = strand((0, 0), (60, 0), (90, 50))
     other = Strand(one.points[::-1].copy(), one.bridged[::-1].copy())
-    kept = [make_chains([s], NOTHING, [], Scene(), table_1)[0][0] for s in (one, other)]
+    kept = [assemble_chains([s], NOTHING, [], Scene(), table_1)[0][0] for s in (one, other)]
     np.testing.assert_array_equal(kept[0].points, kept[1].points)
     np.testing.assert_array_equal(kept[0].bridged, kept[1].bridged)
 
@@ -82,14 +82,14 @@ def test_what_the_strand_knows_goes_on_to_the_chain(table_1: ChainParameters) ->
 
 def test_an_end_at_the_workspaces_border_is_unseen(table_1: ChainParameters) -> None:
     scene = Scene(workspace_m=((-0.1, 0.092), (-0.1, 0.1), (0.0, 0.1)))
-    _, (chain,), _ = make_chains([strand((90, 0), (0, 0))], NOTHING, [], scene, table_1)
+    _, (chain,), _ = assemble_chains([strand((90, 0), (0, 0))], NOTHING, [], scene, table_1)
     assert chain.ends == ("free", "unseen")
 
 
 def bends(degrees: float, table_1: ChainParameters) -> list[str]:
     c, s = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
     chains, _ = chains_of([strand((0, 0), (50.4, 0), (50.4 + 50.4 * c, 50.4 * s))], table_1)
-    return sharp_bends(chains)
+    return sharp_bend_messages(chains)
 
 
 def test_a_sharp_bend_is_said_where_it_is(table_1: ChainParameters) -> None:
@@ -101,5 +101,5 @@ def test_a_sharp_bend_is_said_where_it_is(table_1: ChainParameters) -> None:
 
 def test_a_short_chain_has_no_bend(table_1: ChainParameters) -> None:
     chains, _ = chains_of([strand((0, 0), (13, 0))], table_1)
-    assert sharp_bends(chains) == []
-    assert sharp_bends(()) == []
+    assert sharp_bend_messages(chains) == []
+    assert sharp_bend_messages(()) == []

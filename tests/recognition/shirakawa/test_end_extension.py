@@ -8,7 +8,7 @@ import pytest
 from recognition.centre_line import CentreLine, estimate_centre_line
 from recognition.parameters import ChainParameters
 from recognition.preprocessing.target_cloud import Scene
-from recognition.shirakawa.end_extension import end_kinds, extend_ends
+from recognition.shirakawa.end_extension import classify_ends, extend_ends
 from recognition.shirakawa.enhanced_matching import match_enhanced
 from recognition.shirakawa.reconstruction import reconstruct
 from recognition.shirakawa.thinning import thin
@@ -90,8 +90,8 @@ def test_nothing_ahead_nothing_added(table_1: ChainParameters) -> None:
 def test_both_ends_of_a_string_in_the_open_are_free(table_1: ChainParameters) -> None:
     scene = Scene(workspace_m=((-0.1, 0.1), (-0.1, 0.1), (0.0, 0.1)))
     # Some centres still lie ahead, by noise, within r_n.
-    assert end_kinds(straight(-42, 42), centres(-44, 44), scene, table_1) == ("free", "free")
-    assert end_kinds(straight(-42, 42), centres(-44, 44), Scene(), table_1) == ("free", "free")
+    assert classify_ends(straight(-42, 42), centres(-44, 44), scene, table_1) == ("free", "free")
+    assert classify_ends(straight(-42, 42), centres(-44, 44), Scene(), table_1) == ("free", "free")
 
 
 @pytest.mark.parametrize("reverse", [False, True])
@@ -102,22 +102,22 @@ def test_an_end_at_the_border_of_the_workspace_is_unseen(table_1: ChainParameter
     expected = ("free", "unseen")
     if reverse:
         strand, expected = Strand(strand.points[::-1], strand.bridged), ("unseen", "free")
-    assert end_kinds(strand, centres(-42, 42), scene, table_1) == expected
+    assert classify_ends(strand, centres(-42, 42), scene, table_1) == expected
     # The same at the other pair of sides.
     turned = Strand(strand.points[:, [1, 0, 2]], strand.bridged)
     scene = Scene(workspace_m=((-0.1, 0.1), (-0.1, 0.05), (0.0, 0.1)))
-    assert end_kinds(turned, centres(-42, 42)[:, [1, 0, 2]], scene, table_1) == expected
+    assert classify_ends(turned, centres(-42, 42)[:, [1, 0, 2]], scene, table_1) == expected
 
 
 def test_an_end_behind_which_the_string_goes_on_is_unseen(table_1: ChainParameters) -> None:
     ahead = np.vstack([centres(-42, 42), centres(48, 70)])
-    assert end_kinds(straight(-42, 42), ahead, Scene(), table_1) == ("free", "unseen")
+    assert classify_ends(straight(-42, 42), ahead, Scene(), table_1) == ("free", "unseen")
     # Farther than an intersection's extent, or beside: another string's business.
     far = np.vstack([centres(-42, 42), centres(56, 90), centres(43, 60) + np.array([0, 0.006, 0])])
-    assert end_kinds(straight(-42, 42), far, Scene(), table_1) == ("free", "free")
+    assert classify_ends(straight(-42, 42), far, Scene(), table_1) == ("free", "free")
 
 
 def test_a_closed_strand_has_no_end_that_was_missed(table_1: ChainParameters) -> None:
     strand = straight(-42, 42)
     closed = Strand(strand.points, strand.bridged, closed=True)
-    assert end_kinds(closed, centres(-80, 80), Scene(), table_1) == ("free", "free")
+    assert classify_ends(closed, centres(-80, 80), Scene(), table_1) == ("free", "free")

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from recognition.parameters import ChainParameters
-from recognition.shirakawa.enhanced_matching import EnhancedMatching, match_enhanced, outside
-from recognition.shirakawa.matching import match
+from recognition.shirakawa.enhanced_matching import EnhancedMatching, match_enhanced, trim_at_intersections
+from recognition.shirakawa.matching import match_points
 
 
 def band(angle_rad: float, width_m: float, seed: int, half_length_m: float = 0.08) -> np.ndarray:
@@ -54,7 +54,7 @@ def test_a_flat_cross_has_one_centre_in_its_middle_and_four_arms(
 
 def test_the_previous_method_does_not_find_these_arms(table_1: ChainParameters) -> None:
     points = cross()
-    assert sum(len(segment) > 3 for segment in match(points, table_1)) != 4
+    assert sum(len(segment) > 3 for segment in match_points(points, table_1)) != 4
 
 
 def test_its_measures_are_kept_for_every_point(table_1: ChainParameters) -> None:
@@ -85,8 +85,8 @@ def test_segments_end_outside_intersections(table_1: ChainParameters) -> None:
     centre = np.array([[0.04, 0.0, 0.0]])
     segments = [[0, 1, 2, 5, 7, 8, 9], [10, 9, 8], [12, 14, 15], list(range(21))]
     expected = [[0, 1, 2, 5], [14, 15], list(range(21))]
-    assert outside(points, segments, centre, table_1) == expected
-    assert outside(points, segments, np.empty((0, 3)), table_1) == segments
+    assert trim_at_intersections(points, segments, centre, table_1) == expected
+    assert trim_at_intersections(points, segments, np.empty((0, 3)), table_1) == segments
 
 
 def test_no_point_is_in_two_segments_and_none_stays_connectable(table_1: ChainParameters) -> None:

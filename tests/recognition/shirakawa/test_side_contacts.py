@@ -4,7 +4,7 @@ import numpy as np
 
 from recognition.geometry.polyline import arc_length
 from recognition.parameters import ChainParameters
-from recognition.shirakawa.reconstruction import open_side_contacts, reconstruct
+from recognition.shirakawa.reconstruction import reconstruct, split_at_side_contacts
 from recognition.strand import Strand
 
 PARAMETERS = ChainParameters.for_radius(0.01)
@@ -22,7 +22,7 @@ def strand(points: np.ndarray, closed: bool = False) -> Strand:
 
 def test_the_passing_strand_is_opened_over_r_cn() -> None:
     passing, ending = strand(straight((-100, 0), (100, 0))), strand(straight((0, 15), (0, 100)))
-    opened, centres = open_side_contacts([passing, ending], NO_CENTRES, PARAMETERS)
+    opened, centres = split_at_side_contacts([passing, ending], NO_CENTRES, PARAMETERS)
     np.testing.assert_allclose(centres, [(0, 0, 0)], rtol=0, atol=1e-15)
     kept = np.vstack([s.points for s in opened])
     # Of both strands what is nearer than r_cn = 30 mm to the contact is gone, and nothing else.
@@ -40,7 +40,7 @@ def test_an_end_that_passes_by_or_stays_away_is_no_contact() -> None:
         straight((95, 15), (95, 100)),  # at the other's end
     ):
         strands = [passing, strand(other)]
-        opened, centres = open_side_contacts(strands, NO_CENTRES, PARAMETERS)
+        opened, centres = split_at_side_contacts(strands, NO_CENTRES, PARAMETERS)
         assert [s is t for s, t in zip(opened, strands, strict=True)] == [True, True]
         assert len(centres) == 0
 

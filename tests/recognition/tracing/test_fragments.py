@@ -8,18 +8,18 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from recognition.parameters import ChainParameters
-from recognition.tracing.fragments import Fragment, cut_over_bare_table, link
-from recognition.tracing.height_map import Cover
-from recognition.tracing.nodes import LineNodes
+from recognition.tracing.fragments import Fragment, link_nodes, split_over_bare_table
+from recognition.tracing.height_map import HeightMap
+from recognition.tracing.nodes import CentreLineNodes
 
 PARAMETERS = ChainParameters.for_radius(0.01)
 R = 0.0042
 
 
-def nodes(points_mm: np.ndarray, directions: np.ndarray, support: float = 1.0, rho: float = 0.95) -> LineNodes:
+def nodes(points_mm: np.ndarray, directions: np.ndarray, support: float = 1.0, rho: float = 0.95) -> CentreLineNodes:
     count = len(points_mm)
     unit = directions / np.linalg.norm(directions, axis=1, keepdims=True)
-    return LineNodes(points_mm / 1000, unit, np.full(count, support), np.full(count, rho))
+    return CentreLineNodes(points_mm / 1000, unit, np.full(count, support), np.full(count, rho))
 
 
 def along(
@@ -28,20 +28,20 @@ def along(
     step_mm: float = 10.0,
     support: float = 1.0,
     rho: float = 0.95,
-) -> LineNodes:
+) -> CentreLineNodes:
     a, b = np.array(start_mm, dtype=np.float64), np.array(end_mm, dtype=np.float64)
     count = round(np.linalg.norm(b - a) / step_mm) + 1
     return nodes(np.linspace(a, b, count), np.tile(b - a, (count, 1)), support, rho)
 
 
-def ring(radius_mm: float, count: int) -> LineNodes:
+def ring(radius_mm: float, count: int) -> CentreLineNodes:
     angle = np.arange(count) / count * 2 * np.pi
     c, s, o = np.cos(angle), np.sin(angle), np.zeros(count)
     return nodes(np.column_stack([radius_mm * c, radius_mm * s, o]), np.column_stack([-s, c, o]))
 
 
-def together(*parts: LineNodes) -> LineNodes:
-    return LineNodes(
+def together(*parts: CentreLineNodes) -> CentreLineNodes:
+    return CentreLineNodes(
         *(
             np.concatenate([getattr(part, name) for part in parts])
             for name in ("points", "directions", "support", "rho")
@@ -56,7 +56,7 @@ def spans(fragments: list[Fragment]) -> set[frozenset[tuple[int, ...]]]:
 
 def test_a_row_of_nodes_is_one_fragment_in_order() -> None:
     row = along((0, 0, 0), (100, 0, 0))
-    (fragment,) = link(row[np.random.default_rng(0).permutation(11)], PARAMETERS)
+    (fragment,) = link_nodes(row[np.random.default_rng(0).permutation(11)], PARAMETERS)
     assert not fragment.closed
     x = fragment.points[:, 0] if fragment.points[0, 0] == 0 else fragment.points[::-1, 0]
     np.testing.assert_allclose(x, np.arange(11) / 100, rtol=0, atol=1e-15)
@@ -67,16 +67,16 @@ def test_a_row_of_nodes_is_one_fragment_in_order() -> None:
 def test_strands_that_cross_are_two_fragments(degrees: float) -> None:
     # The centre lines 1.2 r apart, as of soft strands pressed together.
     c, s = 100 * np.cos(np.radians(degrees)), 100 * np.sin(np.radians(degrees))
-    fragments = link(together(along((-100, 0, 0), (100, 0, 0)), along((-c, -s, 12), (c, s, 12))), PARAMETERS)
+    fragments = link_nodes(together(along((-100, 0, 0), (100, 0, 0)), along((-c, -s, 12), (c, s, 12))), PARAMETERS)
     x, y = round(c), round(s)
     assert spans(fragments) == {frozenset({(-100, 0, 0), (100, 0, 0)}), frozenset({(-x, -y, 12), (x, y, 12)})}
 
 
 def test_a_gap_longer_than_a_link_ends_a_fragment() -> None:
     # The longest link is 22 mm.
-    joined = link(together(along((0, 0, 0), (50, 0, 0)), along((71, 0, 0), (121, 0, 0))), PARAMETERS)
+    joined = link_nodes(together(along((0, 0, 0), (50, 0, 0)), along((71, 0, 0), (121, 0, 0))), PARAMETERS)
     assert spans(joined) == {frozenset({(0, 0, 0), (121, 0, 0)})}
-    apart = link(together(along((0, 0, 0), (50, 0, 0)), along((73, 0, 0), (123, 0, 0))), PARAMETERS)
+    apart = link_nodes(together(along((0, 0, 0), (50, 0, 0)), along((73, 0, 0), (123, 0, 0))), PARAMETERS)
     assert spans(apart) == {frozenset({(0, 0, 0), (50, 0, 0)}), frozenset({(73, 0, 0), (123, 0, 0)})}
 
 
@@ -88,7 +88,7 @@ def test_nodes_that_stand_for_others_link_across_them(hole_mm: float) -> None:
         along((56, 0, 0), (56 + hole_mm, 0, 0), step_mm=hole_mm),
         along((62 + hole_mm, 0, 0), (72 + hole_mm, 0, 0), support=2.0),
     )
-    (fragment,) = link(row, PARAMETERS)
+    (fragment,) = link_nodes(row, PARAMETERS)
     assert spans([fragment]) == {frozenset({(0, 0, 0), (72 + hole_mm, 0, 0)})}
     # None of the others has come back.
     np.testing.assert_array_equal(fragment.support, 2.0)
@@ -98,12 +98,12 @@ def test_a_hole_between_the_nodes_stood_for_ends_a_fragment() -> None:
     # 16 mm, more than the 15 mm that leave no hole, and 28 mm between the nodes left.
     left, right = along((0, 0, 0), (50, 0, 0), support=2.0), along((78, 0, 0), (128, 0, 0), support=2.0)
     row = together(left, along((56, 0, 0), (72, 0, 0), step_mm=16), right)
-    assert spans(link(row, PARAMETERS)) == spans(link(together(left, right), PARAMETERS))
-    assert len(link(row, PARAMETERS)) == 2
+    assert spans(link_nodes(row, PARAMETERS)) == spans(link_nodes(together(left, right), PARAMETERS))
+    assert len(link_nodes(row, PARAMETERS)) == 2
 
 
 def test_the_nodes_stood_for_of_strands_side_by_side_or_round_a_corner_do_not_link() -> None:
-    def end(start_mm: tuple[float, ...], end_mm: tuple[float, ...], beyond_mm: tuple[float, ...]) -> LineNodes:
+    def end(start_mm: tuple[float, ...], end_mm: tuple[float, ...], beyond_mm: tuple[float, ...]) -> CentreLineNodes:
         """A row, and a node beyond its end that this one stands for."""
         way = np.array([end_mm]) - np.array([start_mm])
         return together(along(start_mm, end_mm, support=2.0), nodes(np.array([beyond_mm], dtype=np.float64), way))
@@ -112,7 +112,7 @@ def test_the_nodes_stood_for_of_strands_side_by_side_or_round_a_corner_do_not_li
     beside = end((110, 20, 0), (60, 20, 0), (54, 20, 0))
     corner = end((62, 62, 0), (62, 12, 0), (62, 6, 0))
     for other in (beside, corner):
-        assert len(link(together(row, other), PARAMETERS)) == 2
+        assert len(link_nodes(together(row, other), PARAMETERS)) == 2
 
 
 def test_a_string_in_a_bend_is_followed_to_its_end_whichever_nodes_stand_for_it() -> None:
@@ -141,23 +141,23 @@ def test_a_string_in_a_bend_is_followed_to_its_end_whichever_nodes_stand_for_it(
     )
     measured = nodes(table[:, :3], np.column_stack([table[:, 3:5], np.zeros(len(table))]))
     measured.support[:] = table[:, 5]
-    (fragment,) = link(measured, ChainParameters.for_radius(R))
+    (fragment,) = link_nodes(measured, ChainParameters.for_radius(R))
     assert spans([fragment]) == {frozenset({(405, -34, 4), (428, -22, 4)})}
 
 
 def test_strands_side_by_side_or_on_one_another_do_not_link() -> None:
     for offset in ((0, 20, 0), (0, 0, 20)):
         upper = along(offset, (100 + offset[0], offset[1], offset[2]))
-        assert len(link(together(along((0, 0, 0), (100, 0, 0)), upper), PARAMETERS)) == 2
+        assert len(link_nodes(together(along((0, 0, 0), (100, 0, 0)), upper), PARAMETERS)) == 2
 
 
 def test_a_corner_is_not_linked_round() -> None:
-    fragments = link(together(along((0, 0, 0), (50, 0, 0)), along((50, 10, 0), (50, 60, 0))), PARAMETERS)
+    fragments = link_nodes(together(along((0, 0, 0), (50, 0, 0)), along((50, 10, 0), (50, 60, 0))), PARAMETERS)
     assert spans(fragments) == {frozenset({(0, 0, 0), (50, 0, 0)}), frozenset({(50, 10, 0), (50, 60, 0)})}
 
 
 def test_a_ring_closes_and_goes_round_once() -> None:
-    (fragment,) = link(ring(60, 36), PARAMETERS)
+    (fragment,) = link_nodes(ring(60, 36), PARAMETERS)
     assert fragment.closed
     assert len(fragment.points) == 36
     angle = np.unwrap(np.arctan2(fragment.points[:, 1], fragment.points[:, 0]))
@@ -166,34 +166,34 @@ def test_a_ring_closes_and_goes_round_once() -> None:
 
 def test_a_ring_no_wider_than_its_string_is_none() -> None:
     # Eleven nodes 10 mm apart: a ring of 18 mm radius, of a string of 10 mm.
-    assert link(ring(10 / (2 * np.sin(np.pi / 11)), 11), PARAMETERS) == []
+    assert link_nodes(ring(10 / (2 * np.sin(np.pi / 11)), 11), PARAMETERS) == []
 
 
 def test_few_nodes_or_nodes_of_no_line_are_left_out() -> None:
-    assert link(along((0, 0, 0), (10, 0, 0)), PARAMETERS) == []
-    assert len(link(along((0, 0, 0), (20, 0, 0)), PARAMETERS)) == 1
+    assert link_nodes(along((0, 0, 0), (10, 0, 0)), PARAMETERS) == []
+    assert len(link_nodes(along((0, 0, 0), (20, 0, 0)), PARAMETERS)) == 1
     # A plane's contribution rate is 1/2.
-    assert link(along((0, 0, 0), (100, 0, 0), rho=0.55), PARAMETERS) == []
+    assert link_nodes(along((0, 0, 0), (100, 0, 0), rho=0.55), PARAMETERS) == []
 
 
 def test_poorly_borne_nodes_at_the_ends_are_taken_off_and_inside_kept() -> None:
     row = along((0, 0, 0), (100, 0, 0))
     row.support[[0, 1, 5, 10]] = 0.3
-    (fragment,) = link(row, PARAMETERS)
+    (fragment,) = link_nodes(row, PARAMETERS)
     assert sorted(np.rint(1000 * fragment.points[:, 0]).astype(int)) == list(range(20, 100, 10))
 
 
 def test_of_nodes_at_one_place_the_best_borne_stands() -> None:
     # Beside each node another, 3 mm off, with less behind it.
     doubled = together(along((0, 0, 0), (100, 0, 0), support=2.0), along((3, 3, 0), (103, 3, 0)))
-    (fragment,) = link(doubled, PARAMETERS)
+    (fragment,) = link_nodes(doubled, PARAMETERS)
     np.testing.assert_array_equal(fragment.support, 2.0)
     assert len(fragment.points) == 11
 
 
 def test_no_nodes_no_fragments() -> None:
-    assert link(nodes(np.empty((0, 3)), np.empty((0, 3))), PARAMETERS) == []
-    assert link(nodes(np.zeros((1, 3)), np.ones((1, 3))), PARAMETERS) == []
+    assert link_nodes(nodes(np.empty((0, 3)), np.empty((0, 3))), PARAMETERS) == []
+    assert link_nodes(nodes(np.zeros((1, 3)), np.ones((1, 3))), PARAMETERS) == []
 
 
 @settings(deadline=None, max_examples=30, derandomize=True)
@@ -205,8 +205,8 @@ def test_neither_the_order_of_nodes_nor_the_sense_of_directions_matters(seed: in
     )
     order = rng.permutation(len(scene.points))
     sense = rng.choice((-1.0, 1.0), (len(order), 1))
-    same = LineNodes(scene.points[order], sense * scene.directions[order], scene.support[order], scene.rho[order])
-    assert spans(link(same, PARAMETERS)) == spans(link(scene, PARAMETERS))
+    same = CentreLineNodes(scene.points[order], sense * scene.directions[order], scene.support[order], scene.rho[order])
+    assert spans(link_nodes(same, PARAMETERS)) == spans(link_nodes(scene, PARAMETERS))
 
 
 def test_a_ring_is_cut_once_wherever_its_first_node_is() -> None:
@@ -244,6 +244,6 @@ def test_a_link_over_bare_table_is_cut_in_rings_too(seen: Callable, arc: Callabl
     surface, _ = seen([arc(0.04, 125, 90 + 360)], R)
     for first in (0, 10, 11, 30):
         fragment = Fragment(np.roll(ring, -first, axis=0), np.ones(len(ring)), closed=True)
-        (piece,) = cut_over_bare_table([fragment], Cover(surface), R)
+        (piece,) = split_over_bare_table([fragment], HeightMap(surface), R)
         assert not piece.closed
         assert len(piece.points) == len(ring)

@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from recognition.tracing.height_map import Cover
+from recognition.tracing.height_map import HeightMap
 
 R = 0.01
 MIDDLE = np.array([(0.0, 0.0, R)])
@@ -16,7 +16,7 @@ def on_line(straight: Callable, tube: Callable, z: float, y: float = 0.0, x0: fl
 
 
 def over(surface: np.ndarray, places: np.ndarray = MIDDLE) -> list[tuple[bool, bool]]:
-    covered, bare = Cover(surface).over(places, R)
+    covered, bare = HeightMap(surface).over(places, R)
     return list(zip(covered.tolist(), bare.tolist(), strict=True))
 
 

@@ -11,7 +11,7 @@ from recognition.parameters import ChainParameters
 from recognition.pipeline import recognise
 from recognition.preprocessing.target_cloud import Scene
 from recognition.tracing.fragments import Fragment
-from recognition.tracing.merged_strands import cut_where_melted
+from recognition.tracing.merged_strands import split_merged_strands
 
 R = 0.0042
 PARAMETERS = ChainParameters.for_radius(R)
@@ -53,7 +53,7 @@ def test_a_line_between_two_strands_is_cut_there_and_only_there(seen: Callable) 
     # Over at both crossings: from the one strand to the other.
     wrong = np.where(first[:, :1] < 0, first, second)
     wrong[:, 1] *= np.clip(np.abs(first[:, 0]) / 0.006, 0, 1)
-    before, after = cut_where_melted([fragment(wrong)], seen(strands, R)[0], PARAMETERS)
+    before, after = split_merged_strands([fragment(wrong)], seen(strands, R)[0], PARAMETERS)
     # What is left runs on the one strand, and on the other, but for a radius in which the two part.
     assert before.points[-1, 0] < -0.002
     assert after.points[0, 0] > 0.002
@@ -66,22 +66,22 @@ def test_lines_on_their_own_strands_stay_whole(seen: Callable, heap: Callable, s
     for strands in (heap((0, 30), 1.2 * R), heap((0, 60, 120), 2 * R), beside, eye(1.3)):
         whole = [fragment(strand) for strand in strands]
         surface = seen(strands, R, noise=0.05 * R)[0]
-        assert cut_where_melted(whole, surface, PARAMETERS) == whole
+        assert split_merged_strands(whole, surface, PARAMETERS) == whole
 
 
 def test_a_string_thicker_than_told_stays_whole(seen: Callable, heap: Callable) -> None:
     strands = heap((0, 70), 2 * R)
     whole = [fragment(strand) for strand in strands]
     surface = seen(strands, R, noise=0.03 * R)[0]
-    assert cut_where_melted(whole, surface, ChainParameters.for_radius(0.6 * R)) == whole
+    assert split_merged_strands(whole, surface, ChainParameters.for_radius(0.6 * R)) == whole
 
 
 def test_a_fragment_no_longer_than_a_radius_is_looked_at_too(seen: Callable) -> None:
     short = Fragment(np.array([(0.0, 0.0, R), (0.3 * R, 0.0, R), (0.6 * R, 0.1 * R, R)]), np.ones(3))
-    assert cut_where_melted([short], seen(eye(1.3), R)[0], PARAMETERS) == [short]
+    assert split_merged_strands([short], seen(eye(1.3), R)[0], PARAMETERS) == [short]
 
 
 def test_nothing_seen_and_no_fragments() -> None:
     whole = [fragment(eye(1.3)[0])]
-    assert cut_where_melted(whole, np.empty((0, 3)), PARAMETERS) == whole
-    assert cut_where_melted([], np.empty((0, 3)), PARAMETERS) == []
+    assert split_merged_strands(whole, np.empty((0, 3)), PARAMETERS) == whole
+    assert split_merged_strands([], np.empty((0, 3)), PARAMETERS) == []

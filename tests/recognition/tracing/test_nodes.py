@@ -8,15 +8,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from recognition.parameters import ChainParameters
-from recognition.tracing.nodes import LineNodes, line_nodes
+from recognition.tracing.nodes import CentreLineNodes, extract_nodes
 
 R = 0.0042
 PARAMETERS = ChainParameters.for_radius(R)
 
 
-def nodes_of(surface: tuple[np.ndarray, np.ndarray], parameters: ChainParameters = PARAMETERS) -> LineNodes:
+def nodes_of(surface: tuple[np.ndarray, np.ndarray], parameters: ChainParameters = PARAMETERS) -> CentreLineNodes:
     points, normals = surface
-    return line_nodes(points - parameters.r * normals, parameters)
+    return extract_nodes(points - parameters.r * normals, parameters)
 
 
 @pytest.mark.parametrize("noise", [0.0, 0.05, 0.1])
@@ -72,7 +72,7 @@ def test_single_specks_and_balls_give_no_nodes(seen: Callable, straight: Callabl
     specks = np.array([(0.05, -0.05, R), (0.09, -0.05, R), (0.09, -0.05, R)])
     ball = np.random.default_rng(0).standard_normal((1500, 3))
     ball *= 0.9 * R / np.linalg.norm(ball, axis=1, keepdims=True)
-    nodes = line_nodes(np.vstack([points - R * normals, specks, ball + (0.05, 0.05, R)]), PARAMETERS)
+    nodes = extract_nodes(np.vstack([points - R * normals, specks, ball + (0.05, 0.05, R)]), PARAMETERS)
     # A speck shows no line, and a ball's main axis has a third of it. The string's nodes stay.
     assert np.abs(nodes.points[:, 1]).max() < 0.05 * R
     assert len(nodes.points) > 0.1 / R
@@ -81,8 +81,8 @@ def test_single_specks_and_balls_give_no_nodes(seen: Callable, straight: Callabl
 def test_the_scale_is_of_no_meaning(seen: Callable, heap: Callable) -> None:
     points, normals = seen(heap((0, 70), 2 * R), noise=0.05 * R)
     small, large = ChainParameters.for_radius(0.004), ChainParameters.for_radius(0.016)
-    a = line_nodes(points - small.r * normals, small)
-    b = line_nodes(4 * (points - small.r * normals), large)
+    a = extract_nodes(points - small.r * normals, small)
+    b = extract_nodes(4 * (points - small.r * normals), large)
     # Fourfold is exact in doubles, so the same voxels and the same sums come out.
     np.testing.assert_allclose(b.points, 4 * a.points, rtol=1e-9, atol=0)
     np.testing.assert_allclose(np.abs((a.directions * b.directions).sum(axis=1)), 1.0, rtol=0, atol=1e-9)
@@ -105,7 +105,9 @@ def test_nodes_move_with_the_string_whatever_the_order_of_the_points(
 
 
 def test_chosen_nodes_keep_their_values() -> None:
-    nodes = LineNodes(np.arange(12.0).reshape(4, 3), np.tile((1.0, 0, 0), (4, 1)), np.arange(4.0), np.full(4, 0.9))
+    nodes = CentreLineNodes(
+        np.arange(12.0).reshape(4, 3), np.tile((1.0, 0, 0), (4, 1)), np.arange(4.0), np.full(4, 0.9)
+    )
     for chosen in (nodes[np.array([False, True, False, True])], nodes[np.array([1, 3])]):
         np.testing.assert_array_equal(chosen.points, [(3, 4, 5), (9, 10, 11)])
         np.testing.assert_array_equal(chosen.support, [1, 3])

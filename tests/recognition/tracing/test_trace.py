@@ -11,8 +11,8 @@ import recognition.tracing.trace
 from recognition.errors import TooCrowdedError
 from recognition.parameters import ChainParameters
 from recognition.tracing.end_pairing import FragmentEnds, Pairing
-from recognition.tracing.height_map import Cover
-from recognition.tracing.trace import Graph, told_doubts, trace_strands
+from recognition.tracing.height_map import HeightMap
+from recognition.tracing.trace import TracedStrands, pairing_messages, trace_strands
 
 R = 0.0042
 PARAMETERS = ChainParameters.for_radius(R)
@@ -21,12 +21,12 @@ NOISE = 0.05 * R
 Surface = tuple[np.ndarray, np.ndarray]
 
 
-def trace(surface: Surface, parameters: ChainParameters = PARAMETERS) -> Graph:
+def trace(surface: Surface, parameters: ChainParameters = PARAMETERS) -> TracedStrands:
     points, normals = surface
-    return trace_strands(points - parameters.r * normals, Cover(points), parameters)
+    return trace_strands(points - parameters.r * normals, HeightMap(points), parameters)
 
 
-def strings_of(graph: Graph, curves: Sequence[np.ndarray], scale: float = 1.0) -> list[int]:
+def strings_of(graph: TracedStrands, curves: Sequence[np.ndarray], scale: float = 1.0) -> list[int]:
     """For each strand, in ascending order, the curve whose two ends it has, within 1.5 r; -1 for any other."""
     ends = np.array([curve[[0, -1]] for curve in curves])
     found = []
@@ -141,8 +141,8 @@ def test_a_hole_of_a_radius_in_the_measurement_does_not_part_a_string(seen: Call
 
 def test_doubts_are_told_with_their_place() -> None:
     no_ends = FragmentEnds(np.empty(0, dtype=np.int64), *(np.empty((0, 3)) for _ in range(3)))
-    assert told_doubts(Pairing(no_ends, [], [])) == []
-    (told,) = told_doubts(Pairing(no_ends, [], [np.array([0.0654, -0.1201, 0.0042])]))
+    assert pairing_messages(Pairing(no_ends, [], [])) == []
+    (told,) = pairing_messages(Pairing(no_ends, [], [np.array([0.0654, -0.1201, 0.0042])]))
     assert told.startswith("at (65, -120, 4) mm the strands may be connected differently")
 
 

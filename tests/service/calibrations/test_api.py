@@ -19,7 +19,7 @@ from cell.board_seen import BoardSeen
 from cell.camera_settings import SimulatedCamera
 from cell.settings import CellSettings
 from cell.simulation.world import simulated_world
-from recognition.registration.hand_eye_error import CommonError
+from recognition.registration.hand_eye_error import HandEyeErrorEstimate
 from service.data_folder import DataFolder
 from service.database import new_id
 from service.new_rows import NOBODY, new_calibration, new_scan
@@ -184,7 +184,7 @@ def test_an_unusable_file_is_told_and_warns_of_nothing(serve: Serve, tmp_path: P
 def test_a_stop_does_not_wait_for_what_a_scan_tells_of_the_calibration(client: ServedClient) -> None:
     context = client.app.state.context
     scan = client.get("/api/scans").json()["scans"][0]["id"]
-    error = CommonError(np.eye(6), np.zeros(6), np.zeros(6))
+    error = HandEyeErrorEstimate(np.eye(6), np.zeros(6), np.zeros(6))
     with closing(sqlite3.connect(context.store.folder.database, isolation_level=None)) as other:
         other.execute("BEGIN IMMEDIATE")
         with ThreadPoolExecutor(1) as pool:
