@@ -1,5 +1,5 @@
-"""Where the camera is on the flange: boards and how they are found, the solver, what refuses its result, the files of a
-calibration, and whether one in use still holds. Rigid transforms, which all packages use, are here too.
+"""Hand-eye calibration: images of a board with flange poses go in, the pose of the camera on the flange comes out.
 
-`hand_eye.solve_hand_eye` is where to begin reading. Knows nothing of the cell, the service or the form of recordings.
+`calibration.hand_eye.solve_hand_eye` runs the steps: input_checks -> pose_estimation -> solver -> assessment.
+A dataset folder holds the images, storage writes the result, and verification checks later whether it still holds.
 """

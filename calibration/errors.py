@@ -20,7 +20,7 @@ class HandEyeUnreadableError(HandEyeError):
 
 
 class HandEyeInvalidError(HandEyeError):
-    """The content is not a calibration: not JSON, another format, not rigid, or millimetres."""
+    """The content is not a calibration: not JSON, another format, not rigid, or in millimetres."""
 
     slug = "calibration-invalid"
 
@@ -31,7 +31,7 @@ class HandEyeStaleError(HandEyeError):
     slug = "calibration-stale"
 
 
-class HandEyeOfTheFutureError(HandEyeError):
+class HandEyeFutureDateError(HandEyeError):
     """The date of the calibration is in the future, so its age is not known. One of two clocks is wrong."""
 
     slug = "calibration-of-the-future"
@@ -56,15 +56,20 @@ class CalibrationFolderError(HandEyeError):
 
 
 class HandEyeInputError(HandEyeError):
-    """No calibration can be solved from the views. `slug` says which check failed, for example `parallel-axes`."""
+    """No calibration can be solved from the views.
 
-    def __init__(self, slug: str, words: str) -> None:
-        super().__init__(words)
+    Args:
+        slug: The check that failed, for example `parallel-axes`.
+        message: Message for people.
+    """
+
+    def __init__(self, slug: str, message: str) -> None:
+        super().__init__(message)
         self.slug = slug
 
 
 class BoardDetectionError(ValueError):
-    """The calibration board was not found in an image as it should be."""
+    """The calibration board was not detected in an image."""
 
     slug = "board-detection"
 
@@ -76,7 +81,7 @@ class BoardImageError(BoardDetectionError):
 
 
 class BoardNotSeenError(BoardDetectionError):
-    """The board is not in the image, or too little of it."""
+    """The board is not in the image, or too little of it is visible."""
 
     slug = "board-not-seen"
 

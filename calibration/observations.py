@@ -1,4 +1,4 @@
-"""Input of a hand-eye calibration: reported poses of the robot, and the corners that the camera saw."""
+"""Input of a hand-eye calibration: reported flange poses, and the corners that the camera saw."""
 
 from dataclasses import dataclass, field
 from datetime import datetime
@@ -10,19 +10,19 @@ from numpy.typing import NDArray
 from calibration.target.board import Board
 
 Mounting = Literal["eye-in-hand", "eye-to-hand"]
-"""`eye-in-hand`: the camera is on the flange and the board in the cell. `eye-to-hand`: the other way round."""
+"""`eye-in-hand`: the camera is on the flange and the board stands in the cell. `eye-to-hand`: the reverse."""
 
 
 @dataclass(frozen=True, eq=False)
 class BoardView:
-    """The corners in one picture of the board, and the flange pose."""
+    """The corners in one image of the board, and the flange pose."""
 
     name: str
-    """Name for people, for example that of the file."""
+    """Name in messages, for example that of the file."""
     T_base_flange: NDArray[np.float64]
-    """(4, 4) flange pose that the robot reported, at rest, metres."""
+    """(4, 4) flange pose that the robot reported at rest, metres."""
     ids: NDArray[np.int64]
-    """(N,) numbers of the corners that were seen, which are rows of `Board.points`."""
+    """(N,) numbers of the visible corners, which are rows of `Board.points`."""
     pixels: NDArray[np.float64]
     """(N, 2) pixels of these corners, x then y. The centre of the first pixel is (0, 0)."""
     corner_sigma_px: float | None = None
@@ -38,11 +38,11 @@ class Observations:
     K: NDArray[np.float64]
     """(3, 3) pinhole matrix that the camera reports, pixels."""
     image_size: tuple[int, int]
-    """Width and height of the pictures, pixels."""
+    """Width and height of the images, pixels."""
     views: tuple[BoardView, ...]
     """The views, at least eight."""
     distortion: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
-    """Distortion coefficients in the order of OpenCV; empty for rectified pictures."""
+    """Distortion coefficients in the order of OpenCV; empty for rectified images."""
     mounting: Mounting = "eye-in-hand"
     """Whether the camera is on the flange or stands in the cell."""
     camera_id: str | None = None
@@ -50,4 +50,4 @@ class Observations:
     robot_serial: str | None = None
     """Serial number of the robot, or None if not known."""
     created: datetime | None = None
-    """Time of the pictures, with a time zone, or None if not known."""
+    """Time of the images, with a time zone, or None if not known."""

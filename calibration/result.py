@@ -13,13 +13,13 @@ Verdict = Literal["accept", "warn", "refuse"]
 
 @dataclass(frozen=True)
 class Finding:
-    """A reason against a calibration."""
+    """Something that speaks against a calibration, with a message for people."""
 
     code: str
     """Code for programs, for example `parallel-axes`."""
-    words: str
-    """Message for people, which says what was found, where, and what to do."""
-    refuses: bool
+    message: str
+    """What was found, where, and what to do."""
+    blocking: bool
     """Whether the calibration must not be used. Otherwise, the finding is a warning."""
 
 
@@ -41,8 +41,9 @@ class ViewReport:
     """Estimated position error of the reported flange pose, metres."""
     robot_error_rad: float | None
     """Estimated rotation error of the reported flange pose, radians."""
-    left_out_m: float | None
-    """Leave-one-out error, the distance of the middle of the board from where the other views predict it, metres."""
+    loo_error_m: float | None
+    """Leave-one-out error, the distance of the middle of the board from where the other views predict it, metres.
+    None if it cannot be computed."""
     distance_m: float | None
     """Distance from the camera to the middle of the board, metres."""
 
@@ -72,23 +73,23 @@ class HandEyeResult:
     """Estimated noise of the robot's position along one axis, metres, one sigma."""
     robot_sigma_rad: float
     """Estimated noise of the robot's rotation about one axis, radians, one sigma."""
-    left_out_m: float
-    """Leave-one-out error, the root mean square of `left_out_m` of the views, metres."""
-    eight_views_m: float
-    """Predicted bound, metres. In 95 % of scans, no two of eight views disagree by more."""
+    loo_error_m: float
+    """Leave-one-out error, the root mean square of `loo_error_m` of the views used, metres."""
+    repeatability_95_m: float
+    """Predicted repeatability of a scan, metres. In 95 % of scans, no two of eight views disagree by more."""
     views: tuple[ViewReport, ...]
     """One report per view, in the given order."""
     findings: tuple[Finding, ...]
     """Reasons against the calibration, the most serious first."""
     joint_covariance: NDArray[np.float64] | None = None
     """(17, 17) covariance of the errors of X, of Y, of fx, fy, cx and cy as shares of the focal lengths, and of the
-    logarithm of the scale of the board, in this order; (12, 12) from poses alone; None: not known. Verification uses
-    it, since these errors are correlated."""
+    logarithm of the scale of the board, in this order; None: not known. Verification uses it, since these errors are
+    correlated."""
 
     @property
     def verdict(self) -> Verdict:
         """Whether the calibration may be used (`accept`, `warn` or `refuse`)."""
-        if any(finding.refuses for finding in self.findings):
+        if any(finding.blocking for finding in self.findings):
             return "refuse"
         return "warn" if self.findings else "accept"
 

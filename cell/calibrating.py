@@ -13,17 +13,16 @@ from pathlib import Path
 from typing import Protocol
 
 from calibration.dataset.atomic_write import replace_synced
-from calibration.dataset.detect_views import make_views_consistent
-from calibration.dataset.folder import HAND_EYE, SETUP, write_setup, write_view
+from calibration.dataset.folder import HAND_EYE_FILE, SETUP_FILE, write_setup, write_view
 from calibration.dataset.setup import Setup
+from calibration.dataset.view_detection import make_views_consistent
 from calibration.errors import BoardDetectionError, CalibrationFolderError, HandEyeError
-from calibration.input_checks.observations import FEWEST_VIEWS
+from calibration.input_checks.observations import MIN_VIEWS
 from calibration.observations import BoardView
 from calibration.result import HandEyeResult
 from calibration.storage.hand_eye_file import write_result
 from calibration.target.board import Board
-from calibration.verification.verification import Verification, verify
-from calibration.verification.verified import verification_findings
+from calibration.verification.verification import Verification, verification_findings, verify
 from cell.board_seen import ACROSS, DOWN, BoardSeen, board_seen
 from cell.cell import Cell
 from cell.devices import View
@@ -85,16 +84,16 @@ def run_calibration(
     """
     from calibration.hand_eye import solve_hand_eye
 
-    looks = _look(cell, plan, folder, board, listener, FEWEST_VIEWS)
+    looks = _look(cell, plan, folder, board, listener, MIN_VIEWS)
     observations, held_out = make_views_consistent(
         looks.setup, tuple(looks.views.values()), looks.certain, {view.name for view in looks.of(plan.held_out)}
     )
-    if len(observations.views) < FEWEST_VIEWS:
-        raise _too_few(len(observations.views), FEWEST_VIEWS, looks)
+    if len(observations.views) < MIN_VIEWS:
+        raise _too_few(len(observations.views), MIN_VIEWS, looks)
     result = solve_hand_eye(observations)
     verification = verify(result, held_out)
     result = replace(result, findings=(*result.findings, *verification_findings(verification)))
-    write_result(folder / HAND_EYE, result, observations, held_out, verification.to_json())
+    write_result(folder / HAND_EYE_FILE, result, observations, held_out, verification.to_json())
     return CalibrationRun(result, verification, tuple(looks.unseen))
 
 
@@ -190,7 +189,7 @@ class _Looks:
         self.views[view.index] = shown = BoardView(
             name, view.T_base_flange, sighting.ids, sighting.pixels, sighting.corner_sigma_px
         )
-        self.certain.append(sighting.numbered)
+        self.certain.append(sighting.is_numbering_unique)
         seen = board_seen(shown, self.setup)
         self._covered.update(seen.cells)
         self.listener.seen(view.index, seen, len(self._covered) / (ACROSS * DOWN))
@@ -200,7 +199,7 @@ def _look(
     cell: Cell, plan: ViewpointPlan, folder: Path, board: Board, listener: CalibrationListener, least: int
 ) -> _Looks:
     """Takes all views of the plan; the arm is home on return."""
-    if (folder / SETUP).exists():
+    if (folder / SETUP_FILE).exists():
         raise CalibrationFolderError(f"{folder} holds a calibration already, which is never overwritten: name another")
     _require_room(folder, len(plan.viewpoints))
     status = cell.status

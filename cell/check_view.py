@@ -13,7 +13,7 @@ from cell.devices import View
 from cell.errors import CalibrationError
 from cell.table_seen import share_in_view, table_seen
 from cell.viewpoints import plan_viewpoints
-from recognition.preprocessing.table_plane import MAX_HEIGHT_M, MAX_TILT_RAD
+from recognition.preprocessing.table_plane import MAX_HEIGHT_ERROR_M, MAX_TILT_RAD
 
 LEAST_PLANE = 0.5
 """Of what is seen near the table's height, this much must be the table."""
@@ -73,7 +73,7 @@ def table(grounds: Grounds) -> Step:
         )
     tilt = f"{np.rad2deg(seen.tilt_rad):.2f} degrees"
     words = f"seen {1000 * seen.height_m:+.1f} mm from mounting.table_z_m and tilted by {tilt}"
-    off = max(abs(seen.height_m) / MAX_HEIGHT_M, seen.tilt_rad / MAX_TILT_RAD)
+    off = max(abs(seen.height_m) / MAX_HEIGHT_ERROR_M, seen.tilt_rad / MAX_TILT_RAD)
     if off > MISPLACED:
         return Step(name, "failed", words, "correct mounting.table_z_m; if it is right, calibrate the camera anew")
     if off > 1.0:

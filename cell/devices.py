@@ -26,7 +26,7 @@ class View:
 
     Example:
         >>> import numpy as np
-        >>> from calibration.geometry.transforms import from_rotation_vector
+        >>> from calibration.geometry import from_rotation_vector
         >>> view = View(
         ...     index=0,
         ...     depth=np.full((400, 640), 500, dtype=np.uint16),

@@ -5,6 +5,7 @@ accepts complete, unfinished and truncated files, returns every complete view, a
 """
 
 import json
+import os
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import replace
@@ -51,7 +52,7 @@ class RecordingWriter:
         >>> from pathlib import Path
         >>> from tempfile import TemporaryDirectory
         >>> import numpy as np
-        >>> from calibration.geometry.transforms import from_rotation_vector
+        >>> from calibration.geometry import from_rotation_vector
         >>> T_flange_camera = from_rotation_vector((0.0, 0.0, 0.05), (0.0, 0.0, 0.0))
         >>> header = RecordingHeader(depth_unit_m=0.001, string_radius_m=0.0042, T_flange_camera=T_flange_camera)
         >>> view = View(
@@ -71,7 +72,7 @@ class RecordingWriter:
         (1, 0.0042, ())
     """
 
-    def __init__(self, path: Path, header: RecordingHeader) -> None:
+    def __init__(self, path: str | os.PathLike[str], header: RecordingHeader) -> None:
         """Create the file with the metadata and the hand-eye calibration, and sync it to the disk.
 
         Args:
@@ -82,6 +83,7 @@ class RecordingWriter:
             RecordingExistsError: The file exists; recordings are never overwritten.
             OSError: The file cannot be created or written. No file is left behind.
         """
+        path = Path(path)
         self._path, self._header = path, header
         self._channels: dict[str, int] = {}
         self._written: dict[int, Written] = {}

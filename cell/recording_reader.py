@@ -1,6 +1,7 @@
 """Read the views of an MCAP file: the complete ones in order, and messages about what is missing."""
 
 import json
+import os
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NoReturn
@@ -37,7 +38,7 @@ class Recording:
     """Messages about what is missing; empty if the recording is complete."""
 
 
-def read_recording(path: Path, limits: Limits = DEFAULT_LIMITS) -> Recording:
+def read_recording(path: str | os.PathLike[str], limits: Limits = DEFAULT_LIMITS) -> Recording:
     """Read all complete views of a recording, of ours or of another writer.
 
     A view without pose, calibration or depth image is left out and named in `missing`. `missing` also says if the file
@@ -53,6 +54,7 @@ def read_recording(path: Path, limits: Limits = DEFAULT_LIMITS) -> Recording:
     Raises:
         RecordingError: The recording cannot be used. The subclass and the message say why and where.
     """
+    path = Path(path)
     contents = collect(path, limits)
     header = header_of(contents, path.name)
     complete: list[View] = []
@@ -73,7 +75,7 @@ def read_recording(path: Path, limits: Limits = DEFAULT_LIMITS) -> Recording:
     return Recording(header, tuple(complete), tuple(missing))
 
 
-def read_result(path: Path, limits: Limits = DEFAULT_LIMITS) -> dict[str, Any] | None:
+def read_result(path: str | os.PathLike[str], limits: Limits = DEFAULT_LIMITS) -> dict[str, Any] | None:
     """Read the model document that was stored last in a recording.
 
     Args:
@@ -86,6 +88,7 @@ def read_result(path: Path, limits: Limits = DEFAULT_LIMITS) -> dict[str, Any] |
     Raises:
         RecordingError: As for `read_recording`, or the stored document is not a JSON object.
     """
+    path = Path(path)
     last = None
     for item in read_contents(path, limits):
         if isinstance(item, TopicMessage) and item.topic == MODEL:

@@ -105,9 +105,9 @@ def _draw_unseen(panel: _Panel, plan: ViewpointPlan, table_z_m: float) -> None:
         return
     coverage = plan.coverage
     # The middles of its squares, and the rim.
-    sides = zip((coverage.x_m, coverage.y_m), coverage.pictures.shape, strict=True)
+    sides = zip((coverage.x_m, coverage.y_m), coverage.view_count.shape, strict=True)
     x, y = (np.linspace(*side, 2 * count + 1)[[0, *range(1, 2 * count, 2), -1]] for side, count in sides)
-    missing = np.pad(np.where(coverage.in_view, 0.0, 1.0), 1, mode="edge").T
+    missing = np.pad(np.where(coverage.is_covered, 0.0, 1.0), 1, mode="edge").T
     if panel.dimensions == 3:
         panel.axes.contourf(x, y, missing, levels=[0.5, 1.5], colors=[_SKIPPED], alpha=0.25, zdir="z", offset=table_z_m)
     else:

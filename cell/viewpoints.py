@@ -17,7 +17,7 @@ from cell.pose_choice import PoseChoice, choose_poses
 from cell.poses_to_try import PoseToTry, Sight, poses_to_try
 from cell.route import Route, best_route
 from cell.settings import CellSettings
-from recognition.preprocessing.coverage import Coverage, ImagedArea, coverage_message, table_coverage
+from recognition.preprocessing.coverage import CameraFrustum, Coverage, coverage_message, table_coverage
 
 OVERLAP_M = 0.01
 """Where the arm stands its capsules, thicker than itself, may overlap something by this."""
@@ -123,7 +123,7 @@ class ViewpointPlan:
             "start_q_rad": self.start_q_rad.round(9).tolist(),
             "home_q_rad": self.home_q_rad.round(9).tolist(),
             "travel_rad": round(self.travel_rad, 6),
-            "coverage": {"share": round(self.coverage.share, 4), "warning": self.unseen},
+            "coverage": {"share": round(self.coverage.covered_share, 4), "warning": self.unseen},
             "planning_s": round(self.planning_s, 3),
             "held_out": list(self.held_out),
             "warnings": list(self.warnings),
@@ -227,11 +227,11 @@ def _clearances_from(collisions: CollisionModel, start: NDArray[np.float64]) -> 
 
 def _coverage(viewpoints: tuple[Viewpoint, ...], sight: Sight) -> Coverage:
     optics, (low, high) = sight.optics, (sight.target + [sight.corners.min(axis=0), sight.corners.max(axis=0)])
-    looks = [
-        ImagedArea(optics.K, optics.width, optics.height, v.T_base_camera) for v in viewpoints if v.q_rad is not None
+    frustums = [
+        CameraFrustum(optics.K, optics.width, optics.height, v.T_base_camera) for v in viewpoints if v.q_rad is not None
     ]
     x_m, y_m = ((float(low[axis]), float(high[axis])) for axis in range(2))
-    return table_coverage(looks, x_m, y_m, float(sight.target[2]))
+    return table_coverage(frustums, x_m, y_m, float(sight.target[2]))
 
 
 def _taken(

@@ -20,7 +20,7 @@ from cell.simulation.scenes import make_scene
 from cell.simulation.scoring import Score, score
 from cell.simulation.simulate import SimulatedScan, simulate, write_simulation
 from recognition.errors import RecognitionError
-from recognition.preprocessing.target_cloud import deproject
+from recognition.preprocessing import deproject
 from service.workflow import recognise_recording, to_ply
 
 

@@ -17,10 +17,10 @@ from numpy.typing import NDArray
 from cell.simulation.camera import camera_model
 from cell.simulation.scenes import make_scene
 from cell.simulation.simulate import simulate
-from recognition.model.model import PointChainModel
+from recognition.model import PointChainModel
 from recognition.parameters import ChainParameters
 from recognition.pipeline import recognise
-from recognition.preprocessing.target_cloud import Scene
+from recognition.preprocessing import Scene
 
 RADIUS_M = 0.0042
 

@@ -1,5 +1,6 @@
-"""From depth views to point chain models: the method of Shirakawa et al., one file a stage.
+"""Recognition of strings: depth images with camera poses go in, a point chain model comes out.
 
-`pipeline.recognise` reads like the paper's flowchart (Fig. 2). All stages are functions on arrays that return
-small frozen values; nothing here knows of files, robots or HTTP.
+`recognition.pipeline.recognise` runs the stages in the order of the paper's flowchart (Fig. 2):
+preprocessing -> registration -> centre line -> tracing or shirakawa -> refinement -> assembly -> grasping -> model.
+Each stage is a function on arrays that returns a small frozen dataclass; no stage knows files, robots or HTTP.
 """

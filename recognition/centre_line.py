@@ -13,26 +13,39 @@ from recognition.parameters import ChainParameters
 
 @dataclass(frozen=True, eq=False)
 class CentreLine:
-    """The centre line point cloud."""
+    """The centre line point cloud, before and after averaging."""
 
     surface: NDArray[np.float64]
-    """(N, 3) points it lies under."""
-    single: NDArray[np.float64]
-    """(N, 3) c_i of eq. (1): noisy, but not drawn inwards at the string's ends."""
+    """(N, 3) surface points from which it was estimated, metres, base frame."""
+    unaveraged: NDArray[np.float64]
+    """(N, 3) points c_i of eq. (1), metres. They are noisy, but they reach the ends of the string."""
     r: float
+    """String radius, metres."""
 
     @cached_property
     def points(self) -> NDArray[np.float64]:
-        """(M, 3) means of eq. (2), over the points within 2 r of p_i, outliers removed. Made when first asked for."""
-        means = neighbourhood_means(self.surface, self.surface, self.single, 2 * self.r)
+        """(M, 3) means of eq. (2) over the points within 2 r of p_i, without outliers. Computed at the first access."""
+        means = neighbourhood_means(self.surface, self.surface, self.unaveraged, 2 * self.r)
         return means[inlier_mask(means, LINE_RATIO)]
 
 
 def estimate_centre_line(
     points: NDArray[np.float64], normals: NDArray[np.float64], parameters: ChainParameters
 ) -> CentreLine:
-    """Points of the centre line under the surface `points` (N, 3) with outward `normals` (N, 3).
+    """Return the centre line point cloud under the surface.
 
-    c_i = p_i - r n_i (eq. 1), then the mean over the points within 2 r of p_i (eq. 2).
+    Each surface point moves inwards by the string radius: c_i = p_i - r n_i (eq. 1). The mean over the points within
+    2 r of p_i (eq. 2) reduces the error of the normals.
+
+    Args:
+        points: (N, 3) surface points, metres, base frame.
+        normals: (N, 3) outward unit normals.
+        parameters: String radius r.
+
+    Returns:
+        The points of eq. (1), and their means of eq. (2) without outliers.
+
+    Source:
+        Section II.F, eqs. (1) and (2).
     """
     return CentreLine(points, points - parameters.r * normals, parameters.r)

@@ -13,10 +13,40 @@ class InvalidParametersError(RecognitionError):
     slug = "invalid-parameters"
 
 
+class InvalidSceneError(RecognitionError):
+    """The table height or the workspace is not valid."""
+
+    slug = "invalid-scene"
+
+
+class InvalidGripperError(RecognitionError):
+    """A dimension of the gripper is not valid."""
+
+    slug = "invalid-gripper"
+
+
+class DuplicateViewError(RecognitionError):
+    """Two views have the same index."""
+
+    slug = "duplicate-view"
+
+
 class InsufficientViewsError(RecognitionError):
     """Fewer than two views can be used."""
 
     slug = "insufficient-views"
+
+
+class ContradictingViewsError(RecognitionError):
+    """The views show different scenes, and no majority of them agrees."""
+
+    slug = "contradicting-views"
+
+
+class NoDepthError(RecognitionError):
+    """No view has a depth measurement in the workspace. Check the camera and the setup."""
+
+    slug = "no-depth"
 
 
 class TooCrowdedError(RecognitionError):
@@ -25,7 +55,13 @@ class TooCrowdedError(RecognitionError):
     slug = "too-crowded"
 
 
-class NoDepthError(RecognitionError):
-    """No view has a depth measurement in the workspace. Check the camera and the setup."""
+class RadiusUnknownError(RecognitionError):
+    """Nothing above the table allows the radius of a string to be measured. Give the radius."""
 
-    slug = "no-depth"
+    slug = "radius-unknown"
+
+
+class TopologyError(ValueError):
+    """The chains and the crossings of a model contradict each other."""
+
+    slug = "topology"

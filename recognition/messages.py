@@ -1,9 +1,13 @@
-"""How places are named in warnings and ambiguities."""
+"""Format of positions in warnings and ambiguities."""
 
 import numpy as np
 from numpy.typing import NDArray
 
 
 def format_position(point: NDArray[np.float64]) -> str:
-    """A `point` (3,) in whole millimetres, as in "(12, -40, 4) mm"."""
+    """Return a position in whole millimetres, as in "(12, -40, 4) mm".
+
+    Args:
+        point: (3,) position, metres.
+    """
     return f"({', '.join(str(round(float(value) * 1000)) for value in point)}) mm"

@@ -1,4 +1,4 @@
-"""The paper's parameters (Table I and sections II to III), all in metres."""
+"""The paper's parameters (Table I and sections II to III). Lengths are in metres."""
 
 import math
 from collections.abc import Iterable, Mapping
@@ -7,10 +7,9 @@ from dataclasses import asdict, dataclass, replace
 from recognition.errors import InvalidParametersError
 
 R_MIN = 0.0005
-"""Smallest string radius taken, metres: below it a depth camera sees noise."""
+"""Smallest string radius accepted, metres. Below it, a depth camera measures only noise."""
 R_MAX = 0.02
-"""Largest string radius taken, metres: above it the views no longer hold string and table."""
-
+"""Largest string radius accepted, metres. Above it, the views no longer contain both the string and the table."""
 
 USED_BY: Mapping[str, tuple[str, ...]] = {
     "z_t": ("graph", "enhanced", "matching"),
@@ -23,7 +22,7 @@ USED_BY: Mapping[str, tuple[str, ...]] = {
     "r_cn": ("graph", "enhanced", "matching"),
     "r_cf": ("enhanced",),
 }
-"""Methods that read each parameter, without the radius `r`, which every method reads and which has its own option."""
+"""Methods that read each parameter, except the radius `r`, which every method reads and which has its own option."""
 
 
 @dataclass(frozen=True)
@@ -67,7 +66,7 @@ class ChainParameters:
             raise InvalidParametersError(f"the string radius is {self.r:g} m; it must be positive")
         if not R_MIN <= self.r <= R_MAX:
             raise InvalidParametersError(
-                f"the string radius is {self.r:g} m; radii from {R_MIN:g} to {R_MAX:g} m are taken (metres, not mm)"
+                f"the string radius is {self.r:g} m; it must be from {R_MIN:g} to {R_MAX:g} m (metres, not mm)"
             )
         conditions = {
             "0 < z_t < 2 r": 0 < self.z_t < 2 * self.r,
@@ -77,7 +76,7 @@ class ChainParameters:
             "0 < R_t < 1": 0 < self.R_t < 1,
             "0 < r_n": self.r_n > 0,
             "r_n < r_f": self.r_n < self.r_f,
-            # Table I's own values meet this one with equality, so rounding must not break it.
+            # The values of Table I meet this condition with equality. Rounding must not break it.
             "r_n + r_f <= r_cn": self.r_n + self.r_f <= self.r_cn * (1 + 1e-9),
             "r_cn < r_cf < r_cn + r_n": self.r_cn < self.r_cf < self.r_cn + self.r_n,
         }
@@ -126,18 +125,27 @@ class ChainParameters:
 def check_names(names: Iterable[str]) -> None:
     """Check that each name is a parameter that may be set.
 
+    Args:
+        names: Names of parameters.
+
     Raises:
         InvalidParametersError: A name is unknown, or it is the radius.
     """
     for name in names:
         if name == "r":
-            raise InvalidParametersError("r is the string radius, and the other parameters follow it: use the radius")
+            raise InvalidParametersError(
+                "r is the string radius and not a setting; give the radius, from which the other parameters follow"
+            )
         if name not in USED_BY:
             raise InvalidParametersError(f"there is no parameter {name!r}; the parameters are {', '.join(USED_BY)}")
 
 
 def check_settings(settings: Mapping[str, float], method: str) -> None:
     """Check that `method` reads each of the parameters that are set.
+
+    Args:
+        settings: Values by parameter name.
+        method: Name of the method.
 
     Raises:
         InvalidParametersError: A name is unknown or the radius, or the method does not read the parameter.

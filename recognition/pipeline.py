@@ -1,24 +1,22 @@
-"""Recognition from the views to the model, in the order of the flowchart of the paper (Fig. 2)."""
+"""Recognition: from depth views to the point chain model, in the order of the flowchart of the paper (Fig. 2)."""
 
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from recognition.assembly.chain_ends import mark_fragmented_ends, mark_unobserved_ends
 from recognition.assembly.chains import assemble_fitted_chains
-from recognition.assembly.crossings import find_crossings
-from recognition.assembly.fitted_crossings import find_fitted_crossings
-from recognition.assembly.missed_ends import mark_unobserved_ends
-from recognition.assembly.torn_ends import mark_fragmented_ends
+from recognition.assembly.crossings import find_crossings, find_fitted_crossings
+from recognition.assembly.sharp_bends import sharp_bend_messages
 from recognition.assembly.unexplained import find_unexplained_surface, unexplained_messages
 from recognition.centre_line import CentreLine, estimate_centre_line
 from recognition.errors import InvalidParametersError
 from recognition.grasping.grasp_planner import find_grasps
 from recognition.grasping.gripper import Gripper
-from recognition.model.model import METHODS, Chain, Crossing, Method, PointChainModel, Quality
+from recognition.model.model import METHODS, Method, PointChainModel, Quality
 from recognition.parameters import ChainParameters, check_settings
 from recognition.preprocessing.coverage import coverage_warnings
 from recognition.preprocessing.normals import NormalCloud
@@ -26,16 +24,13 @@ from recognition.preprocessing.target_cloud import DepthView, Scene, TargetCloud
 from recognition.radius_estimation import estimate_parameters
 from recognition.refinement.refinement import Refinement, refine
 from recognition.registration.registration import Registration, register
-from recognition.shirakawa.chains import assemble_chains, sharp_bend_messages
-from recognition.shirakawa.end_extension import extend_ends
-from recognition.shirakawa.enhanced_matching import EnhancedMatching, match_enhanced
-from recognition.shirakawa.matching import match_points
-from recognition.shirakawa.reconstruction import Reconstruction, reconstruct
-from recognition.shirakawa.thinning import thin
-from recognition.strand import Strand
+from recognition.shirakawa.chains import assemble_chains
+from recognition.shirakawa.enhanced_matching import EnhancedMatching
+from recognition.shirakawa.reconstruction import Reconstruction
+from recognition.shirakawa.segments import ConnectedStrands, LinkedSegments, connect_segments, link_segments
 from recognition.tracing.height_map import HeightMap
 from recognition.tracing.trace import TracedStrands, pairing_messages, trace_strands
-from recognition.view_ingestion import ingest_views
+from recognition.view_ingestion import IngestedViews, ingest_views
 
 STAGES = ("preprocess", "registration", "centre_line", "matching", "reconstruction", "refinement", "topology", "grasps")
 """Names of the stages in `on_stage` and `timing_s`, in order. `stages_of` returns those of one method."""
@@ -74,42 +69,35 @@ class Recognition:
     """The fitted tubes of `graph`."""
 
 
-@dataclass(frozen=True, eq=False)
-class _Found:
-    """What a method made of the centre line, and the stages that led to it."""
-
-    chains: tuple[Chain, ...]
-    crossings: Sequence[Crossing]
-    ambiguities: Sequence[str]
-    warnings: Sequence[str]
-    stages: dict[str, Any]
-    """Fields of `Recognition`."""
-
-
 @dataclass
-class _Clock:
-    """Tells the listener which stage begins, and keeps how long each took."""
+class _StageTimer:
+    """Measures the duration of each stage and reports its begin to a listener."""
 
     on_stage: Callable[[str], None] | None
     timing_s: dict[str, float] = field(default_factory=dict)
     _stage: str | None = None
-    _since: float = 0.0
+    _begin_s: float = 0.0
 
-    def begin(self, stage: str | None) -> None:
-        now = time.perf_counter()
-        if self._stage is not None:
-            self.timing_s[self._stage] = now - self._since
-        self._stage, self._since = stage, now
-        if stage is not None and self.on_stage is not None:
+    def begin(self, stage: str) -> None:
+        """End the current stage and begin the next one."""
+        self.end()
+        self._stage, self._begin_s = stage, time.perf_counter()
+        if self.on_stage is not None:
             self.on_stage(stage)
 
-    def besides_waiting(self, views: Iterable[DepthView]) -> Iterator[DepthView]:
-        """The views; the stage does not count how long each is waited for: an arm moves meanwhile."""
-        coming = iter(views)
+    def end(self) -> None:
+        """End the current stage, if there is one."""
+        if self._stage is not None:
+            self.timing_s[self._stage] = time.perf_counter() - self._begin_s
+        self._stage = None
+
+    def exclude_waiting(self, views: Iterable[DepthView]) -> Iterator[DepthView]:
+        """Yield the views. The wait for each view does not count, since the arm moves meanwhile."""
+        iterator = iter(views)
         while True:
-            asked = time.perf_counter()
-            view = next(coming, None)
-            self._since += time.perf_counter() - asked
+            requested_s = time.perf_counter()
+            view = next(iterator, None)
+            self._begin_s += time.perf_counter() - requested_s
             if view is None:
                 return
             yield view
@@ -158,7 +146,7 @@ def recognise(
         >>> from cell.simulation.scenes import make_scene
         >>> from cell.simulation.simulate import simulate
         >>> from recognition.parameters import ChainParameters
-        >>> from recognition.preprocessing.target_cloud import Scene
+        >>> from recognition.preprocessing import Scene
         >>> scan = simulate(make_scene("loop", seed=1), camera_model("oak-d-pro"), seed=1)
         >>> scene = Scene(workspace_m=scan.header.workspace_m)
         >>> model = recognise(scan.views, ChainParameters.for_radius(0.0042), scene).model
@@ -175,94 +163,105 @@ def recognise(
     settings = settings or {}
     check_settings(settings, method)
     scene = scene or Scene()
-    clock = _Clock(on_stage)
+    timer = _StageTimer(on_stage)
 
-    clock.begin("preprocess")
-    views = clock.besides_waiting(views)
+    timer.begin("preprocess")
+    views = timer.exclude_waiting(views)
     if parameters is None:
         views = list(views)
         parameters = estimate_parameters(views, scene)
     parameters = parameters.with_settings(settings)
-    arrivals = ingest_views(views, parameters, scene)
-    if arrivals.empty_because is not None:
-        clock.begin(None)
-        unseen = coverage_warnings(arrivals.targets, (), scene)
-        quality = Quality(arrivals.left_out, warnings=(arrivals.empty_because, *unseen))
-        return Recognition(PointChainModel(method, parameters, (), (), quality, clock.timing_s), arrivals.targets)
+    ingested = ingest_views(views, parameters, scene)
+    if ingested.no_string_reason is not None:
+        timer.end()
+        return _without_string(ingested, ingested.no_string_reason, method, parameters, scene, timer.timing_s)
 
-    clock.begin("registration")
-    registration = register(arrivals.clouds, parameters, arrivals.pairs)
+    timer.begin("registration")
+    registration = register(ingested.clouds, parameters, ingested.correspondences)
 
-    clock.begin("centre_line")
+    timer.begin("centre_line")
     centre_line = estimate_centre_line(registration.points, registration.normals, parameters)
 
+    timer.begin("matching")
+    graph, refinement = None, None
+    linked, connected = LinkedSegments(()), ConnectedStrands(())
     if method == "graph":
-        found = _by_graph(registration, centre_line, parameters, scene, clock)
+        height_map = HeightMap(registration.points)
+        graph = trace_strands(centre_line.unaveraged, height_map, parameters)
+
+        timer.begin("refinement")
+        refinement = refine(graph.strands, registration.points, registration.normals, parameters, scene.table_z_m)
+
+        timer.begin("topology")
+        assembly = assemble_fitted_chains(refinement, registration, height_map, scene, parameters)
+        crossings = find_fitted_crossings(assembly.chains)
+        connection_ambiguities = pairing_messages(graph.pairing)
     else:
-        found = _by_sequences(method, registration, centre_line, parameters, scene, clock)
-    rest = find_unexplained_surface(registration.points, found.chains, parameters)
-    chains, torn = mark_fragmented_ends(mark_unobserved_ends(found.chains, rest, parameters))
-    unseen = coverage_warnings(arrivals.targets, [view.index for view in registration.views if view.used], scene)
+        linked = link_segments(method, centre_line.points, parameters)
 
-    clock.begin("grasps")
-    grasps, ungraspable = find_grasps(
-        chains, found.crossings, registration.points, scene, parameters, gripper or Gripper()
+        timer.begin("reconstruction")
+        connected = connect_segments(linked, registration.points, centre_line.unaveraged, parameters)
+
+        timer.begin("topology")
+        assembly = assemble_chains(connected.strands, centre_line.unaveraged, registration.clouds, scene, parameters)
+        crossings = find_crossings(assembly.strands, registration.points, parameters)
+        connection_ambiguities = []
+
+    unexplained = find_unexplained_surface(registration.points, assembly.chains, parameters)
+    chains = mark_unobserved_ends(assembly.chains, unexplained, parameters)
+    chains, fragment_ambiguities = mark_fragmented_ends(chains)
+
+    timer.begin("grasps")
+    grasps, grasp_warnings = find_grasps(
+        chains, crossings.crossings, registration.points, scene, parameters, gripper or Gripper()
     )
-    clock.begin(None)
+    timer.end()
 
-    views_told = tuple(sorted(registration.views + arrivals.left_out, key=lambda view: view.index))
-    # What is wrong with the strings themselves comes before what was in the way of seeing them.
-    warnings = (*found.warnings, *registration.warnings, *unseen, *unexplained_messages(rest), *ungraspable)
-    quality = Quality(views_told, (*found.ambiguities, *torn), warnings)
-    model = PointChainModel(method, parameters, chains, tuple(found.crossings), quality, clock.timing_s, grasps=grasps)
-    return Recognition(model, arrivals.targets, arrivals.clouds, registration, centre_line, **found.stages)
+    used = [view.index for view in registration.views if view.used]
+    quality = Quality(
+        views=tuple(sorted(registration.views + ingested.excluded, key=lambda view: view.index)),
+        ambiguities=(
+            *crossings.ambiguities,
+            *connection_ambiguities,
+            *sharp_bend_messages(assembly.chains),
+            *assembly.ambiguities,
+            *fragment_ambiguities,
+        ),
+        # Warnings about the strings come before those about the views.
+        warnings=(
+            *assembly.warnings,
+            *registration.warnings,
+            *coverage_warnings(ingested.targets, used, scene),
+            *unexplained_messages(unexplained),
+            *grasp_warnings,
+        ),
+    )
+    model = PointChainModel(
+        method, parameters, chains, tuple(crossings.crossings), quality, timer.timing_s, grasps=grasps
+    )
+    return Recognition(
+        model=model,
+        targets=ingested.targets,
+        clouds=ingested.clouds,
+        registration=registration,
+        centre_line=centre_line,
+        thinned=linked.thinned,
+        enhanced=linked.enhanced,
+        segments=linked.segments,
+        reconstruction=connected.reconstruction,
+        graph=graph,
+        refinement=refinement,
+    )
 
 
-def _by_sequences(
+def _without_string(
+    ingested: IngestedViews,
+    reason: str,
     method: Method,
-    registration: Registration,
-    centre_line: CentreLine,
     parameters: ChainParameters,
     scene: Scene,
-    clock: _Clock,
-) -> _Found:
-    """The paper's methods: points linked one after the other (II.G and III)."""
-    clock.begin("matching")
-    thinned = enhanced = reconstruction = None
-    if method == "matching":
-        segments = [centre_line.points[segment] for segment in match_points(centre_line.points, parameters)]
-    else:
-        thinned = thin(centre_line.points, parameters)
-        enhanced = match_enhanced(thinned, parameters)
-        segments = [thinned[segment] for segment in enhanced.segments]
-
-    clock.begin("reconstruction")
-    if enhanced is None:
-        strands = [Strand(points, np.zeros(len(points), dtype=bool)) for points in segments]
-    else:
-        reconstruction = reconstruct(segments, enhanced.bifurcation_centres, registration.points, parameters)
-        strands = extend_ends(reconstruction.connected, centre_line.single, parameters)
-
-    clock.begin("topology")
-    strands, chains, warnings = assemble_chains(strands, centre_line.single, registration.clouds, scene, parameters)
-    crossings, ambiguities = find_crossings(strands, registration.points, parameters)
-    stages = {"thinned": thinned, "enhanced": enhanced, "segments": segments, "reconstruction": reconstruction}
-    return _Found(chains, crossings, [*ambiguities, *sharp_bend_messages(chains)], warnings, stages)
-
-
-def _by_graph(
-    registration: Registration, centre_line: CentreLine, parameters: ChainParameters, scene: Scene, clock: _Clock
-) -> _Found:
-    """Our method: strands as paths in a graph, joined all at once, and fitted to the surface."""
-    clock.begin("matching")
-    cover = HeightMap(registration.points)
-    graph = trace_strands(centre_line.single, cover, parameters)
-
-    clock.begin("refinement")
-    refinement = refine(graph.strands, registration.points, registration.normals, parameters, scene.table_z_m)
-
-    clock.begin("topology")
-    chains, doubts, warnings = assemble_fitted_chains(refinement, registration, cover, scene, parameters)
-    crossings, ambiguities = find_fitted_crossings(chains)
-    ambiguities = [*ambiguities, *pairing_messages(graph.pairing), *sharp_bend_messages(chains), *doubts]
-    return _Found(chains, crossings, ambiguities, warnings, {"graph": graph, "refinement": refinement})
+    timing_s: dict[str, float],
+) -> Recognition:
+    """Return the model of a scene without a string, with the reason and the coverage as warnings."""
+    quality = Quality(ingested.excluded, warnings=(reason, *coverage_warnings(ingested.targets, (), scene)))
+    return Recognition(PointChainModel(method, parameters, quality=quality, timing_s=timing_s), ingested.targets)

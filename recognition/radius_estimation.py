@@ -1,52 +1,158 @@
-"""The string's radius, measured, when nobody tells it."""
+"""Estimation of the string radius from the views, for scans without a given radius."""
 
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
 
+from recognition.errors import RadiusUnknownError
 from recognition.geometry.polyline import arc_length
-from recognition.parameters import ChainParameters
+from recognition.parameters import R_MAX, R_MIN, ChainParameters
 from recognition.preprocessing.target_cloud import DepthView, Scene, preprocess
 from recognition.refinement.refinement import refine
 from recognition.refinement.string_classifier import classify_strings
 from recognition.registration.registration import register
-from recognition.rough_radius import estimate_rough_radius
 from recognition.tracing.height_map import HeightMap
 from recognition.tracing.trace import trace_strands
 from recognition.view_ingestion import ingest_views
 
 PROBE_R = 0.0015
-"""Radius with which a first look is taken: what is lower than this string's threshold z_t is not looked at."""
+"""Radius for the first preprocessing, metres: points below the height threshold z_t of this radius are ignored."""
 PAPER_R = 0.0042
-"""Radius of the paper's string, for scenes in which there is none to measure."""
-FEW_POINTS = 50
-"""Fewer points above the table than this, in all views, are noise: there is no string."""
+"""Radius of the paper's string, metres. It is used for an empty table, where no radius can be measured."""
+MIN_POINTS = 50
+"""With fewer points above the table in all views together, the points are noise and there is no string."""
+CELL_M = 0.001
+"""Edge of the grid cells for widths and heights, seen from above, metres."""
+MAX_CELLS = 4_000_000
+"""Maximum number of grid cells: 2 m by 2 m."""
+MAX_HEIGHT_M = 4 * R_MAX
+"""Maximum height above the table, metres. Higher points are neither a string nor two strings on each other."""
+BIN_M = 0.0004
+"""Width of the bins in the histogram of heights, metres."""
+MAX_HEIGHT_WIDTH_RATIO = 2.0
+"""A ridge cell belongs to a string if half its height and half its width differ by at most this factor."""
+MIN_LENGTH_M = 0.02
+"""Minimum length of a piece, metres. Shorter pieces are noise."""
+MIN_RIDGE_CELLS = 20
+"""Minimum number of ridge cells. Fewer cells are not a string."""
 
 
 def estimate_parameters(views: Sequence[DepthView], scene: Scene) -> ChainParameters:
-    """Parameters for the radius that most of the string in the views has.
+    """Return the parameters for the radius that most of the string in the views has.
 
-    A rough radius from the heights above the table is enough to find the strings; tubes fitted to them then tell
-    it. Strings thinner than about 1.5 mm in radius do not stand out of the table for this.
+    A rough radius from the heights above the table is enough to find the strings. Tubes that are fitted to these
+    strings then give the radius. Strings with a radius below about 1.5 mm do not stand out of the table enough.
+
+    Args:
+        views: Depth images with their camera poses.
+        scene: Height of the table and workspace.
+
+    Returns:
+        Parameters for the median of the fitted radii, weighted by length. For the rough radius if no string is found,
+        and for `PAPER_R` if the table is empty.
 
     Raises:
-        RadiusUnknownError: something is above the table, but nothing to measure a string's radius of.
-        RecognitionError: the views cannot be used, as for `recognition.pipeline.recognise`.
+        RadiusUnknownError: Something is above the table, but no radius of a string can be measured on it.
+        RecognitionError: The views cannot be used, as for `recognition.pipeline.recognise`.
+
+    Source:
+        Ours.
     """
     probe = ChainParameters.for_radius(PROBE_R)
-    looked = [preprocess(view, probe, scene) for view in views]
-    if sum(len(target.points) for target in looked) < FEW_POINTS:
+    targets = [preprocess(view, probe, scene) for view in views]
+    if sum(len(target.points) for target in targets) < MIN_POINTS:
         return ChainParameters.for_radius(PAPER_R)
-    rough = ChainParameters.for_radius(estimate_rough_radius([target.points for target in looked], scene.table_z_m))
+    rough = ChainParameters.for_radius(estimate_rough_radius([target.points for target in targets], scene.table_z_m))
     arrivals = ingest_views(views, rough, scene)
-    if arrivals.empty_because is not None:
+    if arrivals.no_string_reason is not None:
         return rough
-    registration = register(arrivals.clouds, rough, arrivals.pairs)
+    registration = register(arrivals.clouds, rough, arrivals.correspondences)
     graph = trace_strands(registration.points - rough.r * registration.normals, HeightMap(registration.points), rough)
     refinement = refine(graph.strands, registration.points, registration.normals, rough, scene.table_z_m)
-    strings, _, _ = classify_strings(refinement, registration.points, rough, scene.table_z_m)
+    strings = classify_strings(refinement, registration.points, rough, scene.table_z_m).strings
     if not strings:
         return rough
-    order = sorted(strings, key=lambda string: string.measured_radius_m)
-    share = np.cumsum([arc_length(string.points)[-1] for string in order])
-    return ChainParameters.for_radius(order[int(np.searchsorted(share, share[-1] / 2))].measured_radius_m)
+    by_radius = sorted(strings, key=lambda string: string.measured_radius_m)
+    length = np.cumsum([arc_length(string.points)[-1] for string in by_radius])
+    median = by_radius[int(np.searchsorted(length, length[-1] / 2))]
+    return ChainParameters.for_radius(median.measured_radius_m)
+
+
+def estimate_rough_radius(clouds: Sequence[NDArray[np.float64]], table_z_m: float) -> float:
+    """Return a first estimate of the string radius, to about a quarter of its value.
+
+    Seen from above, a string is a band. On the ridge, the cells farthest from both sides, its height above the table
+    is 2 r and its distance to either side is r. Cells where the two values disagree are other objects. At a crossing
+    the height is doubled, but most of a string lies on the table.
+
+    Args:
+        clouds: (N, 3) points above the table of each view, metres, base frame.
+        table_z_m: Height of the table, metres.
+
+    Returns:
+        The radius, metres: the median of half the height over all ridge cells of strings.
+
+    Raises:
+        RadiusUnknownError: There is no such band.
+
+    Source:
+        Ours.
+    """
+    points = np.vstack([np.empty((0, 3)), *clouds])
+    points = points[points[:, 2] - table_z_m < MAX_HEIGHT_M]
+    if len(points):
+        points = points[points[:, 2] - table_z_m > _noise_height(points[:, 2] - table_z_m)]
+    if len(points) == 0:
+        raise RadiusUnknownError("no string in view, so no radius can be measured: give the radius")
+    n_points, height = _grid_heights(points, table_z_m)
+    band, half_width = _bands(n_points > 0)
+    ridge = band & (half_width >= ndimage.maximum_filter(half_width, 3)) & (half_width > CELL_M) & (height > 0)
+    radius, width = height[ridge] / 2, half_width[ridge]
+    is_string = (radius < MAX_HEIGHT_WIDTH_RATIO * width) & (width < MAX_HEIGHT_WIDTH_RATIO * radius)
+    is_string &= (radius > R_MIN) & (radius < R_MAX)
+    if is_string.sum() < MIN_RIDGE_CELLS:
+        raise RadiusUnknownError(
+            "nothing above the table is as high as it is wide, like a string, so no radius can be measured: "
+            "give the radius"
+        )
+    return float(np.median(radius[is_string]))
+
+
+def _grid_heights(points: NDArray[np.float64], table_z_m: float) -> tuple[NDArray[np.intp], NDArray[np.float64]]:
+    """Return the number of points and the height above the table, for each cell of a grid seen from above."""
+    cells = np.floor((points[:, :2] - points[:, :2].min(axis=0)) / CELL_M).astype(np.int64) + 2
+    rows, columns = (int(size) for size in cells.max(axis=0) + 3)
+    if rows * columns > MAX_CELLS:
+        raise RadiusUnknownError(
+            f"the points above the table spread over {rows} by {columns} mm, which is too far to measure a radius: "
+            "give the radius or a smaller workspace"
+        )
+    index = cells[:, 0] * columns + cells[:, 1]
+    n_points = np.bincount(index, minlength=rows * columns)
+    order = np.lexsort((points[:, 2], index))
+    # The third highest point of a cell is above most noise and below flying pixels.
+    last = np.cumsum(n_points) - 1
+    third = order[np.maximum(last - np.minimum(2, np.maximum(n_points - 1, 0)), 0)]
+    height = np.where(n_points > 0, points[third, 2] - table_z_m, 0.0)
+    return n_points.reshape(rows, columns), height.reshape(rows, columns)
+
+
+def _bands(occupied: NDArray[np.bool_]) -> tuple[NDArray[np.bool_], NDArray[np.float64]]:
+    """Return the cells of all pieces of at least `MIN_LENGTH_M`, and each cell's distance from the sides, metres."""
+    band = ndimage.binary_closing(occupied, iterations=2)
+    half_width = np.asarray(ndimage.distance_transform_edt(band)) * CELL_M
+    piece = np.zeros(occupied.shape, dtype=np.int32)
+    ndimage.label(band, output=piece)
+    extent = [max(part.stop - part.start for part in parts) for parts in ndimage.find_objects(piece) if parts]
+    band &= np.concatenate([[False], np.array(extent) * CELL_M >= MIN_LENGTH_M])[piece]
+    return band, half_width
+
+
+def _noise_height(heights: NDArray[np.float64]) -> float:
+    """Return the height up to which the `heights` (N,) are noise of the table: where their count stops falling."""
+    counts, edges = np.histogram(heights, np.arange(float(heights.min()), MAX_HEIGHT_M + 2 * BIN_M, BIN_M))
+    smooth = np.convolve(counts, np.ones(3), "valid")
+    rising = np.flatnonzero(np.diff(smooth) >= 0)
+    return float(edges[rising[0] + 1]) if len(rising) and rising[0] > 0 else -np.inf

@@ -1,4 +1,4 @@
-"""Strands and their ends, and how strands become one when ends are joined by a smooth bridge."""
+"""Strands, their ends, and joining of strands by smooth bridges across the gaps."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -15,14 +15,14 @@ Points = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Strand:
-    """A segment or several joined ones."""
+    """A segment of a string, or several joined segments."""
 
     points: Points
-    """(N, 3), in order."""
+    """(N, 3) points in order, metres, base frame."""
     bridged: NDArray[np.bool_]
-    """(N,), points that were put into a gap rather than measured."""
+    """(N,) mask of the points that were interpolated across a gap and not measured."""
     closed: bool = False
-    """The ends were joined to each other."""
+    """Whether the last point connects to the first."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,17 +30,20 @@ class End:
     """One end of a strand."""
 
     strand: int
-    """Which strand."""
+    """Index of the strand."""
     at_start: bool
-    """The strand's first point, otherwise its last."""
+    """Whether the end is the first point of the strand; otherwise it is the last point."""
     point: Points
-    """(3,)."""
+    """(3,) position, metres, base frame."""
     direction: Points
-    """(3,), unit length, pointing out of the strand; zero for a strand of one point."""
+    """(3,) unit vector pointing out of the strand; zero for a strand of one point."""
 
 
 def strand_ends(strands: Sequence[Strand], parameters: ChainParameters) -> list[End]:
-    """Both ends of every open strand; their directions over about r_f, so that no single link decides."""
+    """Return both ends of every open strand, the first point before the last.
+
+    The direction of an end is measured over about r_f, so that it does not depend on a single link.
+    """
     ends = []
     for index, strand in enumerate(strands):
         if strand.closed:
@@ -48,31 +51,39 @@ def strand_ends(strands: Sequence[Strand], parameters: ChainParameters) -> list[
         for at_start in (True, False):
             points = strand.points if at_start else strand.points[::-1]
             inner = min(int(np.searchsorted(arc_length(points), parameters.r_f)), len(points) - 1)
-            way = points[0] - points[inner]
-            norm = float(np.linalg.norm(way))
-            ends.append(End(index, at_start, points[0], way / norm if norm > 0 else np.zeros(3)))
+            offset = points[0] - points[inner]
+            norm = float(np.linalg.norm(offset))
+            ends.append(End(index, at_start, points[0], offset / norm if norm > 0 else np.zeros(3)))
     return ends
 
 
-def join(
+def join_strands(
     strands: Sequence[Strand],
     ends: Sequence[End],
     pairs: Sequence[tuple[int, int]],
     parameters: ChainParameters,
 ) -> list[Strand]:
-    """The strands after joining the ends (indices) of each pair by a smooth bridge.
+    """Join strands at pairs of ends by smooth bridges.
 
-    Strands keep the order of their first member; a strand whose own ends are a pair becomes closed.
+    Args:
+        strands: The strands.
+        ends: The ends of these strands, as `strand_ends` returns them.
+        pairs: Pairs of indices into `ends`. Each end is in one pair at most. If both ends of a strand are a pair, the
+            strand becomes closed.
+        parameters: Parameters of the method; r_n is the spacing of the bridges.
+
+    Returns:
+        The strands after joining, in the order of their first members.
     """
     partner = {a: b for pair in pairs for a, b in (pair, pair[::-1])}
-    end_at = {(end.strand, end.at_start): number for number, end in enumerate(ends)}
+    end_index = {(end.strand, end.at_start): number for number, end in enumerate(ends)}
     done: set[int] = set()
     joined = []
 
     def walk(strand: int, leave_at_start: bool) -> tuple[list[tuple[int, bool]], bool]:
-        """Strands from `strand` on, each with the side by which it is left; whether it came back to the first."""
+        """Return the strands from `strand` on, each with whether it is left at its start, and whether they close."""
         path = [(strand, leave_at_start)]
-        while (following := partner.get(end_at.get((strand, leave_at_start), -1))) is not None:
+        while (following := partner.get(end_index.get((strand, leave_at_start), -1))) is not None:
             strand, leave_at_start = ends[following].strand, not ends[following].at_start
             if strand == path[0][0]:
                 return path, True
@@ -83,18 +94,29 @@ def join(
         if first in done:
             continue
         backwards, closed = walk(first, True)
-        # Start from the far end, so that the walk passes the whole strand once.
+        # Start from the far end, so that the walk passes every strand once.
         start, left_at_start = backwards[-1]
         path, closed = (backwards, True) if closed else walk(start, not left_at_start)
         done |= {strand for strand, _ in path}
-        joined.append(_chain_up([(strands[i], reverse) for i, reverse in path], closed, parameters))
+        joined.append(_concatenate([(strands[i], reverse) for i, reverse in path], closed, parameters))
     return joined
 
 
-def bridge(a: End, b: End, spacing: float) -> Points:
-    """(N, 3) points between two ends, about `spacing` apart: the cubic that leaves and arrives in their directions.
+def bridge_gap(a: End, b: End, spacing: float) -> Points:
+    """Return points between two ends, on the cubic that leaves and arrives in the directions of the ends.
 
-    The paper links the ends by a straight line; a string does not bend in corners.
+    The paper links the ends by a straight line, but a string does not bend in corners.
+
+    Args:
+        a: The end where the bridge begins.
+        b: The end where the bridge stops.
+        spacing: Approximate distance of the points, metres.
+
+    Returns:
+        (N, 3) points, metres, without the ends themselves.
+
+    Source:
+        Section III.E. The cubic is ours.
     """
     gap = float(np.linalg.norm(b.point - a.point))
     inner = max(round(gap / spacing), 1) - 1
@@ -102,7 +124,8 @@ def bridge(a: End, b: End, spacing: float) -> Points:
     return curve(np.arange(1, inner + 1) / (inner + 1)).reshape(-1, 3)
 
 
-def _chain_up(path: list[tuple[Strand, bool]], closed: bool, parameters: ChainParameters) -> Strand:
+def _concatenate(path: list[tuple[Strand, bool]], closed: bool, parameters: ChainParameters) -> Strand:
+    """Concatenate strands, each with whether it is reversed, with a bridge in every gap."""
     oriented = [Strand(s.points[::-1], s.bridged[::-1], s.closed) if reverse else s for s, reverse in path]
     if len(oriented) == 1 and not closed:
         return oriented[0]
@@ -111,9 +134,9 @@ def _chain_up(path: list[tuple[Strand, bool]], closed: bool, parameters: ChainPa
     for previous, following in zip(oriented, followers, strict=False):
         leaving = strand_ends([previous], parameters)[1]
         arriving = strand_ends([following], parameters)[0]
-        filled = bridge(leaving, arriving, parameters.r_n)
-        points.append(filled)
-        bridged.append(np.ones(len(filled), dtype=bool))
+        bridge = bridge_gap(leaving, arriving, parameters.r_n)
+        points.append(bridge)
+        bridged.append(np.ones(len(bridge), dtype=bool))
         if following is not oriented[0]:
             points.append(following.points)
             bridged.append(following.bridged)

@@ -1,9 +1,9 @@
-"""All that can be done with a view when it arrives, while the arm moves to the next one."""
+"""Ingestion of views: all work that a single view allows is done when it arrives, while the arm moves on."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
-from recognition.errors import RecognitionError, TooCrowdedError
+from recognition.errors import DuplicateViewError, TooCrowdedError
 from recognition.model.model import ViewQuality
 from recognition.parameters import ChainParameters
 from recognition.preprocessing.normals import NormalCloud, estimate_normals
@@ -12,43 +12,46 @@ from recognition.preprocessing.view_selection import MIN_VIEWS, exclusion_reason
 from recognition.registration.correspondences import Correspondences, find_correspondences
 
 
-class DuplicateViewError(RecognitionError):
-    """Two views have the same index."""
-
-    slug = "duplicate-view"
-
-
 @dataclass(frozen=True, eq=False)
 class IngestedViews:
-    """The views as they are before registration."""
+    """The preprocessed views before registration."""
 
     targets: Sequence[TargetCloud]
-    """Of every view."""
+    """Target clouds of all views."""
     clouds: Sequence[NormalCloud]
-    """Of those that see a string; none when there is no string."""
-    pairs: Sequence[Correspondences]
-    """Where these show the same surface, each and those before it."""
-    left_out: tuple[ViewQuality, ...]
-    """The other views, with their reasons."""
-    empty_because: str | None
-    """Why there is no string, when there is none."""
+    """Clouds with normals of the views that see a string; none if there is no string."""
+    correspondences: Sequence[Correspondences]
+    """Corresponding points of each of these views and those before it."""
+    excluded: tuple[ViewQuality, ...]
+    """The other views, each with the reason."""
+    no_string_reason: str | None
+    """Why there is no string. None if there is one."""
 
 
 def ingest_views(views: Iterable[DepthView], parameters: ChainParameters, scene: Scene) -> IngestedViews:
-    """Target cloud, normals and overlaps of each view, as it comes.
+    """Preprocess each view when it arrives and find its correspondences with the views before it.
+
+    Args:
+        views: Depth images with their camera poses. They may arrive one by one.
+        parameters: Radii and thresholds.
+        scene: Height of the table and workspace in the base frame.
+
+    Returns:
+        The preprocessed views.
 
     Raises:
-        DuplicateViewError: two views have the same index.
-        InsufficientViewsError, NoDepthError: see `recognition.preprocessing.view_selection.select_views`.
-        TooCrowdedError: most views have more above the table than strings.
+        DuplicateViewError: Two views have the same index.
+        InsufficientViewsError: Fewer than two views were given, or fewer can be used.
+        NoDepthError: No view measured anything in the workspace.
+        TooCrowdedError: In most views, much more than strings is above the table.
     """
     targets: list[TargetCloud] = []
     clouds: list[NormalCloud] = []
-    pairs: list[Correspondences] = []
+    correspondences: list[Correspondences] = []
     crowded: dict[int, TooCrowdedError] = {}
     for view in views:
         if view.index in {target.view for target in targets}:
-            raise DuplicateViewError(f"two views have the index {view.index}; each must have its own")
+            raise DuplicateViewError(f"two views have the index {view.index}; give each view its own index")
         targets.append(target := preprocess(view, parameters, scene))
         if exclusion_reason(target) is not None:
             continue
@@ -57,17 +60,17 @@ def ingest_views(views: Iterable[DepthView], parameters: ChainParameters, scene:
         except TooCrowdedError as error:
             crowded[target.view] = error
             continue
-        pairs += find_correspondences(cloud, clouds, parameters)
+        correspondences += find_correspondences(cloud, clouds, parameters)
         clouds.append(cloud)
-    seen, left_out, empty_because = select_views(targets)
-    if empty_because is not None:
-        of_radius = f"({parameters.z_t * 1000:.1f} mm for a radius of {parameters.r * 1000:.1f} mm)"
-        return IngestedViews(targets, (), (), left_out, f"{empty_because} {of_radius}")
+    selection = select_views(targets)
+    if selection.no_string_reason is not None:
+        threshold = f"({parameters.z_t * 1000:.1f} mm for a radius of {parameters.r * 1000:.1f} mm)"
+        return IngestedViews(targets, (), (), selection.excluded, f"{selection.no_string_reason} {threshold}")
     if len(clouds) < max(MIN_VIEWS, len(crowded)):
         raise next(iter(crowded.values()))
-    left_out += tuple(
+    excluded = selection.excluded + tuple(
         ViewQuality(target.view, False, str(crowded[target.view]), len(target.points))
-        for target in seen
+        for target in selection.used
         if target.view in crowded
     )
-    return IngestedViews(targets, clouds, pairs, left_out, None)
+    return IngestedViews(targets, clouds, correspondences, excluded, None)

@@ -5,7 +5,7 @@ import sys
 from pathlib import Path
 
 METHODS = ("matching", "enhanced", "graph")
-"""As `recognition.model.model.model.Method`, which is not imported for --help."""
+"""As `recognition.model.Method`, which is not imported for --help."""
 
 
 def add_cell_commands(commands: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:

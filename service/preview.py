@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from recognition.model.model import Chain, PointChainModel
+from recognition.model.chains import Chain
+from recognition.model.model import PointChainModel
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

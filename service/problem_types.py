@@ -712,13 +712,6 @@ PROBLEM_TYPES: dict[str, ProblemType] = {
         action="Take at least eight views; 12 to 15 are good.",
         group="Repeat the calibration",
     ),
-    "unpaired": ProblemType(
-        title="Unpaired",
-        statuses=(),
-        cause="The counts of robot poses, board poses and names differ.",
-        action="Give one of each for every view.",
-        group="Repeat the calibration",
-    ),
     "audit": ProblemType(
         title="Audit",
         statuses=(),

@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from recognition.model.model import Crossing, PointChainModel
+from recognition.model.chains import Crossing
+from recognition.model.model import PointChainModel
 from recognition.pipeline import Recognition
 
 if TYPE_CHECKING:
@@ -204,7 +205,7 @@ def _paired_ends(figure: "Figure", recognition: Recognition, truth: Truth) -> No
     if len(ends.points):  # a ring has no ends
         axes.quiver(*ends.points[:, :2].T * MM, *ends.directions[:, :2].T, width=0.003)
         axes.plot([], [], "k>", label="end and its direction")
-    for number, pair in enumerate(recognition.graph.pairing.couples):
+    for number, pair in enumerate(recognition.graph.pairing.pairs):
         line = ends.points[list(pair), :2].T * MM
         axes.plot(*line, "o-", color="crimson", label=None if number else "joined pair")
     _finish(figure, axes, truth)

@@ -1,7 +1,7 @@
-"""Whether something was moved between two views: before and after, the views fit one another, but not across.
+"""Detection of a move between two views: X or Y has another value from some view on.
 
-Poses `A` (N, 4, 4) and `B` (N, 4, 4) with `A X B = Y` hold `X` and `Y` constant; here one of them has another value
-from some view on. Residuals are of `inverse(Y) A X B`, rotation vector before translation.
+Poses `A` (N, 4, 4) and `B` (N, 4, 4) satisfy `A X B = Y`, as in `calibration.solver.initialisation`. Residuals are
+those of `inverse(Y) A X B`, rotation vector before translation.
 """
 
 from dataclasses import dataclass
@@ -15,84 +15,85 @@ from calibration.solver.initialisation import InitialGuess, estimate_initial_gue
 
 Moved = Literal["X", "Y"]
 
-SHORTEST = 3
-"""Views on either side: two may be two bad ones."""
+MIN_VIEWS_PER_SIDE = 3
+"""Smallest number of views before and after the move. Two may be two bad views."""
 NOISE_RAD, NOISE_M = np.radians(0.05), 2.5e-4
-"""Least noise of a view along one axis: what a good camera and arm have; of few views, a fit leaves too little."""
-MOST_SPLITS = 20
-"""Places for the move that are tried; of more views, not every place."""
+"""Smallest noise of a view along one axis, as of a good camera and arm. A fit to few views leaves too little."""
+MAX_SPLITS = 20
+"""Largest number of views tried as the first one after the move."""
 STARTING_VIEWS = 20
-"""Views of a long series that a rough solution is made from."""
+"""Number of views of a long series that an initial guess is made from."""
 STEPS = 8
-SETTLED = 1e-6
-"""Radians and metres: a step that ends the adjustment."""
-LARGEST_SQUARE = 25.0
-"""A view's squared residual, in standard deviations, from which on it does not count: chance goes so far in one of
-3000 views."""
+"""Largest number of Gauss-Newton steps."""
+CONVERGED = 1e-6
+"""Largest step, radians and metres, at which the adjustment ends."""
+MAX_CHI2 = 25.0
+"""Chi-square of a view from which on it counts as an outlier. Noise exceeds it in one of 3000 views."""
 
 
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """One explanation of all views."""
+    """One explanation of all views: without a move, or with a move of X or of Y."""
 
     residuals: NDArray[np.float64]
-    """(N, 6) rad and m."""
+    """(N, 6) rotation vectors, radians, and translations, metres."""
     moved: Moved | None = None
+    """Which transform has two values; None: neither."""
     first: int = 0
-    """First view after the move."""
+    """Index of the first view after the move."""
     shift: NDArray[np.float64] | None = None
-    """(6,) of the move: rotation vector and translation."""
+    """(6,) the move, rotation vector and translation; None without a move."""
 
     def noise(self) -> tuple[float, float]:
-        """Standard deviations of one axis, rad and m, by the better half of the views."""
-        # The median length of three normal numbers is 1.538 standard deviations.
+        """Return the noise of one axis, radians and metres, one sigma, from the median residuals."""
+        # The median length of three normal random numbers is 1.538 sigma.
         turned, off = (np.median(np.linalg.norm(part, axis=1)) / 1.538 for part in np.split(self.residuals, 2, axis=1))
         return max(float(turned), NOISE_RAD), max(float(off), NOISE_M)
 
     def squares(self, noise: tuple[float, float]) -> NDArray[np.float64]:
-        """(N,) squared residuals in standard deviations, up to `LARGEST_SQUARE`."""
+        """Return the chi-square (N,) of each view, capped at `MAX_CHI2`."""
         scaled = self.residuals / np.repeat(noise, 3)
-        return np.minimum(np.sum(scaled**2, axis=1), LARGEST_SQUARE)
+        return np.minimum(np.sum(scaled**2, axis=1), MAX_CHI2)
 
 
 def fit_without_change(A: NDArray[np.float64], B: NDArray[np.float64]) -> Fit:
-    """All views with one X and one Y."""
-    start = _rough(A, B)
-    return _adjusted(A, B, start.X, start.Y, start.X, start.Y, None, len(A))
+    """Fit one X and one Y to all views (N, 4, 4)."""
+    start = _guess(A, B)
+    return _adjust(A, B, start.X, start.Y, start.X, start.Y, None, len(A))
 
 
 def fit_changes(A: NDArray[np.float64], B: NDArray[np.float64]) -> list[Fit]:
-    """All views with X, or with Y, of another value from each possible view on."""
+    """Fit a move of X and a move of Y at each possible view of A and B (N, 4, 4)."""
     count = len(A)
-    # What is not interrupted by the move is the first half or the last, and often three quarters.
+    # The first or the last half has no move in it, and often three quarters.
     parts = [slice(0, count - count // 4), slice(0, -(-count // 2)), slice(count // 2, count), slice(count // 4, count)]
-    starts = {(part.start, part.stop): _rough(A[part], B[part]) for part in parts}
+    starts = {(part.start, part.stop): _guess(A[part], B[part]) for part in parts}
     fits = []
-    for first in np.unique(np.linspace(SHORTEST, count - SHORTEST, MOST_SPLITS).round().astype(int)):
+    for first in np.unique(np.linspace(MIN_VIEWS_PER_SIDE, count - MIN_VIEWS_PER_SIDE, MAX_SPLITS).round().astype(int)):
         whole = [(start, stop) for start, stop in starts if not start < first < stop]
         longest = max(whole, key=lambda part: part[1] - part[0])
         X, Y = starts[longest].X, starts[longest].Y
         rest = slice(first, count) if longest[0] == 0 else slice(0, first)
-        other_Y = _middle(A[rest] @ X @ B[rest])
-        other_X = _middle(invert_poses(A[rest]) @ Y @ invert_poses(B[rest]))
+        other_Y = _medoid(A[rest] @ X @ B[rest])
+        other_X = _medoid(invert_poses(A[rest]) @ Y @ invert_poses(B[rest]))
         Xs, Ys = ((X, other_X), (Y, other_Y)) if longest[0] == 0 else ((other_X, X), (other_Y, Y))
-        fits.append(_adjusted(A, B, X, Ys[0], X, Ys[1], "Y", int(first)))
-        fits.append(_adjusted(A, B, Xs[0], Y, Xs[1], Y, "X", int(first)))
+        fits.append(_adjust(A, B, X, Ys[0], X, Ys[1], "Y", int(first)))
+        fits.append(_adjust(A, B, Xs[0], Y, Xs[1], Y, "X", int(first)))
     return fits
 
 
-def _rough(A: NDArray[np.float64], B: NDArray[np.float64]) -> InitialGuess:
+def _guess(A: NDArray[np.float64], B: NDArray[np.float64]) -> InitialGuess:
     some = np.unique(np.linspace(0, len(A) - 1, STARTING_VIEWS).round().astype(int))
     return estimate_initial_guess(A[some], B[some])
 
 
-def _middle(poses: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The one of the poses (N, 4, 4) that is nearest to the others, 0.1 m counting as a radian."""
+def _medoid(poses: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the pose (4, 4) that is nearest to the others of (N, 4, 4). 0.1 m counts as a radian."""
     apart = twist_from_pose(invert_poses(poses)[:, None] @ poses[None]) * np.repeat([1.0, 10.0], 3)
     return poses[np.argmin(np.linalg.norm(apart, axis=2).sum(axis=1))]
 
 
-def _adjusted(
+def _adjust(
     A: NDArray[np.float64],
     B: NDArray[np.float64],
     X0: NDArray[np.float64],
@@ -102,7 +103,7 @@ def _adjusted(
     moved: Moved | None,
     first: int,
 ) -> Fit:
-    """Least squares over what is free, of the views that fit: X0 and Y0 before view `first`, X1 and Y1 from it on."""
+    """Fit X0 and Y0 to the views before `first`, and X1 and Y1 to the others, without outliers."""
     late = np.arange(len(A)) >= first
     J = _jacobian(B, late, moved)
     fit = None
@@ -110,9 +111,9 @@ def _adjusted(
         E = np.where(late[:, None, None], invert_poses(Y1) @ A @ X1 @ B, invert_poses(Y0) @ A @ X0 @ B)
         fit = Fit(twist_from_pose(E), moved, first)
         noise = fit.noise()
-        weight = np.where(fit.squares(noise) < LARGEST_SQUARE, 1.0, 0.0)[:, None] / np.repeat(noise, 3)
+        weight = np.where(fit.squares(noise) < MAX_CHI2, 1.0, 0.0)[:, None] / np.repeat(noise, 3)
         step = np.linalg.lstsq((weight[:, :, None] * J).reshape(-1, J.shape[2]), -(weight * fit.residuals).ravel())[0]
-        if float(np.abs(step).max()) < SETTLED:
+        if float(np.abs(step).max()) < CONVERGED:
             break
         dX0, dY0, extra = step[:6], step[6:12], step[12:]
         steps = np.array([dX0, dY0, extra if moved == "X" else dX0, extra if moved == "Y" else dY0], dtype=np.float64)
@@ -123,13 +124,13 @@ def _adjusted(
 
 
 def _jacobian(B: NDArray[np.float64], late: NDArray[np.bool_], moved: Moved | None) -> NDArray[np.float64]:
-    """(N, 6, 12 or 18) of the residuals by small motions of X and Y on their right, and of the moved one after."""
-    by_X = adjoint(invert_poses(B))
-    by_Y = np.broadcast_to(-np.eye(6), by_X.shape)
+    """Return the (N, 6, 12 or 18) derivative of the residuals by X, Y and the moved one after the move."""
+    J_X = adjoint(invert_poses(B))
+    J_Y = np.broadcast_to(-np.eye(6), J_X.shape)
     if moved is None:
-        return np.concatenate([by_X, by_Y], axis=2)
-    changed = by_X if moved == "X" else by_Y
-    constant = by_Y if moved == "X" else by_X
+        return np.concatenate([J_X, J_Y], axis=2)
+    changed = J_X if moved == "X" else J_Y
+    constant = J_Y if moved == "X" else J_X
     early_part, late_part = np.where(late[:, None, None], 0.0, changed), np.where(late[:, None, None], changed, 0.0)
     columns = [early_part, constant] if moved == "X" else [constant, early_part]
     return np.concatenate([*columns, late_part], axis=2)

@@ -1,4 +1,4 @@
-"""How far two views of a scan will disagree because of the calibration and of the robot: what it means for a user."""
+"""Repeatability of a scan: how far its views disagree because of calibration and robot."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -6,12 +6,15 @@ from numpy.typing import NDArray
 from calibration.geometry.se3 import cross_matrix
 
 VIEWS = 8
+"""Number of views of a scan."""
 ELEVATIONS_RAD = np.radians([50.0, 70.0])
-"""A scan's views stand on two rings, taking turns ..."""
+"""Elevations of the two rings on which the views alternate."""
 ROLLS_RAD = np.radians([15.0, -15.0, -15.0, 15.0])
-"""... and are rolled either way."""
+"""Roll of the views, repeated over the ring."""
 DRAWS = 2000
-SHARE = 95.0
+"""Number of random scans."""
+PERCENTILE = 95.0
+"""Percentile of the largest disagreement in a scan that is reported."""
 
 
 def repeatability_bound(
@@ -21,32 +24,37 @@ def repeatability_bound(
     distance_m: float,
     lever: NDArray[np.float64],
 ) -> float:
-    """Metres: in 95 % of scans no two of eight views see the point they look at farther apart.
+    """Return the bound below which any two of eight views agree, in 95 % of scans, metres.
 
-    Drawn, always with the same random numbers, from X's `covariance` (6, 6) as in `HandEyeResult`, and from the robot's
-    noise along and about one axis. The point is `distance_m` before the camera, and `lever` (3,)
-    from the flange, along the camera's axes.
+    It is a Monte Carlo estimate with fixed random numbers, at the point that all views look at.
+
+    Args:
+        covariance: (6, 6) covariance of X as in `HandEyeResult`.
+        robot_sigma_rad: Noise of the flange rotations about one axis, one sigma.
+        robot_sigma_m: Noise of the flange positions along one axis, one sigma.
+        distance_m: Distance of the point from the camera.
+        lever: (3,) vector from the flange to the point along the axes of the camera, metres.
     """
     rng = np.random.default_rng(0)
-    # A covariance on the verge of losing rank is drawn from by its eigenvectors.
+    # By eigenvectors, since the covariance may be nearly singular.
     values, vectors = np.linalg.eigh(covariance)
-    of_X = rng.normal(size=(DRAWS, 6)) * np.sqrt(np.maximum(values, 0.0)) @ vectors.T
-    of_robot = rng.normal(size=(DRAWS, VIEWS, 6)) * np.repeat([robot_sigma_rad, robot_sigma_m], 3)
+    X_errors = rng.normal(size=(DRAWS, 6)) * np.sqrt(np.maximum(values, 0.0)) @ vectors.T
+    robot_errors = rng.normal(size=(DRAWS, VIEWS, 6)) * np.repeat([robot_sigma_rad, robot_sigma_m], 3)
 
     R = _rings()
     point = np.array([0.0, 0.0, distance_m])
-    by_motion = np.concatenate([-cross_matrix(point), np.eye(3)], axis=1)
-    # The robot's noise is alike about all axes, so that the camera's serve for the flange's.
-    by_robot = np.concatenate([-cross_matrix(lever), np.eye(3)], axis=1)
-    moved = (of_X @ by_motion.T)[:, None] + of_robot @ by_robot.T
-    places = (R @ moved[..., None])[..., 0]
+    J_X = np.concatenate([-cross_matrix(point), np.eye(3)], axis=1)
+    # The noise of the robot is isotropic, so the axes of the camera serve for those of the flange.
+    J_robot = np.concatenate([-cross_matrix(lever), np.eye(3)], axis=1)
+    displacements = (X_errors @ J_X.T)[:, None] + robot_errors @ J_robot.T
+    points = (R @ displacements[..., None])[..., 0]
     first, second = np.triu_indices(VIEWS, k=1)
-    squares = ((places[:, first] - places[:, second]) ** 2).sum(axis=2)
-    return float(np.sqrt(np.percentile(squares.max(axis=1), SHARE)))
+    squares = ((points[:, first] - points[:, second]) ** 2).sum(axis=2)
+    return float(np.sqrt(np.percentile(squares.max(axis=1), PERCENTILE)))
 
 
 def _rings() -> NDArray[np.float64]:
-    """(VIEWS, 3, 3) the cameras' directions in the base: z at the point looked at."""
+    """Return the rotations (VIEWS, 3, 3) of the cameras in the base frame, with z towards the point."""
     from scipy.spatial.transform import Rotation
 
     k = np.arange(VIEWS)

@@ -1,9 +1,9 @@
-"""Rotations that were read by a wrong rule: what they were told as, and which reading fits the camera's.
+"""Detection of flange rotations that were read in a wrong convention.
 
-A controller tells a direction as three numbers. Read by another rule than they were written by, they give a proper
-rotation, only another one, and no single pose shows it. For each view the three numbers are worked out again from the
-matrix - there are some possibilities, as angles come back without their whole turns - and read by the rule in
-question; if that was it, one choice for each view makes all turns between views as large as the camera saw them.
+A controller reports a rotation as three or four numbers. In a wrong convention they still give a proper rotation, so no
+single pose shows the mistake. Here the numbers of each view are recovered from its matrix and read in each convention.
+There are several candidates for a view, since angles are known up to whole turns. In the right convention, one
+candidate for each view gives the same angles between the views as the camera observed.
 """
 
 import warnings
@@ -15,56 +15,63 @@ import numpy as np
 from numpy.typing import NDArray
 
 EULER_ORDERS = ("xyz", "zyx", "XYZ", "ZYX", "zyz", "ZYZ")
-"""As in `scipy.spatial.transform.Rotation`: about fixed axes in small letters, about turned ones in large."""
-MOST_CHOICES = 4000
-"""Combinations followed at once: more means that the turns tell nothing."""
+"""Orders as in `scipy.spatial.transform.Rotation`: small letters for fixed axes, capital letters for rotating ones."""
+MAX_COMBINATIONS = 4000
+"""Largest number of combinations of candidates. More means that the angles do not distinguish them."""
 
 
 @dataclass(frozen=True)
 class Misreading:
-    """A wrong rule."""
+    """A wrong convention."""
 
     code: str
-    words: str
-    """What the rotations look like."""
-    readings: Callable[[NDArray[np.float64]], NDArray[np.float64]]
-    """(3, 3) as given -> (K, 3, 3) what it may have meant."""
+    """Code of the finding."""
+    description: str
+    """What the rotations are, and as what they were read."""
+    candidates: Callable[[NDArray[np.float64]], NDArray[np.float64]]
+    """Returns for a given rotation (3, 3) the rotations (K, 3, 3) that it may mean."""
 
 
 def reinterpret_rotations(
-    R: NDArray[np.float64], seen: NDArray[np.float64], tolerance_rad: float
+    R: NDArray[np.float64], observed: NDArray[np.float64], tolerance_rad: float
 ) -> Iterator[tuple[Misreading, NDArray[np.float64]]]:
-    """Each wrong rule that may explain rotations `R` (N, 3, 3), by the turns `seen` (N, 3, 3) between them, with the
-    rotations (N, 3, 3) as they were meant."""
+    """Yield each wrong convention that explains the rotations, with the rotations that they mean.
+
+    Args:
+        R: (N, 3, 3) rotations as given.
+        observed: (N, 3, 3) rotations by the camera. Only the angles between them count.
+        tolerance_rad: Largest difference of an angle, radians.
+    """
     for guess in MISREADINGS:
-        meant = _agreeing([guess.readings(rotation) for rotation in R], seen, tolerance_rad)
-        if meant is not None:
-            yield guess, meant
+        corrected = _consistent_choice([guess.candidates(rotation) for rotation in R], observed, tolerance_rad)
+        if corrected is not None:
+            yield guess, corrected
 
 
-def _agreeing(
-    readings: list[NDArray[np.float64]], seen: NDArray[np.float64], tolerance_rad: float
+def _consistent_choice(
+    candidates: list[NDArray[np.float64]], observed: NDArray[np.float64], tolerance_rad: float
 ) -> NDArray[np.float64] | None:
-    """(N, 3, 3) one reading of each view, such that the turns between all are as large as those of `seen`."""
-    # Each row: the readings chosen of the views so far.
-    chosen = readings[0][:, None]
-    for view in range(1, len(seen)):
-        turns = _angles(chosen[:, None], readings[view][None, :, None])  # (rows, readings, views before)
-        expected = _angles(seen[:view], seen[view])
-        rows, picks = np.nonzero((np.abs(turns - expected) < tolerance_rad).all(axis=2))
-        if len(rows) == 0 or len(rows) > MOST_CHOICES:
+    """Choose one candidate of each view (N, 3, 3) such that all angles between views are those of `observed`."""
+    # Each row holds a choice for the views so far.
+    chosen = candidates[0][:, None]
+    for view in range(1, len(observed)):
+        angles = _angles(chosen[:, None], candidates[view][None, :, None])  # (rows, candidates, earlier views)
+        expected = _angles(observed[:view], observed[view])
+        rows, picks = np.nonzero((np.abs(angles - expected) < tolerance_rad).all(axis=2))
+        if len(rows) == 0 or len(rows) > MAX_COMBINATIONS:
             return None
-        chosen = np.concatenate([chosen[rows], readings[view][picks, None]], axis=1)
+        chosen = np.concatenate([chosen[rows], candidates[view][picks, None]], axis=1)
     return chosen[0]
 
 
 def _angles(first: NDArray[np.float64], second: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the angles (...) between rotations (..., 3, 3), radians."""
     trace = np.einsum("...ij,...ij->...", first, second)
     return np.arccos(np.clip((trace - 1.0) / 2.0, -1.0, 1.0))
 
 
 def _as_degrees(R: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Rotation vectors in degrees, read as radians: whole turns were lost, and a long vector may look reversed."""
+    """Return the candidates for a rotation vector in degrees that was read as radians, with lost whole turns added."""
     from scipy.spatial.transform import Rotation
 
     vector = Rotation.from_matrix(R).as_rotvec()
@@ -76,7 +83,7 @@ def _as_degrees(R: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _vector_as_euler(R: NDArray[np.float64], order: str) -> NDArray[np.float64]:
-    """Rotation vectors, read as Euler angles."""
+    """Return the candidates for a rotation vector that was read as Euler angles."""
     from scipy.spatial.transform import Rotation
 
     with warnings.catch_warnings():
@@ -89,7 +96,7 @@ def _vector_as_euler(R: NDArray[np.float64], order: str) -> NDArray[np.float64]:
 
 
 def _euler_as_vector(R: NDArray[np.float64], order: str) -> NDArray[np.float64]:
-    """Euler angles, read as a rotation vector."""
+    """Return the candidates for Euler angles that were read as a rotation vector."""
     from scipy.spatial.transform import Rotation
 
     vector = Rotation.from_matrix(R).as_rotvec()
@@ -99,7 +106,7 @@ def _euler_as_vector(R: NDArray[np.float64], order: str) -> NDArray[np.float64]:
 
 
 def _quaternion_order(R: NDArray[np.float64], first: int) -> NDArray[np.float64]:
-    """Quaternions whose real part was taken from the wrong end."""
+    """Return the candidate for a quaternion whose real part was taken from the wrong end."""
     from scipy.spatial.transform import Rotation
 
     return Rotation.from_quat(np.roll(Rotation.from_matrix(R).as_quat(), first)).as_matrix()[None]
@@ -130,4 +137,4 @@ MISREADINGS = (
         "quaternion-order", "quaternions x, y, z, w that were read as w, x, y, z", partial(_quaternion_order, first=1)
     ),
 )
-"""In the order in which they are tried."""
+"""All wrong conventions, in the order in which they are tried."""

@@ -1,4 +1,4 @@
-"""What became of each view, and of one that was left out why, as a person would say it."""
+"""Reports on the views of a calibration, with the reason for each view that was excluded."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,29 +9,43 @@ from calibration.pose_estimation.board_pose import BoardPoses
 from calibration.result import ViewReport
 from calibration.solver.bundle_adjustment import Adjustment
 from calibration.solver.cross_validation import CrossValidation
-from calibration.solver.pose_solution import Poses, PoseSolution
-from calibration.solver.problem import Problem, robot_error
-from calibration.target.board import FEWEST_CORNERS
+from calibration.solver.problem import Problem, implied_robot_errors
+from calibration.target.board import MIN_CORNERS
 
 FITS_M, FITS_RAD = 2e-3, np.radians(0.5)
-"""A picture that is as near as this to what another explanation predicts is explained by it."""
+"""Largest distance of a view from the prediction of an explanation that counts."""
 
 
 def report_views(
-    names: tuple[str, ...], problem: Problem, alone: BoardPoses, adjusted: Adjustment, left_out: CrossValidation
+    names: tuple[str, ...],
+    problem: Problem,
+    board_poses: BoardPoses,
+    adjusted: Adjustment,
+    cross_validation: CrossValidation,
 ) -> tuple[ViewReport, ...]:
-    """One for each view, in the order given."""
+    """Return one report for each view, in the given order.
+
+    Args:
+        names: Names of the N views.
+        problem: The problem that was solved.
+        board_poses: Board pose of each view alone.
+        adjusted: The solution.
+        cross_validation: The solution without each of the views.
+    """
     used = adjusted.used
-    squares = adjusted.linearised.squares
+    squares = adjusted.normal_equations.squares_px2
     counts = problem.corners.seen.sum(axis=1)
-    errors = np.where(used[:, None], adjusted.unknowns.errors, left_out.errors)
-    distances = distances_m(problem, alone)
+    errors = np.where(used[:, None], adjusted.unknowns.robot_errors, cross_validation.robot_errors)
+    distances = distances_m(problem, board_poses)
     reports = []
     for k, name in enumerate(names):
         if used[k]:
-            reason, rms = None, np.sqrt(squares[k] / (2 * adjusted.good[k].sum()))
+            reason, rms = None, np.sqrt(squares[k] / (2 * adjusted.inliers[k].sum()))
         else:
-            reason, rms = _reason(k, names, problem, alone, adjusted, left_out), left_out.rms_px[k]
+            reason, rms = (
+                _reason(k, names, problem, board_poses, adjusted, cross_validation),
+                cross_validation.rms_px[k],
+            )
         reports.append(
             ViewReport(
                 name=name,
@@ -41,97 +55,90 @@ def report_views(
                 rms_px=_known(rms),
                 robot_error_m=_known(np.linalg.norm(errors[k, 3:])),
                 robot_error_rad=_known(np.linalg.norm(errors[k, :3])),
-                left_out_m=_known(left_out.off_m[k]),
+                loo_error_m=_known(cross_validation.loo_error_m[k]),
                 distance_m=_known(distances[k]),
             )
         )
     return tuple(reports)
 
 
-def pose_reports(names: tuple[str, ...], poses: Poses, solution: PoseSolution) -> tuple[ViewReport, ...]:
-    """The same where there are poses only."""
-    errors = np.where(solution.used[:, None], solution.errors, solution.left_out)
-    reports = []
-    for k, name in enumerate(names):
-        reason = None
-        if not solution.used[k]:
-            flange, T = poses.T_base_flange, poses.T_camera_board[k]
-            other = _explaining(k, poses.mounting, flange, solution.X, solution.Y, T, names)
-            reason = other or _off_words(solution.left_out[k])
-        reports.append(
-            ViewReport(
-                name=name,
-                used=bool(solution.used[k]),
-                reason=reason,
-                corners=0,
-                rms_px=None,
-                robot_error_m=float(np.linalg.norm(errors[k, 3:])),
-                robot_error_rad=float(np.linalg.norm(errors[k, :3])),
-                left_out_m=float(solution.off_m[k]),
-                distance_m=float(poses.distances_m[k]),
-            )
-        )
-    return tuple(reports)
+def distances_m(problem: Problem, board_poses: BoardPoses) -> NDArray[np.float64]:
+    """Return the distances (N,) from the camera to the middle of the board, metres; NaN without a pose.
 
-
-def distances_m(problem: Problem, alone: BoardPoses) -> NDArray[np.float64]:
-    """(N,) from the camera to the board's middle; NaN where a view has no pose."""
-    return np.linalg.norm((alone.T_camera_board @ np.append(problem.corners.middle, 1.0))[:, :3], axis=1)
+    Args:
+        problem: Corners of the N views.
+        board_poses: Board pose of each view alone.
+    """
+    return np.linalg.norm((board_poses.T_camera_board @ np.append(problem.corners.middle, 1.0))[:, :3], axis=1)
 
 
 def _known(value: float | np.floating) -> float | None:
+    """Return None instead of NaN."""
     return float(value) if np.isfinite(value) else None
 
 
 def _reason(
-    k: int, names: tuple[str, ...], problem: Problem, alone: BoardPoses, adjusted: Adjustment, left_out: CrossValidation
+    k: int,
+    names: tuple[str, ...],
+    problem: Problem,
+    board_poses: BoardPoses,
+    adjusted: Adjustment,
+    cross_validation: CrossValidation,
 ) -> str:
-    if not alone.found[k]:
+    """Return why view `k` was excluded, and what to do."""
+    if not board_poses.found[k]:
         seen = int(problem.corners.seen[k].sum())
-        if seen < FEWEST_CORNERS:
-            return f"it shows {seen} corners, and {FEWEST_CORNERS} are needed: bring the whole board into the picture"
-        return "its corners do not lie as on the board: check that it is this board, flat, sharp and not mirrored"
-    T, X, Y = alone.T_camera_board[k], adjusted.unknowns.X, adjusted.unknowns.Y
+        if seen < MIN_CORNERS:
+            return f"it shows {seen} corners, and {MIN_CORNERS} are needed: bring the whole board into the image"
+        return "its corners do not fit the board: check that it is the given board, flat, sharp and not mirrored"
+    T, X, Y = board_poses.T_camera_board[k], adjusted.unknowns.X, adjusted.unknowns.Y
     flange = problem.T_base_flange
     if _fits(problem.mounting, flange[k : k + 1], X, Y, T @ half_turn(problem.corners.middle))[0]:
         return "its board is turned by half a turn: it was moved, or numbered from the opposite corner"
-    return _explaining(k, problem.mounting, flange, X, Y, T, names) or _off_words(left_out.errors[k])
+    return _explain_by_other_view(k, problem.mounting, flange, X, Y, T, names) or _describe_robot_error(
+        cross_validation.robot_errors[k]
+    )
 
 
-def _explaining(k: int, mounting: Mounting, flange, X, Y, T_camera_board, names: tuple[str, ...]) -> str | None:
-    """Whether another view's pose has to do with what is wrong with view `k`."""
+def _explain_by_other_view(
+    k: int, mounting: Mounting, flange, X, Y, T_camera_board, names: tuple[str, ...]
+) -> str | None:
+    """Return how another view explains the error of view `k`, or None."""
     others = np.arange(len(names)) != k
     fitting = np.flatnonzero(_fits(mounting, flange, X, Y, T_camera_board) & others)
     if len(fitting):
         other = names[fitting[0]]
-        return f"its picture fits the pose of view {other}: the two were swapped, or the pose was read at another time"
-    apart = twist_from_pose(invert_poses(flange[k]) @ flange)
-    same = (np.linalg.norm(apart[:, 3:], axis=1) < FITS_M) & (np.linalg.norm(apart[:, :3], axis=1) < FITS_RAD)
+        return f"its image fits the pose of view {other}: the two were swapped, or the pose was read at another time"
+    differences = twist_from_pose(invert_poses(flange[k]) @ flange)
+    same = (np.linalg.norm(differences[:, 3:], axis=1) < FITS_M) & (
+        np.linalg.norm(differences[:, :3], axis=1) < FITS_RAD
+    )
     if (same & others).any():
         other = names[int(np.argmax(same & others))]
         return (
-            f"its pose is that of view {other}, but its picture is not: read the pose when the arm has arrived, with "
-            "the picture"
+            f"its pose is that of view {other}, but its image is not: read the pose together with the image, when the "
+            "arm has arrived"
         )
     return None
 
 
-def _off_words(error: NDArray[np.float64]) -> str:
-    off_m, off_rad = np.linalg.norm(error[3:]), np.linalg.norm(error[:3])
+def _describe_robot_error(error: NDArray[np.float64]) -> str:
+    """Return the robot error (6,) that would explain the view, and what to do."""
+    error_m, error_rad = np.linalg.norm(error[3:]), np.linalg.norm(error[:3])
     return (
-        f"the arm would have been {1e3 * off_m:.1f} mm and {np.degrees(off_rad):.2f} degrees from where it said: read "
-        "the pose while the arm is at rest, and see that board and camera were not touched"
+        f"the arm would have been {1e3 * error_m:.1f} mm and {np.degrees(error_rad):.2f} degrees from its reported "
+        "pose: read the pose while the arm is at rest, and check that board and camera were not touched"
     )
 
 
 def half_turn(middle: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(4, 4) of the board by 180 degrees in its plane about its `middle` (3,)."""
+    """Return the rotation (4, 4) of the board by 180 degrees in its plane about its `middle` (3,)."""
     T = np.diag([-1.0, -1.0, 1.0, 1.0])
     T[:2, 3] = 2 * middle[:2]
     return T
 
 
 def _fits(mounting: Mounting, flange, X, Y, T_camera_board: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """(N,) by which flange poses (N, 4, 4) the board would be seen at `T_camera_board` (4, 4)."""
-    v = twist_from_pose(robot_error(mounting, flange, X, Y, T_camera_board[None]))
+    """Return which flange poses (N, 4, 4) explain the board at `T_camera_board` (4, 4)."""
+    v = twist_from_pose(implied_robot_errors(mounting, flange, X, Y, T_camera_board[None]))
     return (np.linalg.norm(v[:, 3:], axis=1) < FITS_M) & (np.linalg.norm(v[:, :3], axis=1) < FITS_RAD)

@@ -1,4 +1,4 @@
-"""Plain files: read up to a size, and written so that they survive a loss of power."""
+"""Read files up to a size limit, and write files so that they survive a loss of power."""
 
 import os
 from contextlib import suppress
@@ -9,45 +9,64 @@ from calibration.errors import CalibrationFolderError
 
 
 class TooLargeError(ValueError):
-    """A file that has more than it may."""
+    """A file exceeds its size limit."""
 
 
-def read_limited(path: Path, most_bytes: int) -> bytes:
-    """The content of a plain file.
+def read_limited(path: str | os.PathLike[str], max_bytes: int) -> bytes:
+    """Return the content of a regular file.
+
+    Args:
+        path: The file.
+        max_bytes: Maximum size of the content.
 
     Raises:
-        FileNotFoundError: there is none.
-        IsADirectoryError: it is something else, as a folder or a pipe, which would be waited for.
-        TooLargeError: it has more than `most_bytes`.
-        OSError: it cannot be read.
+        FileNotFoundError: There is no such file.
+        IsADirectoryError: It is not a regular file, for example a folder, or a pipe that would block.
+        TooLargeError: It has more than `max_bytes`.
+        OSError: It cannot be read.
     """
+    path = Path(path)
     if not path.is_file():
         raise IsADirectoryError(f"{path} is not a file") if path.exists() else FileNotFoundError(f"no {path}")
     with path.open("rb") as file:
-        content = file.read(most_bytes + 1)
-    if len(content) > most_bytes:
-        raise TooLargeError(f"{path} has more than {most_bytes >> 20} MiB")
+        content = file.read(max_bytes + 1)
+    if len(content) > max_bytes:
+        raise TooLargeError(f"{path} has more than {max_bytes >> 20} MiB")
     return content
 
 
-def read_in_folder(path: Path, most_bytes: int, missing: str) -> bytes:
-    """A file of a calibration's folder. Raises CalibrationFolderError; `missing` says what to do when there is none."""
+def read_calibration_file(path: str | os.PathLike[str], max_bytes: int, remedy: str) -> bytes:
+    """Return the content of a file in the folder of a calibration.
+
+    Args:
+        path: The file.
+        max_bytes: Maximum size of the content.
+        remedy: What to do if there is no such file, for the message.
+
+    Raises:
+        CalibrationFolderError: The file is missing, too large or not readable.
+    """
+    path = Path(path)
     try:
-        return read_limited(path, most_bytes)
+        return read_limited(path, max_bytes)
     except FileNotFoundError as error:
-        raise CalibrationFolderError(f"there is no {path}: {missing}") from error
+        raise CalibrationFolderError(f"there is no {path}: {remedy}") from error
     except TooLargeError as error:
         raise CalibrationFolderError(str(error)) from error
     except OSError as error:
         raise CalibrationFolderError(f"{path} cannot be read: {error.strerror or error}") from error
 
 
-def write_synced(path: Path, content: bytes, mode: int = 0o666) -> None:
-    """Writes a new file and makes sure that its content is on the disk; its name is after `sync_folder`. `mode` says
-    who may read and write it, as far as the process's umask lets it.
+def write_synced(path: str | os.PathLike[str], content: bytes, mode: int = 0o666) -> None:
+    """Write a new file and sync its content to the disk. `sync_folder` syncs its name.
+
+    Args:
+        path: The file.
+        content: The content.
+        mode: Permissions, which the umask of the process restricts.
 
     Raises:
-        OSError: it cannot be written, or there is one of that name.
+        OSError: The file exists, or cannot be written.
     """
     with open(path, "xb", opener=partial(os.open, mode=mode)) as file:
         file.write(content)
@@ -55,28 +74,38 @@ def write_synced(path: Path, content: bytes, mode: int = 0o666) -> None:
         os.fsync(file.fileno())
 
 
-def replace_synced(path: Path, content: bytes, mode: int = 0o666) -> None:
-    """Writes a file; one of that name is replaced in one step. On return it is on the disk. `mode` as above.
+def replace_synced(path: str | os.PathLike[str], content: bytes, mode: int = 0o666) -> None:
+    """Write or replace a file in one step, and sync its content and name to the disk.
+
+    Args:
+        path: The file.
+        content: The content.
+        mode: Permissions, which the umask of the process restricts.
 
     Raises:
-        OSError: it cannot be written; what was there before is left alone.
+        OSError: The file cannot be written. An existing file is unchanged.
     """
+    path = Path(path)
     part = path.with_name(f".{path.name}.{os.getpid()}.part")
     try:
-        part.unlink(missing_ok=True)  # of a process of this number that was killed
+        part.unlink(missing_ok=True)  # Left by a killed process with the same process id.
         write_synced(part, content, mode)
         part.replace(path)
     except OSError as error:
         with suppress(OSError):
             part.unlink()
-        # Of the same kind, by its number; the other file's name means nothing to anybody.
+        # The errno gives an error of the same class, and the caller knows only the name of the final file.
         raise OSError(error.errno, error.strerror, str(path)) from error
     sync_folder(path.parent)
 
 
-def sync_folder(folder: Path) -> None:
-    """Makes sure that names made or changed in `folder` survive a loss of power. Raises OSError."""
-    if os.name == "nt":  # Windows syncs names by itself, and cannot open a folder
+def sync_folder(folder: str | os.PathLike[str]) -> None:
+    """Sync the names in a folder to the disk, so that they survive a loss of power.
+
+    Raises:
+        OSError: The folder cannot be opened or synced.
+    """
+    if os.name == "nt":  # Windows syncs names itself and cannot open a folder.
         return
     descriptor = os.open(folder, os.O_RDONLY)
     try:

@@ -1,4 +1,4 @@
-"""What the JSON files of a calibration are made of, and what is wrong with one, told with its file and field."""
+"""Schemas of the JSON values in calibration files, and messages that name the file and field of an error."""
 
 import json
 import reprlib
@@ -13,44 +13,51 @@ from calibration.errors import HandEyeError
 from calibration.geometry.transforms import from_quaternion, rigid, to_quaternion
 from calibration.target.board import Board
 
-STRICT = ConfigDict(strict=True, allow_inf_nan=False, str_min_length=1)
+STRICT_CONFIG = ConfigDict(strict=True, allow_inf_nan=False, str_min_length=1)
+"""Strings and booleans are not converted to numbers; NaN, infinity and empty strings are invalid."""
 
 
 class Form(BaseModel):
-    """A JSON object. Text and true or false are no numbers, NaN and infinity neither; text is not empty."""
+    """A JSON object with strict types: see `STRICT_CONFIG`."""
 
-    model_config = STRICT
-
-
-Numbers3 = Annotated[list[float], Field(min_length=3, max_length=3)]
-Numbers4 = Annotated[list[float], Field(min_length=4, max_length=4)]
-Numbers6 = Annotated[list[float], Field(min_length=6, max_length=6)]
-Matrix3 = Annotated[list[Numbers3], Field(min_length=3, max_length=3)]
-Matrix4 = Annotated[list[Numbers4], Field(min_length=4, max_length=4)]
+    model_config = STRICT_CONFIG
 
 
-def _pinhole(K: list[list[float]]) -> list[list[float]]:
+Vector3 = Annotated[list[float], Field(min_length=3, max_length=3)]
+Vector4 = Annotated[list[float], Field(min_length=4, max_length=4)]
+Vector6 = Annotated[list[float], Field(min_length=6, max_length=6)]
+Matrix3 = Annotated[list[Vector3], Field(min_length=3, max_length=3)]
+Matrix4 = Annotated[list[Vector4], Field(min_length=4, max_length=4)]
+
+
+def _check_pinhole(K: list[list[float]]) -> list[list[float]]:
     if not (K[2] == [0, 0, 1] and K[0][0] > 0 and K[1][1] > 0 and K[0][1] == K[1][0] == 0):
         raise ValueError(
-            "a pinhole matrix [[fx, 0, cx], [0, fy, cy], [0, 0, 1]] in pixels is needed; one with skew is not taken"
+            "a pinhole matrix [[fx, 0, cx], [0, fy, cy], [0, 0, 1]] in pixels is needed; skew is not supported"
         )
     return K
 
 
-PinholeMatrix = Annotated[Matrix3, AfterValidator(_pinhole)]
-_MATRIX4 = TypeAdapter(Matrix4, config=STRICT)
+PinholeMatrix = Annotated[Matrix3, AfterValidator(_check_pinhole)]
+_MATRIX4 = TypeAdapter(Matrix4, config=STRICT_CONFIG)
 
 
 class _QuaternionPose(Form):
-    xyz_m: Numbers3
-    quat_xyzw: Numbers4
+    xyz_m: Vector3
+    quat_xyzw: Vector4
 
 
-def to_transform(value: object) -> NDArray[np.float64]:
-    """(4, 4) the rigid transform that a file gives as such a matrix or as `{"xyz_m": [3], "quat_xyzw": [4]}`.
+def transform_from_json(value: object) -> NDArray[np.float64]:
+    """Return the rigid transform of a JSON value.
+
+    Args:
+        value: A 4x4 matrix, or `{"xyz_m": [3], "quat_xyzw": [4]}`.
+
+    Returns:
+        (4, 4) rigid transform, metres.
 
     Raises:
-        ValueError: it is neither; pydantic's ValidationError and NotRigidError are such.
+        ValueError: It is neither. The subclasses ValidationError of pydantic and NotRigidError say why.
     """
     if isinstance(value, dict):
         pose = _QuaternionPose.model_validate(value)
@@ -60,30 +67,30 @@ def to_transform(value: object) -> NDArray[np.float64]:
     return rigid(_MATRIX4.validate_python(value), "the transform")
 
 
-Transform = Annotated[NDArray[np.float64], PlainValidator(to_transform)]
-BoardObject = Annotated[Board, PlainValidator(Board.from_json)]
+Transform = Annotated[NDArray[np.float64], PlainValidator(transform_from_json)]
+BoardField = Annotated[Board, PlainValidator(Board.from_json)]
 
 
-def _to_time(value: Any) -> datetime:
+def _parse_time(value: Any) -> datetime:
     try:
         time = datetime.fromisoformat(value)
     except (TypeError, ValueError):
-        raise ValueError(f'{str(value)[:40]!r} is no time; one as "2026-01-31T12:00:00+00:00" is needed') from None
+        raise ValueError(f'{str(value)[:40]!r} is not a time; write it as "2026-01-31T12:00:00+00:00"') from None
     if time.tzinfo is None:
-        raise ValueError(f"{value!r} lacks the time zone, as +00:00")
+        raise ValueError(f"{value!r} has no time zone; add one, for example +00:00")
     return time
 
 
-Time = Annotated[datetime, PlainValidator(_to_time)]
-"""ISO 8601 with a time zone."""
+Timestamp = Annotated[datetime, PlainValidator(_parse_time)]
+"""ISO 8601 time with a time zone."""
 
-_NEEDED = {
+_EXPECTED = {
     "bool_type": "true or false",
     "finite_number": "a finite number",
     "float_type": "a number",
-    "greater_than_equal": "a number from {ge:g} on",
+    "greater_than_equal": "a number of at least {ge:g}",
     "int_type": "a whole number",
-    "less_than_equal": "a number up to {le:g}",
+    "less_than_equal": "a number of at most {le:g}",
     "list_type": "a list, [...],",
     "literal_error": "{expected}",
     "model_type": "an object, {{...}},",
@@ -92,48 +99,58 @@ _NEEDED = {
     "too_long": "a list of at most {max_length}",
     "too_short": "a list of at least {min_length}",
 }
-"""By pydantic's name of the fault."""
+"""What is needed instead, by pydantic's type of the error."""
 
-AnyForm = TypeVar("AnyForm", bound=Form)
+FormT = TypeVar("FormT", bound=Form)
 
 
-def read_form(form: type[AnyForm], content: bytes, where: object, error: type[HandEyeError]) -> AnyForm:
-    """The content of the JSON file `where`. Raises `error` when it is not of this form."""
+def parse_form(form: type[FormT], content: bytes, source: object, error: type[HandEyeError]) -> FormT:
+    """Return the content of a JSON file as a form.
+
+    Args:
+        form: The schema.
+        content: Content of the file.
+        source: Name of the file for the message.
+        error: Class of the exception to raise.
+
+    Raises:
+        HandEyeError: Of the class `error`: the content is not JSON or does not match the schema.
+    """
     try:
         document = json.loads(content)
-    except (ValueError, RecursionError) as wrong:
-        why = str(wrong).replace(": ", ", ")  # what comes after a colon is what to do
-        raise error(f"{where} is not JSON ({why}): write it anew, or take the former one") from wrong
+    except (ValueError, RecursionError) as invalid:
+        reason = str(invalid).replace(": ", ", ")  # In messages, the text after a colon says what to do.
+        raise error(f"{source} is not JSON ({reason}): write it again, or use the previous file") from invalid
     if not isinstance(document, dict):
-        raise error(f"{where} holds something else: it is not a JSON object")
+        raise error(f"{source} is not a JSON object: write an object, {{...}}")
     try:
         return form.model_validate(document)
-    except ValidationError as wrong:
-        raise error(f"{where}: {_first_fault(wrong)}") from wrong
+    except ValidationError as invalid:
+        raise error(f"{source}: {_describe_first_error(invalid)}") from invalid
 
 
-def _first_fault(error: ValidationError, within: tuple[int | str, ...] = ()) -> str:
-    """The first thing that is wrong, as "camera.width is 0; a number from 1 on is needed"."""
-    fault: Any = error.errors(include_url=False)[0]
-    place, kind, context = within + fault["loc"], fault["type"], fault.get("ctx", {})
+def _describe_first_error(error: ValidationError, parents: tuple[int | str, ...] = ()) -> str:
+    """Return the first error, for example "camera.width is 0; a number of at least 1 is needed"."""
+    first: Any = error.errors(include_url=False)[0]
+    location, kind, context = parents + first["loc"], first["type"], first.get("ctx", {})
     if isinstance(context.get("error"), ValidationError):
-        return _first_fault(context["error"], place)
-    name = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in place).removeprefix(".")
+        return _describe_first_error(context["error"], location)
+    name = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in location).removeprefix(".")
     if kind == "missing":
         return f"{name} is missing: add it"
     if kind == "extra_forbidden":
-        return f"{name} is not known here: check how it is written, or leave it out"
+        return f"{name} is unknown: check the spelling, or remove it"
     if kind == "value_error":
         return f"{name}: {context['error']}"
-    words = f"{_NEEDED[kind].format(**context)} is needed" if kind in _NEEDED else fault["msg"]
-    return f"{name} is {reprlib.repr(fault['input'])}; {words}"
+    expected = f"{_EXPECTED[kind].format(**context)} is needed" if kind in _EXPECTED else first["msg"]
+    return f"{name} is {reprlib.repr(first['input'])}; {expected}"
 
 
-def time_document(time: datetime | None) -> str | None:
-    """A time as JSON, to the second."""
+def time_to_json(time: datetime | None) -> str | None:
+    """Return a time as JSON, to the second."""
     return None if time is None else time.isoformat(timespec="seconds")
 
 
-def transform_document(T: NDArray[np.float64]) -> dict[str, list[float]]:
-    """A rigid transform (4, 4) as JSON."""
+def transform_to_json(T: NDArray[np.float64]) -> dict[str, list[float]]:
+    """Return a rigid transform (4, 4) as JSON."""
     return {"xyz_m": T[:3, 3].tolist(), "quat_xyzw": to_quaternion(T).tolist()}

@@ -1,9 +1,9 @@
-"""What does not change during a calibration: the board, the camera, the robot; as in the folder form's `setup.json`.
+"""The board, the camera and the robot of a calibration, as in `setup.json` of a calibration folder.
 
 `{"schema_version": 1, "mounting": "eye-in-hand" | "eye-to-hand", "board": {"kind", "columns", "rows", "pitch_m",
 "marker_m", "dictionary"}, "camera": {"id": text or null, "width", "height", "K": 3x3, "distortion": []},
-"robot_serial": text or null, "created": when the pictures were taken, ISO 8601 with a time zone, or null}`; metres and
-pixels. `K` and the distortion (OpenCV's coefficients, empty for rectified images) are of images of this size.
+"robot_serial": text or null, "created": time of the images, ISO 8601 with a time zone, or null}`; metres and pixels.
+`K` and the distortion (coefficients of OpenCV, empty for rectified images) are valid for images of this size.
 """
 
 from dataclasses import dataclass, field
@@ -14,17 +14,18 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import AfterValidator, Field
 
-from calibration.dataset.forms import BoardObject, Form, PinholeMatrix, Time, time_document
+from calibration.dataset.forms import BoardField, Form, PinholeMatrix, Timestamp, time_to_json
 from calibration.observations import BoardView, Mounting, Observations
 from calibration.target.board import Board
 
-__all__ = ["Setup", "SetupForm", "setup_document"]
+__all__ = ["Setup", "SetupForm", "setup_to_json"]
 
 SCHEMA_VERSION = 1
-MOST_PIXELS = 16384
-"""No camera's image is wider or higher."""
-COEFFICIENTS = (0, 4, 5, 8, 12, 14)
-"""So many distortion coefficients OpenCV takes."""
+"""Version of the format of `setup.json`."""
+MAX_SIDE_PX = 16384
+"""Maximum width and height of an image, pixels. No camera has more."""
+COEFFICIENT_COUNTS = (0, 4, 5, 8, 12, 14)
+"""Numbers of distortion coefficients that OpenCV accepts."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,57 +33,64 @@ class Setup:
     """Board, camera and robot of a calibration."""
 
     board: Board
+    """The board, with its size as given."""
     K: NDArray[np.float64]
-    """(3, 3) pinhole matrix as the camera tells it, pixels."""
+    """(3, 3) pinhole matrix that the camera reports, pixels."""
     image_size: tuple[int, int]
-    """Width and height, pixels."""
+    """Width and height of the images, pixels."""
     distortion: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
-    """OpenCV's coefficients; empty for rectified images."""
+    """Distortion coefficients in the order of OpenCV; empty for rectified images."""
     camera_id: str | None = None
+    """Device id of the camera, or None if not known."""
     robot_serial: str | None = None
+    """Serial number of the robot, or None if not known."""
     mounting: Mounting = "eye-in-hand"
+    """Whether the camera is on the flange or stands in the cell."""
     created: datetime | None = None
-    """When the pictures were taken, with a time zone; None: not known."""
+    """Time of the images, with a time zone, or None if not known."""
 
     @staticmethod
-    def of(observations: Observations) -> "Setup":
-        """That of these observations."""
+    def from_observations(observations: Observations) -> "Setup":
+        """Return the setup of these observations."""
         return Setup(**{name: getattr(observations, name) for name in Setup.__dataclass_fields__})
 
     def observations(self, views: tuple[BoardView, ...]) -> Observations:
-        """What was seen with it."""
+        """Return the observations of this setup with these views."""
         return Observations(views=views, **{name: getattr(self, name) for name in Setup.__dataclass_fields__})
 
 
-def _coefficients(distortion: list[float]) -> list[float]:
-    if len(distortion) not in COEFFICIENTS:
-        raise ValueError(f"OpenCV takes {', '.join(map(str, COEFFICIENTS))} numbers, and there are {len(distortion)}")
+def _check_coefficients(distortion: list[float]) -> list[float]:
+    if len(distortion) not in COEFFICIENT_COUNTS:
+        *counts, last = COEFFICIENT_COUNTS
+        raise ValueError(
+            f"there are {len(distortion)} coefficients; OpenCV needs {', '.join(map(str, counts))} or {last}"
+        )
     return distortion
 
 
-Pixels = Annotated[int, Field(ge=1, le=MOST_PIXELS)]
+Pixels = Annotated[int, Field(ge=1, le=MAX_SIDE_PX)]
 
 
-class _Camera(Form, extra="forbid"):
+class _CameraForm(Form, extra="forbid"):
     id: str | None = None
     width: Pixels
     height: Pixels
     K: PinholeMatrix
-    distortion: Annotated[list[float], Field(fail_fast=True), AfterValidator(_coefficients)] | None = None
+    distortion: Annotated[list[float], Field(fail_fast=True), AfterValidator(_check_coefficients)] | None = None
 
 
 class SetupForm(Form, extra="forbid"):
-    """The setup in a file."""
+    """Schema of `setup.json`."""
 
     schema_version: Literal[1] = SCHEMA_VERSION
     mounting: Mounting = "eye-in-hand"
-    board: BoardObject
-    camera: _Camera
+    board: BoardField
+    camera: _CameraForm
     robot_serial: str | None = None
-    created: Time | None = None
+    created: Timestamp | None = None
 
-    def setup(self) -> Setup:
-        """What it tells."""
+    def to_setup(self) -> Setup:
+        """Return the setup."""
         return Setup(
             board=self.board,
             K=np.array(self.camera.K),
@@ -95,8 +103,8 @@ class SetupForm(Form, extra="forbid"):
         )
 
 
-def setup_document(setup: Setup) -> dict[str, Any]:
-    """The setup as JSON."""
+def setup_to_json(setup: Setup) -> dict[str, Any]:
+    """Return the setup as JSON values."""
     width, height = setup.image_size
     return {
         "schema_version": SCHEMA_VERSION,
@@ -110,5 +118,5 @@ def setup_document(setup: Setup) -> dict[str, Any]:
             "distortion": setup.distortion.tolist(),
         },
         "robot_serial": setup.robot_serial,
-        "created": time_document(setup.created),
+        "created": time_to_json(setup.created),
     }

@@ -1,7 +1,8 @@
-"""Many rigid transforms at once, (..., 4, 4), and their small changes (..., 6): a rotation vector, then a translation.
+"""Stacks of rigid transforms (..., 4, 4) and their small changes (..., 6).
 
-A small change `v` stands for `from_rotation_vector(v[3:], v[:3])`, here `small_motion(v)`: the turn and the shift do
-not mix. To first order this is the exponential map of SE(3), so that the adjoint carries it from frame to frame.
+A small change `v` is a rotation vector (radians) followed by a translation (metres). It stands for the transform
+`pose_from_twist(v)`, whose translation is `v[3:]` itself. The exponential map of SE(3) mixes rotation and translation
+instead. To first order both maps are equal, so that the adjoint carries a change from one frame to another.
 """
 
 from typing import Any
@@ -11,7 +12,7 @@ from numpy.typing import NDArray
 
 
 def invert_poses(T: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The inverse of each."""
+    """Return the inverses (..., 4, 4) of rigid transforms (..., 4, 4)."""
     result = np.zeros_like(T)
     result[..., :3, :3] = T[..., :3, :3].swapaxes(-1, -2)
     result[..., :3, 3] = -(result[..., :3, :3] @ T[..., :3, 3, None])[..., 0]
@@ -20,45 +21,50 @@ def invert_poses(T: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def pose_from_twist(v: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(..., 4, 4) by (..., 6)."""
+    """Return the transforms (..., 4, 4) with rotation vectors `v[..., :3]` and translations `v[..., 3:]`."""
     from scipy.spatial.transform import Rotation
 
+    # Not RigidTransform: it orthonormalises the rotation again, which changes the last digit.
     T = np.zeros((*v.shape[:-1], 4, 4))
-    T[..., :3, :3] = Rotation.from_rotvec(v[..., :3].reshape(-1, 3)).as_matrix().reshape(*v.shape[:-1], 3, 3)
+    T[..., :3, :3] = Rotation.from_rotvec(v[..., :3]).as_matrix()
     T[..., :3, 3] = v[..., 3:]
     T[..., 3, 3] = 1.0
     return T
 
 
 def twist_from_pose(T: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(..., 6) by (..., 4, 4): what `pose_from_twist` undoes."""
+    """Return the rotation vectors and translations (..., 6) of transforms (..., 4, 4): invert `pose_from_twist`."""
     from scipy.spatial.transform import Rotation
 
-    turns = Rotation.from_matrix(T[..., :3, :3].reshape(-1, 3, 3)).as_rotvec()
-    return np.concatenate([turns.reshape(*T.shape[:-2], 3), T[..., :3, 3]], axis=-1)
+    # One flat stack: for stacks with more axes SciPy uses another formula, which differs in the last digit.
+    rotation_vectors = Rotation.from_matrix(T[..., :3, :3].reshape(-1, 3, 3)).as_rotvec()
+    return np.concatenate([rotation_vectors.reshape(*T.shape[:-2], 3), T[..., :3, 3]], axis=-1)
 
 
 def solve_stack(M: NDArray[np.float64], values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(..., K) the solution x of M x = values, for symmetric or other matrices (..., K, K) and values (..., K)."""
+    """Return the solutions x (..., K) of `M @ x = values` for matrices (..., K, K) and values (..., K)."""
     result: NDArray[Any] = np.linalg.solve(M, values[..., None])
     return result[..., 0]
 
 
 def invert_stack(M: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(..., K, K) the inverse of each matrix."""
+    """Return the inverses (..., K, K) of matrices (..., K, K)."""
     result: NDArray[Any] = np.linalg.inv(M)
     return result
 
 
 def cross_matrix(v: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(..., 3, 3): `cross_matrix(a) @ b` is a x b."""
+    """Return the skew-symmetric matrices (..., 3, 3) of vectors (..., 3): `cross_matrix(a) @ b` is a x b."""
     result = np.zeros((*v.shape[:-1], 3, 3))
     result[..., 0, 1], result[..., 0, 2], result[..., 1, 2] = -v[..., 2], v[..., 1], -v[..., 0]
     return result - result.swapaxes(-1, -2)
 
 
 def adjoint(T: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(..., 6, 6): `T @ small_motion(v)` is `small_motion(adjoint(T) @ v) @ T` for small v."""
+    """Return the adjoints (..., 6, 6) of transforms (..., 4, 4).
+
+    For small v, `T @ pose_from_twist(v)` is `pose_from_twist(adjoint(T) @ v) @ T`.
+    """
     R = T[..., :3, :3]
     result = np.zeros((*T.shape[:-2], 6, 6))
     result[..., :3, :3] = result[..., 3:, 3:] = R
@@ -67,9 +73,10 @@ def adjoint(T: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def right_jacobian(v: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(..., 6, 6): `small_motion(v + d)` is `small_motion(v) @ small_motion(right_jacobian(v) @ d)` for small d.
+    """Return the right Jacobians (..., 6, 6) of `pose_from_twist` at `v` (..., 6).
 
-    The series of the rotation's part ends after the second power: exact enough for turns of some degrees.
+    For small d, `pose_from_twist(v + d)` is `pose_from_twist(v) @ pose_from_twist(right_jacobian(v) @ d)`. The series
+    of the rotation part ends after the second power, which is accurate for rotations of a few degrees.
     """
     W = cross_matrix(v[..., :3])
     result = np.zeros((*v.shape[:-1], 6, 6))
@@ -79,7 +86,7 @@ def right_jacobian(v: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def mean_pose(T: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(..., 4, 4) mean of (..., N, 4, 4): of the rotations the one nearest to all, by the chordal distance."""
+    """Return the mean (..., 4, 4) of transforms (..., N, 4, 4), with the chordal mean of the rotations."""
     result = np.zeros((*T.shape[:-3], 4, 4))
     result[..., :3, :3] = nearest_rotation(T[..., :3, :3].sum(axis=-3))
     result[..., :3, 3] = T[..., :3, 3].mean(axis=-2)
@@ -88,7 +95,7 @@ def mean_pose(T: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def nearest_rotation(M: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(..., 3, 3) the rotation R that makes the trace of R^T M largest."""
+    """Return the rotations R (..., 3, 3) that maximise the trace of R^T M for matrices M (..., 3, 3)."""
     U, _, Vt = np.linalg.svd(M)
     handedness = np.ones(M.shape[:-1])
     handedness[..., 2] = np.sign(np.linalg.det(U @ Vt))
@@ -96,7 +103,7 @@ def nearest_rotation(M: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def rotation_angles(R: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(...) radians, 0 to pi, of (..., 3, 3); exact for small angles too."""
+    """Return the angles (...), 0 to pi radians, of rotations (..., 3, 3). Small angles are accurate too."""
     skew = R - R.swapaxes(-1, -2)
     sine = np.sqrt(skew[..., 2, 1] ** 2 + skew[..., 0, 2] ** 2 + skew[..., 1, 0] ** 2)
     return np.arctan2(sine, np.trace(R, axis1=-2, axis2=-1) - 1.0)

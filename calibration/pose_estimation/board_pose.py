@@ -1,4 +1,4 @@
-"""Where the board is in each picture by itself: the two poses a flat board may have, refined, and the better kept."""
+"""Estimate the board pose of each image by itself: refine the two poses that a flat board may have, keep the better."""
 
 from dataclasses import dataclass, replace
 
@@ -6,123 +6,161 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.geometry.se3 import pose_from_twist, solve_stack
-from calibration.pose_estimation.projection import LENS, Corners, PixelBlocks, pixel_blocks, reprojection
-from calibration.target.board import FEWEST_CORNERS
+from calibration.pose_estimation.projection import (
+    N_LENS,
+    Corners,
+    PixelNormalEquations,
+    pixel_normal_equations,
+    reprojection_residuals,
+)
+from calibration.target.board import MIN_CORNERS
 
-STEPS = 20
-CORNER_LIMIT = 5.0
-"""A corner so many standard deviations from where the others say it should be is left out; by chance it is one in
+MAX_ITERATIONS = 20
+"""Maximum number of Levenberg-Marquardt iterations."""
+MAX_RESIDUAL_SIGMAS = 5.0
+"""A corner is an outlier if its residual exceeds this number of standard deviations. Chance alone causes one in
 300 000."""
-RIVAL = 3.0
-"""The second pose of a flat board is looked at whose reprojection error is up to so many times the first one's."""
-LEAST_NOISE_PX = 1e-3
-"""Below this, differences are rounding."""
-AHEAD = np.array([[1.0, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 1], [0, 0, 0, 1]])
-"""Stands for a pose that is not known, so that all views can be worked out at once."""
+MAX_AMBIGUITY_RATIO = 3.0
+"""The second pose of a flat board is refined too if its reprojection error is at most this multiple of the first's."""
+MIN_NOISE_PX = 1e-3
+"""Minimum noise of a corner, pixels. Smaller differences are rounding errors."""
+PLACEHOLDER_POSE = np.array([[1.0, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 1], [0, 0, 0, 1]])
+"""Pose used for views without a known pose, so that all views can be computed at once."""
 
 
 @dataclass(frozen=True, eq=False)
 class BoardPoses:
-    """One pose for each of N views."""
+    """The board poses of N views, each from its own corners."""
 
     T_camera_board: NDArray[np.float64]
-    """(N, 4, 4); NaN where there is none."""
-    good: NDArray[np.bool_]
+    """(N, 4, 4) board poses; NaN where none was found."""
+    inliers: NDArray[np.bool_]
     """(N, M) corners that fit the pose."""
     rms_px: NDArray[np.float64]
-    """(N,) of the good corners' two coordinates; NaN where there is no pose."""
+    """(N,) rms residual of one coordinate of the inliers, pixels; NaN where no pose was found."""
 
     @property
     def found(self) -> NDArray[np.bool_]:
-        """(N,) where there is a pose."""
+        """(N,) whether a pose was found."""
         return np.isfinite(self.rms_px)
 
 
 def estimate_board_poses(corners: Corners) -> BoardPoses:
-    """The board's pose in every view with enough corners that fit one, by the camera and board as told."""
+    """Return the board pose of every view, with the reported camera matrix and the given board size.
+
+    Args:
+        corners: The corners of N views.
+
+    Returns:
+        The poses. A view with fewer than six corners that fit a pose has none.
+    """
     count = len(corners.pixels)
     guesses = np.full((2, count, 4, 4), np.nan)
     for k in range(count):
-        if corners.seen[k].sum() >= FEWEST_CORNERS:
-            guesses[:, k] = _two_poses(corners.points[corners.seen[k]], corners.pixels[k, corners.seen[k]], corners.K)
-    first = _refined(guesses[0], corners)
-    rivals = np.flatnonzero(np.isfinite(guesses[1]).all(axis=(1, 2)))
-    if not len(rivals):
+        seen = corners.seen[k]
+        if seen.sum() >= MIN_CORNERS:
+            guesses[:, k] = _initial_poses(corners.points[seen], corners.pixels[k, seen], corners.K)
+    first = _refine_robustly(guesses[0], corners)
+    ambiguous = np.flatnonzero(np.isfinite(guesses[1]).all(axis=(1, 2)))
+    if not len(ambiguous):
         return first
-    second = _refined(guesses[1, rivals], replace(corners, pixels=corners.pixels[rivals], seen=corners.seen[rivals]))
-    better = second.found & ~(first.rms_px[rivals] <= second.rms_px)
-    for mine, others in ((first.T_camera_board, second.T_camera_board), (first.good, second.good)):
-        mine[rivals[better]] = others[better]
-    first.rms_px[rivals[better]] = second.rms_px[better]
+    second = _refine_robustly(
+        guesses[1, ambiguous], replace(corners, pixels=corners.pixels[ambiguous], seen=corners.seen[ambiguous])
+    )
+    better = second.found & ~(first.rms_px[ambiguous] <= second.rms_px)
+    for kept, other in ((first.T_camera_board, second.T_camera_board), (first.inliers, second.inliers)):
+        kept[ambiguous[better]] = other[better]
+    first.rms_px[ambiguous[better]] = second.rms_px[better]
     return first
 
 
 def inlier_corners(T: NDArray[np.float64], lens: NDArray[np.float64], corners: Corners) -> NDArray[np.bool_]:
-    """(N, M) which corners are no farther off than the noise of their own view explains."""
-    off = np.linalg.norm(reprojection(T, lens, corners)[0], axis=2)
-    # Of a normal error in two coordinates, the median length is 1.177 standard deviations.
-    some = corners.seen | ~corners.seen.any(axis=1, keepdims=True)  # a view of nothing has no median
-    sigma = np.nanmedian(np.where(some, off, np.nan), axis=1) / 1.177
-    return corners.seen & (off <= CORNER_LIMIT * np.maximum(sigma, LEAST_NOISE_PX)[:, None])
+    """Return which corners (N, M) have a residual that the noise of their own view explains.
+
+    Args:
+        T: (N, 4, 4) board poses in the camera frame.
+        lens: (N_LENS,) lens and board parameters.
+        corners: The corners of N views.
+    """
+    distances = np.linalg.norm(reprojection_residuals(T, lens, corners)[0], axis=2)
+    # A view without corners would have no median.
+    counted = corners.seen | ~corners.seen.any(axis=1, keepdims=True)
+    # The median length of a normal error in two coordinates is 1.177 standard deviations.
+    sigma = np.nanmedian(np.where(counted, distances, np.nan), axis=1) / 1.177
+    return corners.seen & (distances <= MAX_RESIDUAL_SIGMAS * np.maximum(sigma, MIN_NOISE_PX)[:, None])
 
 
 def refine_poses(
-    T: NDArray[np.float64], lens: NDArray[np.float64], corners: Corners, good: NDArray[np.bool_]
+    T: NDArray[np.float64], lens: NDArray[np.float64], corners: Corners, inliers: NDArray[np.bool_]
 ) -> NDArray[np.float64]:
-    """The poses (N, 4, 4) near `T` with the least reprojection error of the corners `good` (N, M) by `lens`."""
+    """Minimise the reprojection error of each view by Levenberg-Marquardt, with its own damping.
+
+    Args:
+        T: (N, 4, 4) initial board poses in the camera frame.
+        lens: (N_LENS,) lens and board parameters.
+        corners: The corners of N views.
+        inliers: (N, M) corners to use.
+
+    Returns:
+        (N, 4, 4) refined board poses.
+    """
     damping = np.full(len(T), 1e-4)
-    now = pixel_blocks(T, lens, corners, good)
-    for _ in range(STEPS):
-        H = now.information[:, :6, :6].copy()
+    current = pixel_normal_equations(T, lens, corners, inliers)
+    for _ in range(MAX_ITERATIONS):
+        H = current.H[:, :6, :6].copy()
         diagonal = np.einsum("nii->ni", H)
         diagonal += damping[:, None] * diagonal + 1e-9
-        step = solve_stack(H, now.pull[:, :6])
-        tried = pose_from_twist(step) @ T
-        then = pixel_blocks(tried, lens, corners, good)
-        better = then.squares <= now.squares
+        step = solve_stack(H, current.g[:, :6])
+        T_tried = pose_from_twist(step) @ T
+        tried = pixel_normal_equations(T_tried, lens, corners, inliers)
+        better = tried.squares_px2 <= current.squares_px2
         damping = np.where(better, damping * 0.1, damping * 10)
-        T = np.where(better[:, None, None], tried, T)
-        gain = np.where(better, now.squares - then.squares, 0.0)
-        if (gain <= 1e-10 * now.squares + 1e-20).all():
+        T = np.where(better[:, None, None], T_tried, T)
+        gain = np.where(better, current.squares_px2 - tried.squares_px2, 0.0)
+        if (gain <= 1e-10 * current.squares_px2 + 1e-20).all():
             break
-        now = PixelBlocks(
-            np.where(better[:, None, None], then.information, now.information),
-            np.where(better[:, None], then.pull, now.pull),
-            np.where(better, then.squares, now.squares),
+        current = PixelNormalEquations(
+            np.where(better[:, None, None], tried.H, current.H),
+            np.where(better[:, None], tried.g, current.g),
+            np.where(better, tried.squares_px2, current.squares_px2),
         )
     return T
 
 
-def _two_poses(points: NDArray[np.float64], pixels: NDArray[np.float64], K: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(2, 4, 4) NaN where OpenCV finds none: of corners in a line, or that are no board's."""
+def _initial_poses(
+    points: NDArray[np.float64], pixels: NDArray[np.float64], K: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return the two poses (2, 4, 4) of a flat board; NaN where OpenCV finds none, for example of collinear corners."""
     import cv2
 
     guesses = np.full((2, 4, 4), np.nan)
     try:
-        _, turns, shifts, errors = cv2.solvePnPGeneric(points, pixels[:, None], K, None, flags=cv2.SOLVEPNP_IPPE)
+        _, rotations, translations, errors = cv2.solvePnPGeneric(
+            points, pixels[:, None], K, None, flags=cv2.SOLVEPNP_IPPE
+        )
     except cv2.error:
         return guesses
-    # The better one comes first; the other is worth a look only if it is nearly as good.
-    rivals = len(turns) > 1 and float(errors[1, 0]) < RIVAL * float(errors[0, 0]) + LEAST_NOISE_PX
-    for k, (turn, shift) in enumerate(zip(turns[: 1 + rivals], shifts, strict=False)):
-        v = np.concatenate([turn.ravel(), shift.ravel()]).astype(np.float64)
+    # The better pose comes first. The other one is worth refining only if it is nearly as good.
+    is_ambiguous = len(rotations) > 1 and float(errors[1, 0]) < MAX_AMBIGUITY_RATIO * float(errors[0, 0]) + MIN_NOISE_PX
+    for k, (rotation, translation) in enumerate(zip(rotations[: 1 + is_ambiguous], translations, strict=False)):
+        v = np.concatenate([rotation.ravel(), translation.ravel()]).astype(np.float64)
         if np.isfinite(v).all() and v[5] > 0:
             guesses[k] = pose_from_twist(v)
     return guesses
 
 
-def _refined(T: NDArray[np.float64], corners: Corners) -> BoardPoses:
-    """Levenberg-Marquardt of all views at once, each with its own damping; then again without what does not fit."""
+def _refine_robustly(T: NDArray[np.float64], corners: Corners) -> BoardPoses:
+    """Refine the poses (N, 4, 4) of all views three times, without the outliers of the fit before."""
     found = np.asarray(np.isfinite(T).all(axis=(1, 2)))
-    T = np.where(found[:, None, None], T, AHEAD)
-    lens = np.zeros(LENS)
-    good = corners.seen & found[:, None]
+    T = np.where(found[:, None, None], T, PLACEHOLDER_POSE)
+    lens = np.zeros(N_LENS)
+    inliers = corners.seen & found[:, None]
     for _ in range(2):
-        T = refine_poses(T, lens, corners, good)
-        good = inlier_corners(T, lens, corners) & found[:, None]
-    T = refine_poses(T, lens, corners, good)
-    counts = good.sum(axis=1)
-    found = found & (counts >= np.maximum(FEWEST_CORNERS, corners.seen.sum(axis=1) / 2))
-    squares = pixel_blocks(T, lens, corners, good).squares
-    rms = np.sqrt(squares / np.maximum(2 * counts, 1))
-    return BoardPoses(np.where(found[:, None, None], T, np.nan), good, np.where(found, rms, np.nan))
+        T = refine_poses(T, lens, corners, inliers)
+        inliers = inlier_corners(T, lens, corners) & found[:, None]
+    T = refine_poses(T, lens, corners, inliers)
+    counts = inliers.sum(axis=1)
+    found = found & (counts >= np.maximum(MIN_CORNERS, corners.seen.sum(axis=1) / 2))
+    squares_px2 = pixel_normal_equations(T, lens, corners, inliers).squares_px2
+    rms = np.sqrt(squares_px2 / np.maximum(2 * counts, 1))
+    return BoardPoses(np.where(found[:, None, None], T, np.nan), inliers, np.where(found, rms, np.nan))

@@ -1,4 +1,4 @@
-"""Where the camera ought to see the board's corners, and how that changes with everything that is solved for."""
+"""Project the corners of a board into the camera, with the derivatives by pose, lens and scale of the board."""
 
 from dataclasses import dataclass
 
@@ -7,13 +7,14 @@ from numpy.typing import NDArray
 
 from calibration.observations import Observations
 
-LENS = 5
-"""Numbers that all views share besides the two poses: shares of fx and fy, shifts of cx and cy in focal lengths, and
-the logarithm of the board's scale."""
-UNDISTORTING_STEPS, UNDISTORTED_PX = 1000, 1e-9
-"""A pixel is straightened until, distorted again, it is as near as this to where it was, in so many steps at most."""
-NEAREST_M = 1e-3
-"""Corners nearer than this, or behind the camera, are taken to be here: the first steps may lead there."""
+N_LENS = 5
+"""Number of lens and board parameters that all views share: relative changes of fx and fy, shifts of cx and cy in focal
+lengths, and the logarithm of the scale of the board."""
+MAX_UNDISTORT_ITERATIONS, UNDISTORT_TOLERANCE_PX = 1000, 1e-9
+"""The undistortion of a pixel ends when distorting the result reproduces the pixel to this tolerance, or after this
+number of iterations."""
+MIN_DEPTH_M = 1e-3
+"""Corners nearer than this or behind the camera get this depth: the first steps of the solver may lead there."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -21,33 +22,33 @@ class Corners:
     """The corners of N views of one board with M points."""
 
     points: NDArray[np.float64]
-    """(M, 3) board frame, as told."""
+    """(M, 3) points of the board with its given size, board frame, metres."""
     pixels: NDArray[np.float64]
-    """(N, M, 2) without distortion; zero where not seen."""
+    """(N, M, 2) pixels without distortion; zero where a corner was not seen."""
     seen: NDArray[np.bool_]
-    """(N, M)."""
+    """(N, M) whether the corner was seen in the view."""
     K: NDArray[np.float64]
-    """(3, 3) as told."""
+    """(3, 3) pinhole matrix that the camera reports, pixels."""
 
     @property
     def middle(self) -> NDArray[np.float64]:
-        """(3,) the board's middle, board frame."""
+        """(3,) middle of the board, board frame, metres."""
         return self.points.mean(axis=0)
 
 
 def stack_corners(observations: Observations) -> Corners:
-    """The corners as arrays, undistorted."""
+    """Return the corners of all views as arrays, without distortion."""
     points = observations.board.points
     pixels = np.zeros((len(observations.views), len(points), 2))
     seen = np.zeros(pixels.shape[:2], dtype=bool)
     for k, view in enumerate(observations.views):
-        pixels[k, view.ids] = _undistorted(view.pixels, observations)
+        pixels[k, view.ids] = _undistort(view.pixels, observations)
         seen[k, view.ids] = True
     return Corners(points, pixels, seen, observations.K)
 
 
 def camera_matrix(K: NDArray[np.float64], lens: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(3, 3) the told one, changed by `lens` (LENS,)."""
+    """Return the pinhole matrix (3, 3) `K` corrected by the lens parameters (N_LENS,)."""
     result = K.copy()
     focal = K[[0, 1], [0, 1]]
     result[[0, 1], [0, 1]] = focal * (1 + lens[:2])
@@ -55,76 +56,108 @@ def camera_matrix(K: NDArray[np.float64], lens: NDArray[np.float64]) -> NDArray[
     return result
 
 
-def reprojection(T_camera_board: NDArray[np.float64], lens: NDArray[np.float64], corners: Corners):
-    """How far each corner is seen from where it ought to be (N, M, 2), and where it is in the camera (N, M, 3)."""
+def reprojection_residuals(
+    T_camera_board: NDArray[np.float64], lens: NDArray[np.float64], corners: Corners
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the reprojection residuals of all corners.
+
+    Args:
+        T_camera_board: (N, 4, 4) board poses.
+        lens: (N_LENS,) lens and board parameters.
+        corners: The corners of N views.
+
+    Returns:
+        Residuals (N, M, 2), measured minus predicted, pixels, zero for corners that were not seen; and the positions
+        (N, M, 3) of all corners in the camera frame, metres.
+    """
     K = camera_matrix(corners.K, lens)
     R, t = T_camera_board[:, :3, :3], T_camera_board[:, None, :3, 3]
     p = np.exp(lens[4]) * corners.points @ R.swapaxes(1, 2) + t
-    p[..., 2] = np.maximum(p[..., 2], NEAREST_M)
+    p[..., 2] = np.maximum(p[..., 2], MIN_DEPTH_M)
     pixels = p[..., :2] / p[..., 2:] * K[[0, 1], [0, 1]] + K[:2, 2]
     return np.where(corners.seen[..., None], corners.pixels - pixels, 0.0), p
 
 
 @dataclass(frozen=True, eq=False)
-class PixelBlocks:
-    """The corners' normal equations, view by view, for pixels of unit noise: of the board's small motion in the
-    camera's frame (6) and the lens and board (LENS)."""
+class PixelNormalEquations:
+    """Normal equations `H @ step = g` of the corners of each view, for pixels of unit noise.
 
-    information: NDArray[np.float64]
-    """(N, 11, 11)."""
-    pull: NDArray[np.float64]
-    """(N, 11): J^T r; the step is information^-1 @ pull."""
-    squares: NDArray[np.float64]
+    The step consists of a small motion of the board in the camera frame (6) and the lens and board parameters
+    (N_LENS).
+    """
+
+    H: NDArray[np.float64]
+    """(N, 6 + N_LENS, 6 + N_LENS) information matrices J^T J."""
+    g: NDArray[np.float64]
+    """(N, 6 + N_LENS) right-hand sides J^T r."""
+    squares_px2: NDArray[np.float64]
     """(N,) sum of the squared residuals, px^2."""
 
 
-def pixel_blocks(
+def pixel_normal_equations(
     T_camera_board: NDArray[np.float64],
     lens: NDArray[np.float64],
     corners: Corners,
     used: NDArray[np.bool_],
-) -> PixelBlocks:
-    """The normal equations of the corners `used` (N, M) around `T_camera_board` (N, 4, 4) and `lens` (LENS,).
+) -> PixelNormalEquations:
+    """Linearise the reprojection of the corners of each view.
 
-    The board's motion `c` is from the left: `small_motion(c) @ T_camera_board`.
+    Args:
+        T_camera_board: (N, 4, 4) board poses. A small motion `c` moves the board to
+            `pose_from_twist(c) @ T_camera_board`.
+        lens: (N_LENS,) lens and board parameters.
+        corners: The corners of N views.
+        used: (N, M) corners to include.
     """
-    r, p = reprojection(T_camera_board, lens, corners)
+    r, p = reprojection_residuals(T_camera_board, lens, corners)
     J = pixel_jacobian(T_camera_board, lens, corners, p) * np.tile(used, 2)[:, None]
     r = np.where(used[..., None], r, 0.0).swapaxes(1, 2).reshape(len(r), -1)
-    return PixelBlocks(J @ J.swapaxes(1, 2), (J @ r[..., None])[..., 0], (r**2).sum(axis=1))
+    return PixelNormalEquations(J @ J.swapaxes(1, 2), (J @ r[..., None])[..., 0], (r**2).sum(axis=1))
 
 
 def pixel_jacobian(
     T_camera_board: NDArray[np.float64], lens: NDArray[np.float64], corners: Corners, p: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """(N, 6 + LENS, 2 M) how the board's small motion, from the left, and the lens move every corner's u, then v.
+    """Return the derivatives of all pixels by the motion of the board and by the lens and board parameters.
 
-    The corners are at `p` (N, M, 3) in the camera, as `reprojection` tells.
+    Args:
+        T_camera_board: (N, 4, 4) board poses. Small motions multiply from the left.
+        lens: (N_LENS,) lens and board parameters.
+        corners: The corners of N views.
+        p: (N, M, 3) positions of the corners in the camera frame, from `reprojection_residuals`.
+
+    Returns:
+        (N, 6 + N_LENS, 2 M) transposed Jacobians: first the u of all corners, then the v.
     """
-    told = corners.K[[0, 1], [0, 1]]
-    fx, fy = told * (1 + lens[:2])
+    focal = corners.K[[0, 1], [0, 1]]
+    fx, fy = focal * (1 + lens[:2])
     x, y, z = p[..., 0] / p[..., 2], p[..., 1] / p[..., 2], p[..., 2]
     from_origin = p - T_camera_board[:, None, :3, 3]
-    nothing, one = np.zeros_like(z), np.ones_like(z)
-    # Of u, then of v: by the turn, the shift, the focal lengths, the centre and the scale.
-    by_u = [-fx * x * y, fx * (1 + x * x), -fx * y, fx / z, nothing, -fx * x / z]
-    by_u += [told[0] * x, nothing, told[0] * one, nothing]
-    by_u += [fx * (from_origin[..., 0] - x * from_origin[..., 2]) / z]
-    by_v = [-fy * (1 + y * y), fy * x * y, fy * x, nothing, fy / z, -fy * y / z]
-    by_v += [nothing, told[1] * y, nothing, told[1] * one]
-    by_v += [fy * (from_origin[..., 1] - y * from_origin[..., 2]) / z]
-    return np.concatenate([np.stack(by_u, axis=1), np.stack(by_v, axis=1)], axis=2)
+    zero, one = np.zeros_like(z), np.ones_like(z)
+    # Of u, then of v: by rotation, translation, focal lengths, principal point and scale.
+    u_rows = [-fx * x * y, fx * (1 + x * x), -fx * y, fx / z, zero, -fx * x / z]
+    u_rows += [focal[0] * x, zero, focal[0] * one, zero]
+    u_rows += [fx * (from_origin[..., 0] - x * from_origin[..., 2]) / z]
+    v_rows = [-fy * (1 + y * y), fy * x * y, fy * x, zero, fy / z, -fy * y / z]
+    v_rows += [zero, focal[1] * y, zero, focal[1] * one]
+    v_rows += [fy * (from_origin[..., 1] - y * from_origin[..., 2]) / z]
+    return np.concatenate([np.stack(u_rows, axis=1), np.stack(v_rows, axis=1)], axis=2)
 
 
-def _undistorted(pixels: NDArray[np.float64], observations: Observations) -> NDArray[np.float64]:
+def _undistort(pixels: NDArray[np.float64], observations: Observations) -> NDArray[np.float64]:
+    """Return the pixels (N, 2) without lens distortion."""
     if not np.any(observations.distortion) or not len(pixels):
         return pixels
     import cv2
 
-    # Its usual five steps leave pixels of error at the edge of a strongly distorted picture.
-    to_the_end = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, UNDISTORTING_STEPS, UNDISTORTED_PX)
-    corners = np.ascontiguousarray(pixels, dtype=np.float64).reshape(-1, 1, 2)
-    flat = cv2.undistortPointsIter(
-        corners, observations.K, observations.distortion, np.eye(3), observations.K, to_the_end
+    # OpenCV's default of five iterations leaves errors of pixels at the edge of a strongly distorted image.
+    stop = (
+        cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS,
+        MAX_UNDISTORT_ITERATIONS,
+        UNDISTORT_TOLERANCE_PX,
     )
-    return flat.reshape(-1, 2).astype(np.float64)
+    corners = np.ascontiguousarray(pixels, dtype=np.float64).reshape(-1, 1, 2)
+    undistorted = cv2.undistortPointsIter(
+        corners, observations.K, observations.distortion, np.eye(3), observations.K, stop
+    )
+    return undistorted.reshape(-1, 2).astype(np.float64)

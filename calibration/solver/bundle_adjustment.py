@@ -1,7 +1,7 @@
-"""The adjustment: X, the board's pose, the robot's error in every pose, the lens and the board's size, all at once.
+"""Bundle adjustment of X, the board pose, the robot errors, the lens and the scale of the board.
 
-What is made smallest is the sum of the squared reprojection errors, of the robot's errors and of what the lens and the
-board differ from what was told, each in its own standard deviation; those of the noise are estimated along with it.
+It minimises the sum of the squared reprojection errors, robot errors, and corrections of the lens and the board, each
+in its own standard deviation. The standard deviations of the noise are estimated along with the unknowns.
 """
 
 from dataclasses import dataclass
@@ -9,78 +9,96 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.geometry.se3 import invert_stack, solve_stack
+from calibration.geometry.se3 import solve_stack
 from calibration.solver.noise import NoiseLevel
-from calibration.solver.problem import NormalEquations, Problem, Unknowns, corner_terms, normal_equations
+from calibration.solver.problem import (
+    NormalEquations,
+    Problem,
+    Unknowns,
+    build_normal_equations,
+    linearise_corners,
+)
 from calibration.solver.variance_components import estimate_noise
 
-STEPS = 40
-MOST_DAMPED = 1e6
-"""Where so short a step still leads uphill, no step leads down."""
-SETTLED = 1e-3
-"""No unknown moves any more by this share of its standard deviation, and no noise level by ten times as much."""
+MAX_STEPS = 40
+"""Maximum number of damped Gauss-Newton steps, accepted or not."""
+MAX_DAMPING = 1e6
+"""Damping above which the adjustment stops: if so short a step still increases the cost, none decreases it."""
+STEP_TOLERANCE = 1e-3
+"""Length of a step, in standard deviations, below which the solution has converged. Noise levels: ten times that, as a
+share."""
 
 
 @dataclass(frozen=True, eq=False)
 class Adjustment:
-    """The solution, with the views and corners it was made of."""
+    """A solution, with the views and corners that it was solved from."""
 
     unknowns: Unknowns
+    """The solution."""
     noise: NoiseLevel
+    """Estimated noise levels."""
     used: NDArray[np.bool_]
-    """(N,)."""
-    good: NDArray[np.bool_]
+    """(N,) views that it was solved from."""
+    inliers: NDArray[np.bool_]
     """(N, M) corners that fit."""
-    linearised: NormalEquations
-    """Around it."""
-    settled: bool
-    """False: the steps ran out while it still moved, or none led on."""
+    normal_equations: NormalEquations
+    """Normal equations around the solution."""
+    converged: bool
+    """False if the solution still moved after the last step, or if no step decreased the cost."""
 
     @property
     def shared_covariance(self) -> NDArray[np.float64]:
-        """(SHARED, SHARED) of the errors of X, Y and the lens, in that order."""
-        return invert_stack(self.linearised.shared_information(self.used))
+        """(N_SHARED, N_SHARED) covariance of the errors of X, Y and the lens, in that order."""
+        return self.normal_equations.shared_covariance(self.used)
 
     @property
     def board_scale(self) -> float:
-        """The board's size as a share of the told one."""
+        """Estimated size of the board, as a share of the given size."""
         return float(np.exp(self.unknowns.lens[4]))
 
     @property
     def board_scale_sigma(self) -> float:
-        """Its standard deviation."""
+        """One sigma of `board_scale`."""
         return float(np.sqrt(self.shared_covariance[-1, -1]))
 
 
 def adjust(
-    problem: Problem, start: Unknowns, used: NDArray[np.bool_], good: NDArray[np.bool_], noise: NoiseLevel
+    problem: Problem, start: Unknowns, used: NDArray[np.bool_], inliers: NDArray[np.bool_], noise: NoiseLevel
 ) -> Adjustment:
-    """The best fit to the views `used` (N,) and, of them, the corners `good` (N, M), from `start` and `noise` on."""
+    """Solve the bundle adjustment by damped Gauss-Newton steps.
+
+    Args:
+        problem: The measurements and priors.
+        start: Unknowns at which the steps start.
+        used: (N,) views to solve from.
+        inliers: (N, M) corners to solve from, in the views used.
+        noise: Noise levels at which their estimation starts.
+    """
     unknowns = start
-    system = normal_equations(problem, corner_terms(problem, unknowns, good), used, noise)
+    equations = build_normal_equations(problem, linearise_corners(problem, unknowns, inliers), used, noise)
     damping = 1e-6
-    for _ in range(STEPS):
-        information = system.shared_information(used)
+    for _ in range(MAX_STEPS):
+        information = equations.shared_information(used)
         scale = np.sqrt(np.diag(information))
         damped = information + damping * np.diag(scale**2)
-        pull = system.reduced_pull[used].sum(axis=0) + system.prior_pull
-        shared = solve_stack(damped, pull)
-        tried = unknowns.moved(shared, np.where(used[:, None], system.errors_step(shared), 0.0))
-        measured = corner_terms(problem, tried, good)
-        then = normal_equations(problem, measured, used, noise)
-        if not then.cost <= system.cost * (1 + 1e-9) + 1e-9:  # worse, or no number
+        g = equations.g_reduced[used].sum(axis=0) + equations.g_prior
+        shared = solve_stack(damped, g)
+        trial = unknowns.add_step(shared, np.where(used[:, None], equations.robot_error_steps(shared), 0.0))
+        corners = linearise_corners(problem, trial, inliers)
+        trial_equations = build_normal_equations(problem, corners, used, noise)
+        if not trial_equations.cost <= equations.cost * (1 + 1e-9) + 1e-9:  # larger, or not a number
             damping *= 30
-            if damping > MOST_DAMPED:
-                return Adjustment(unknowns, noise, used, good, system, settled=False)
+            if damping > MAX_DAMPING:
+                return Adjustment(unknowns, noise, used, inliers, equations, converged=False)
             continue
-        # A step that was held back says nothing of how far the solution is.
-        still = damping < 1.0 and float(np.sqrt(shared @ information @ shared)) < SETTLED
+        # The length of a strongly damped step does not show the distance to the solution.
+        converged = damping < 1.0 and float(np.sqrt(shared @ information @ shared)) < STEP_TOLERANCE
         damping = max(damping / 10, 1e-9)
-        unknowns, system = tried, then
-        if problem.assumed.estimate_noise:
-            former, noise = noise, estimate_noise(problem.assumed, noise, unknowns, system, used, good)
-            still &= noise.is_near(former, 10 * SETTLED)
-            system = normal_equations(problem, measured, used, noise)
-        if still:
-            return Adjustment(unknowns, noise, used, good, system, settled=True)
-    return Adjustment(unknowns, noise, used, good, system, settled=False)
+        unknowns, equations = trial, trial_equations
+        if problem.priors.estimate_noise:
+            former, noise = noise, estimate_noise(problem.priors, noise, unknowns, equations, used, inliers)
+            converged &= noise.is_close(former, 10 * STEP_TOLERANCE)
+            equations = build_normal_equations(problem, corners, used, noise)
+        if converged:
+            return Adjustment(unknowns, noise, used, inliers, equations, converged=True)
+    return Adjustment(unknowns, noise, used, inliers, equations, converged=False)

@@ -8,26 +8,29 @@ from numpy.typing import NDArray
 
 @dataclass(frozen=True)
 class NoiseLevel:
-    """Standard deviations along or about one axis."""
+    """Standard deviations of the noise, along or about one axis."""
 
     pixel_px: float
+    """Noise of one coordinate of a corner, pixels."""
     robot_m: float
+    """Position error of a reported flange pose along one axis, metres."""
     robot_rad: float
+    """Rotation error of a reported flange pose about one axis, radians."""
 
     @property
     def robot(self) -> NDArray[np.float64]:
-        """(6,) of a robot's error: about three axes, along three."""
+        """(6,) standard deviations of a robot error: rotation about three axes, translation along three."""
         return np.array([self.robot_rad] * 3 + [self.robot_m] * 3)
 
-    def is_near(self, other: "NoiseLevel", share: float) -> bool:
-        """Whether no level differs by more than a `share`."""
+    def is_close(self, other: "NoiseLevel", relative_tolerance: float) -> bool:
+        """Return whether no level differs by more than `relative_tolerance` of that of `other`."""
         mine, theirs = (np.array([n.pixel_px, n.robot_m, n.robot_rad]) for n in (self, other))
-        return bool((np.abs(mine - theirs) <= share * theirs).all())
+        return bool((np.abs(mine - theirs) <= relative_tolerance * theirs).all())
 
 
 @dataclass(frozen=True)
 class NoisePriors:
-    """Standard deviations that the solver assumes.
+    """Prior standard deviations of the solver.
 
     Those of the noise are the start of its estimation. The others are priors.
 
@@ -55,8 +58,8 @@ class NoisePriors:
             value = getattr(self, name)
             if not 0 < value < np.inf:
                 raise ValueError(
-                    f"{name} is {value}: a standard deviation is needed, greater than zero; of what is known exactly "
-                    "give a small one, as 1e-9"
+                    f"{name} is {value}: a standard deviation greater than zero is needed. For a value that is known "
+                    "exactly, give a small one, for example 1e-9"
                 )
 
     @property

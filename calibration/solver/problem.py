@@ -1,187 +1,234 @@
-"""The adjustment's unknowns and normal equations.
+"""The unknowns of the bundle adjustment and its normal equations.
 
-Of view i, with the flange told at A_i and truly at A_i E_i, the board is in the camera at
+The controller reports the flange pose A_i of view i. The true pose is A_i E_i, with a small robot error E_i. The board
+is in the camera frame at
 
-    C_i = X^-1 (A_i E_i)^-1 Y    camera on the flange
-    C_i = X^-1 (A_i E_i) Y       camera in the cell
+    C_i = X^-1 (A_i E_i)^-1 Y    camera on the flange (eye-in-hand)
+    C_i = X^-1 (A_i E_i) Y       camera in the cell (eye-to-hand)
 
-so that small motions x of X and y of Y, from the right as everywhere, and d of E_i move it from the left by
--x + adjoint(C_i) y + `carried_i` d. The robot's errors are eliminated view by view (a Schur complement of 6x6 blocks).
+Small motions x of X, y of Y and e of E_i multiply from the right. They move the board in the camera frame, from the
+left, by -x + adjoint(C_i) y + `board_motion_jacobian` e. The robot errors are eliminated view by view (Schur complement
+of 6x6 blocks).
+
+H is an information matrix (J^T W J) and g the right-hand side (J^T W r) of normal equations H step = g.
 """
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.geometry.se3 import adjoint, invert_poses, pose_from_twist, right_jacobian, solve_stack
+from calibration.geometry.se3 import adjoint, invert_poses, invert_stack, pose_from_twist, right_jacobian, solve_stack
 from calibration.observations import Mounting
-from calibration.pose_estimation.projection import LENS, Corners, pixel_blocks
+from calibration.pose_estimation.projection import N_LENS, Corners, pixel_normal_equations
 from calibration.solver.noise import NoiseLevel, NoisePriors
 
-SHARED = 12 + LENS
-"""Unknowns that all views share: x, y and the lens."""
+N_SHARED = 12 + N_LENS
+"""Number of unknowns that all views share: 6 of X, 6 of Y, and those of the lens and the scale of the board."""
 
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """What is given: views that are used, and those that are only looked at."""
+    """Measurements and priors of a calibration, of all views, whether the solution uses them or not."""
 
     corners: Corners
+    """The measured corners of N views with M board points."""
     T_base_flange: NDArray[np.float64]
-    """(N, 4, 4)."""
+    """(N, 4, 4) flange poses that the robot reported, metres."""
     mounting: Mounting
-    assumed: NoisePriors
+    """Whether the camera is on the flange or stands in the cell."""
+    priors: NoisePriors
+    """Standard deviations of the noise and of the lens and the board."""
 
     @property
-    def prior(self) -> NDArray[np.float64]:
-        """(LENS,) standard deviations."""
-        return np.array([self.assumed.focal] * 2 + [self.assumed.centre] * 2 + [self.assumed.scale])
+    def lens_sigmas(self) -> NDArray[np.float64]:
+        """(N_LENS,) prior standard deviations of the lens and of the logarithm of the scale of the board."""
+        return np.array([self.priors.focal] * 2 + [self.priors.centre] * 2 + [self.priors.scale])
 
 
 @dataclass(frozen=True, eq=False)
 class Unknowns:
-    """What is solved for."""
+    """Values of everything that the adjustment solves for."""
 
     X: NDArray[np.float64]
+    """(4, 4) as in `HandEyeResult`."""
     Y: NDArray[np.float64]
-    errors: NDArray[np.float64]
-    """(N, 6) of the robot, in the flange's frame: truly it was at `T_base_flange @ small_motion(error)`."""
+    """(4, 4) as in `HandEyeResult`."""
+    robot_errors: NDArray[np.float64]
+    """(N, 6) twists, radians and metres. The true flange pose is `T_base_flange @ pose_from_twist(robot_error)`."""
     lens: NDArray[np.float64]
-    """(LENS,)."""
+    """(N_LENS,) corrections of the lens and logarithm of the scale of the board, as in `projection.camera_matrix`."""
 
     def T_camera_board(self, problem: Problem) -> NDArray[np.float64]:
-        """(N, 4, 4)."""
-        flange = problem.T_base_flange @ pose_from_twist(self.errors)
+        """Return the (N, 4, 4) board poses in the camera frame."""
+        flange = problem.T_base_flange @ pose_from_twist(self.robot_errors)
         return invert_poses(self.X) @ (flange if problem.mounting == "eye-to-hand" else invert_poses(flange)) @ self.Y
 
-    def moved(self, shared: NDArray[np.float64], errors: NDArray[np.float64]) -> "Unknowns":
-        """After a step of the shared unknowns (SHARED,) and of the errors (N, 6)."""
+    def add_step(self, shared: NDArray[np.float64], robot_errors: NDArray[np.float64]) -> "Unknowns":
+        """Return the unknowns after a step of the shared unknowns (N_SHARED,) and of the robot errors (N, 6)."""
         return Unknowns(
             self.X @ pose_from_twist(shared[:6]),
             self.Y @ pose_from_twist(shared[6:12]),
-            self.errors + errors,
+            self.robot_errors + robot_errors,
             self.lens + shared[12:],
         )
 
 
 @dataclass(frozen=True, eq=False)
 class NormalEquations:
-    """The normal equations around some unknowns; of views that are not used only by themselves."""
+    """Normal equations around some unknowns, weighted with the noise. Views that are not used have their own blocks."""
 
-    own: NDArray[np.float64]
-    """(N, 6, 6) of each view's robot error."""
-    mixed: NDArray[np.float64]
-    """(N, 6, SHARED)."""
-    pull: NDArray[np.float64]
-    """(N, 6) right-hand side."""
-    reduced: NDArray[np.float64]
-    """(N, SHARED, SHARED) what each view says of the shared unknowns, its robot error eliminated."""
-    reduced_pull: NDArray[np.float64]
-    """(N, SHARED)."""
-    prior: NDArray[np.float64]
-    """(SHARED, SHARED) diagonal."""
-    prior_pull: NDArray[np.float64]
-    """(SHARED,)."""
+    H_robot: NDArray[np.float64]
+    """(N, 6, 6) information about the robot error of each view."""
+    H_cross: NDArray[np.float64]
+    """(N, 6, N_SHARED) blocks between the robot error and the shared unknowns."""
+    g_robot: NDArray[np.float64]
+    """(N, 6) right-hand side of the robot errors."""
+    H_reduced: NDArray[np.float64]
+    """(N, N_SHARED, N_SHARED) information of each view about the shared unknowns, its robot error eliminated."""
+    g_reduced: NDArray[np.float64]
+    """(N, N_SHARED) right-hand side of the shared unknowns, the robot errors eliminated."""
+    H_prior: NDArray[np.float64]
+    """(N_SHARED, N_SHARED) diagonal information of the priors."""
+    g_prior: NDArray[np.float64]
+    """(N_SHARED,) right-hand side of the priors."""
     cost: float
-    """Sum of squares in standard deviations, of the views used."""
-    squares: NDArray[np.float64]
+    """Sum of squares in standard deviations, over the views used."""
+    squares_px2: NDArray[np.float64]
     """(N,) sum of the squared reprojection errors, px^2."""
 
     def shared_information(self, used: NDArray[np.bool_]) -> NDArray[np.float64]:
-        """(SHARED, SHARED) inverse covariance of the shared unknowns by the views `used` (N,)."""
-        return self.reduced[used].sum(axis=0) + self.prior
+        """Return the (N_SHARED, N_SHARED) information about the shared unknowns from the views `used` (N,)."""
+        return self.H_reduced[used].sum(axis=0) + self.H_prior
 
-    def errors_step(self, shared: NDArray[np.float64]) -> NDArray[np.float64]:
-        """(N, 6) the robot errors' step that goes with a step of the shared unknowns."""
-        return solve_stack(self.own, self.pull - self.mixed @ shared)
+    def shared_covariance(self, used: NDArray[np.bool_]) -> NDArray[np.float64]:
+        """Return the (N_SHARED, N_SHARED) covariance of the shared unknowns from the views `used` (N,)."""
+        return invert_stack(self.shared_information(used))
+
+    def robot_error_steps(self, shared: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the (N, 6) steps of the robot errors for a step (N_SHARED,) of the shared unknowns."""
+        return solve_stack(self.H_robot, self.g_robot - self.H_cross @ shared)
 
 
 @dataclass(frozen=True, eq=False)
-class CornerTerms:
-    """What the corners say around some unknowns, for pixels of unit noise."""
+class LinearisedCorners:
+    """Normal equations of the corners alone around some unknowns, for pixels of unit noise."""
 
     unknowns: Unknowns
-    information: NDArray[np.float64]
-    """(N, 6 + SHARED, 6 + SHARED) of each view's robot error and the shared unknowns."""
-    pull: NDArray[np.float64]
-    """(N, 6 + SHARED)."""
-    squares: NDArray[np.float64]
-    """(N,) px^2."""
+    """Where the corners were linearised."""
+    H: NDArray[np.float64]
+    """(N, 6 + N_SHARED, 6 + N_SHARED) information about the robot error of each view and the shared unknowns."""
+    g: NDArray[np.float64]
+    """(N, 6 + N_SHARED) right-hand side."""
+    squares_px2: NDArray[np.float64]
+    """(N,) sum of the squared reprojection errors, px^2."""
 
 
-def corner_terms(problem: Problem, unknowns: Unknowns, good: NDArray[np.bool_]) -> CornerTerms:
-    """What the corners `good` (N, M) say around `unknowns`."""
+def linearise_corners(problem: Problem, unknowns: Unknowns, inliers: NDArray[np.bool_]) -> LinearisedCorners:
+    """Linearise the reprojection of the corners `inliers` (N, M) around `unknowns`."""
     T_camera_board = unknowns.T_camera_board(problem)
-    blocks = pixel_blocks(T_camera_board, unknowns.lens, problem.corners, good)
-    J = _by_unknown(problem, unknowns, T_camera_board)
+    blocks = pixel_normal_equations(T_camera_board, unknowns.lens, problem.corners, inliers)
+    J = _unknowns_jacobian(problem, unknowns, T_camera_board)
     Jt = J.swapaxes(1, 2)
-    return CornerTerms(unknowns, Jt @ blocks.information @ J, (Jt @ blocks.pull[..., None])[..., 0], blocks.squares)
+    return LinearisedCorners(unknowns, Jt @ blocks.H @ J, matvec(Jt, blocks.g), blocks.squares_px2)
 
 
-def normal_equations(
-    problem: Problem, measured: CornerTerms, used: NDArray[np.bool_], noise: NoiseLevel
+def build_normal_equations(
+    problem: Problem, corners: LinearisedCorners, used: NDArray[np.bool_], noise: NoiseLevel
 ) -> NormalEquations:
-    """The normal equations with the corners, the robot and the priors in their standard deviations."""
+    """Weight the corners, the robot errors and the priors with their standard deviations, and eliminate the robot.
+
+    Args:
+        problem: The measurements and priors.
+        corners: The corners, linearised around some unknowns.
+        used: (N,) views that count in the cost.
+        noise: Standard deviations of the corners and the robot.
+    """
     weight = 1 / noise.pixel_px**2
-    N, g, errors, lens = (
-        weight * measured.information,
-        weight * measured.pull,
-        measured.unknowns.errors,
-        measured.unknowns.lens,
-    )
-    own = N[:, :6, :6] + np.diag(1 / noise.robot**2)
-    mixed = N[:, :6, 6:]
-    pull = g[:, :6] - errors / noise.robot**2
-    reduction = np.linalg.solve(own, np.concatenate([mixed, pull[..., None]], axis=2))
-    prior = np.concatenate([np.zeros(12), 1 / problem.prior**2])
+    H, g = weight * corners.H, weight * corners.g
+    robot_errors, lens = corners.unknowns.robot_errors, corners.unknowns.lens
+    H_robot = H[:, :6, :6] + np.diag(1 / noise.robot**2)
+    H_cross = H[:, :6, 6:]
+    g_robot = g[:, :6] - robot_errors / noise.robot**2
+    elimination = np.linalg.solve(H_robot, np.concatenate([H_cross, g_robot[..., None]], axis=2))
+    prior = np.concatenate([np.zeros(12), 1 / problem.lens_sigmas**2])
     cost = (
-        weight * measured.squares[used].sum()
-        + ((errors[used] / noise.robot) ** 2).sum()
-        + ((lens / problem.prior) ** 2).sum()
+        weight * corners.squares_px2[used].sum()
+        + ((robot_errors[used] / noise.robot) ** 2).sum()
+        + ((lens / problem.lens_sigmas) ** 2).sum()
     )
     return NormalEquations(
-        own=own,
-        mixed=mixed,
-        pull=pull,
-        reduced=N[:, 6:, 6:] - mixed.swapaxes(1, 2) @ reduction[..., :-1],
-        reduced_pull=g[:, 6:] - (mixed.swapaxes(1, 2) @ reduction[..., -1:])[..., 0],
-        prior=np.diag(prior),
-        prior_pull=-prior * np.concatenate([np.zeros(12), lens]),
+        H_robot=H_robot,
+        H_cross=H_cross,
+        g_robot=g_robot,
+        H_reduced=H[:, 6:, 6:] - H_cross.swapaxes(1, 2) @ elimination[..., :-1],
+        g_reduced=g[:, 6:] - (H_cross.swapaxes(1, 2) @ elimination[..., -1:])[..., 0],
+        H_prior=np.diag(prior),
+        g_prior=-prior * np.concatenate([np.zeros(12), lens]),
         cost=float(cost),
-        squares=measured.squares,
+        squares_px2=corners.squares_px2,
     )
 
 
 def board_motion_jacobian(
     mounting: Mounting, X: NDArray[np.float64], Y: NDArray[np.float64], T_camera_board: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """(N, 6, 6) how the flange's small motion, from the right, moves the board in the camera, from the left."""
+    """Return the (N, 6, 6) derivative of the board's motion in the camera by the flange's motion.
+
+    Args:
+        mounting: Whether the camera is on the flange or stands in the cell.
+        X: (4, 4) as in `HandEyeResult`.
+        Y: (4, 4) as in `HandEyeResult`.
+        T_camera_board: (N, 4, 4) board poses in the camera frame.
+
+    Returns:
+        Jacobians from a small motion of the flange, from the right, to that of the board, from the left.
+    """
     if mounting == "eye-in-hand":
         return np.broadcast_to(-adjoint(invert_poses(X)), (len(T_camera_board), 6, 6))
     return adjoint(T_camera_board @ invert_poses(Y))
 
 
-def robot_error(
+def implied_robot_errors(
     mounting: Mounting,
     T_base_flange: NDArray[np.float64],
     X: NDArray[np.float64],
     Y: NDArray[np.float64],
     T_camera_board: NDArray[np.float64],
 ) -> NDArray[np.float64]:
-    """(N, 4, 4) where the flange was, in the told flange frame, for the board to be seen at `T_camera_board`."""
-    told = invert_poses(T_base_flange)
+    """Return the robot errors with which the board appears exactly at `T_camera_board`.
+
+    Args:
+        mounting: Whether the camera is on the flange or stands in the cell.
+        T_base_flange: (N, 4, 4) flange poses that the robot reported.
+        X: (4, 4) or (N, 4, 4) as in `HandEyeResult`.
+        Y: (4, 4) or (N, 4, 4) as in `HandEyeResult`.
+        T_camera_board: (N, 4, 4) or (1, 4, 4) board poses in the camera frame.
+
+    Returns:
+        (N, 4, 4) true flange poses in the reported flange frames.
+    """
+    T_flange_base = invert_poses(T_base_flange)
     if mounting == "eye-in-hand":
-        return told @ Y @ invert_poses(T_camera_board) @ invert_poses(X)
-    return told @ X @ T_camera_board @ invert_poses(Y)
+        return T_flange_base @ Y @ invert_poses(T_camera_board) @ invert_poses(X)
+    return T_flange_base @ X @ T_camera_board @ invert_poses(Y)
 
 
-def _by_unknown(problem: Problem, unknowns: Unknowns, T_camera_board: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(N, 6 + LENS, 6 + SHARED) the board's motion in the camera and the lens, by the error, X, Y and the lens."""
-    J = np.zeros((len(T_camera_board), 6 + LENS, 6 + SHARED))
-    moved = board_motion_jacobian(problem.mounting, unknowns.X, unknowns.Y, T_camera_board)
-    J[:, :6, :6] = moved @ right_jacobian(unknowns.errors)
+def matvec(M: NDArray[np.floating], v: NDArray[np.floating]) -> NDArray[np.float64]:
+    """Return the (..., K) products of matrices (..., K, L) and vectors (..., L)."""
+    product: NDArray[Any] = M @ v[..., None]
+    return product[..., 0]
+
+
+def _unknowns_jacobian(
+    problem: Problem, unknowns: Unknowns, T_camera_board: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return the (N, 6 + N_LENS, 6 + N_SHARED) derivative of board motion and lens by robot error, X, Y and lens."""
+    J = np.zeros((len(T_camera_board), 6 + N_LENS, 6 + N_SHARED))
+    J_flange = board_motion_jacobian(problem.mounting, unknowns.X, unknowns.Y, T_camera_board)
+    J[:, :6, :6] = J_flange @ right_jacobian(unknowns.robot_errors)
     J[:, :6, 6:12] = -np.eye(6)
     J[:, :6, 12:18] = adjoint(T_camera_board)
-    J[:, 6:, 18:] = np.eye(LENS)
+    J[:, 6:, 18:] = np.eye(N_LENS)
     return J

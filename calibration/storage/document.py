@@ -1,10 +1,10 @@
-"""A solved calibration as JSON: for its file, for the command line and over HTTP.
+"""The JSON document of a solved calibration, for its file, the command line and HTTP.
 
-`mounting`; `frames`, the transforms in words; `T_flange_camera` and `T_base_board` (of a camera that stands in the
-cell: `T_base_camera` and `T_flange_board`); `covariance` of the camera's pose; `intrinsics`, as fitted and as told;
-`board` as told, with its `scale` by the views; `metrics`; `verdict`, `findings`, `views`, and `verification` on views
-that were held out; `joint_covariance` as in `calibration.result`, for verifications. Metres, radians, pixels.
-A number that a refused solution does not have is null.
+Its members are `mounting`; `frames`, which describes the transforms; `T_flange_camera` and `T_base_board` (for a
+camera that stands in the cell `T_base_camera` and `T_flange_board`); `covariance`; `joint_covariance`; `intrinsics`,
+fitted and given; `board` with its given size and estimated `scale`; `metrics`; `verdict`; `findings`; `views`; and
+`verification` with views that were held out. Units are metres, radians and pixels. Numbers that a refused solution
+lacks are null.
 """
 
 from dataclasses import asdict
@@ -13,10 +13,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.dataset.forms import transform_document
+from calibration.dataset.forms import transform_to_json
 from calibration.geometry.transforms import NotRigidError, rigid
 from calibration.observations import Mounting, Observations
-from calibration.result import HandEyeResult
+from calibration.result import Finding, HandEyeResult, ViewReport
 
 FRAMES: dict[Mounting, tuple[tuple[str, str], tuple[str, str]]] = {
     "eye-in-hand": (
@@ -28,26 +28,38 @@ FRAMES: dict[Mounting, tuple[tuple[str, str], tuple[str, str]]] = {
         ("T_flange_board", "maps board points to the flange; the board's z points into the print"),
     ),
 }
+"""Name and description of the two transforms X and Y, by mounting."""
+JSON_KEYS = {
+    "message": "words",
+    "blocking": "refuses",
+    "loo_error_m": "left_out_m",
+    "repeatability_95_m": "eight_views_m",
+}
+"""Keys in JSON of the fields of `calibration.result` that have another name in Python."""
 COVARIANCE = {
     "order": ["rx", "ry", "rz", "tx", "ty", "tz"],
     "side": "right, in the camera's frame: X_true = X @ error, where X is the camera's transform and error has the "
     "rotation vector r and the translation t",
     "units": ["rad", "rad", "rad", "m", "m", "m"],
 }
+"""Convention of the covariance of X."""
 
 
 def result_document(
     result: HandEyeResult, observations: Observations, verification: dict[str, Any] | None = None
 ) -> dict[str, Any]:
-    """The result with what it was solved from, but for the corners themselves, as JSON's values.
+    """Return a solved calibration as JSON values, without the corners.
 
-    `verification`: how it did on views that were held out, as JSON's values.
+    Args:
+        result: The calibration.
+        observations: The views that it was solved from.
+        verification: Result on views that were held out, as JSON values. None: not verified.
     """
-    (camera, camera_words), (board, board_words) = FRAMES[result.mounting]
+    (camera, camera_description), (board, board_description) = FRAMES[result.mounting]
     width, height = observations.image_size
     document: dict[str, Any] = {
         "mounting": result.mounting,
-        "frames": {camera: camera_words, board: board_words},
+        "frames": {camera: camera_description, board: board_description},
         camera: _transform(result.X),
         board: _transform(result.Y),
         "covariance": {"matrix": result.covariance.tolist()} | COVARIANCE,
@@ -63,8 +75,8 @@ def result_document(
         "metrics": {
             "sigma_m": result.sigma_m,
             "sigma_rad": result.sigma_rad,
-            "eight_views_m": result.eight_views_m,
-            "left_out_m": result.left_out_m,
+            JSON_KEYS["repeatability_95_m"]: result.repeatability_95_m,
+            JSON_KEYS["loo_error_m"]: result.loo_error_m,
             "pixel_sigma_px": result.pixel_sigma_px,
             "robot_sigma_m": result.robot_sigma_m,
             "robot_sigma_rad": result.robot_sigma_rad,
@@ -72,23 +84,29 @@ def result_document(
             "views_used": sum(view.used for view in result.views),
         },
         "verdict": result.verdict,
-        "findings": [asdict(finding) for finding in result.findings],
-        "views": [asdict(view) for view in result.views],
+        "findings": [record_document(finding) for finding in result.findings],
+        "views": [record_document(view) for view in result.views],
     }
     if verification is not None:
         document["verification"] = verification
     return _finite(document)
 
 
+def record_document(record: Finding | ViewReport) -> dict[str, Any]:
+    """Return a finding or a view report as JSON values."""
+    return {JSON_KEYS.get(name, name): value for name, value in asdict(record).items()}
+
+
 def _transform(T: NDArray[np.float64]) -> dict[str, list[float]] | None:
+    """Return a transform as JSON values, or None if it is not rigid, as of a refused solution."""
     try:
-        return transform_document(rigid(T, "the solution"))
+        return transform_to_json(rigid(T, "the solution"))
     except NotRigidError:
-        return None  # no solution
+        return None
 
 
 def _finite(value: Any) -> Any:
-    """JSON knows no NaN."""
+    """Replace numbers that are not finite by None, since JSON has no NaN."""
     match value:
         case dict():
             return {key: _finite(item) for key, item in value.items()}

@@ -1,14 +1,14 @@
-"""The hand-eye calibration on disk: where the camera is on the flange, who measured it with what, and when.
+"""The hand-eye file: the pose of the camera on the flange, with the camera, the robot and the time of the measurement.
 
-A JSON file: `schema_version` 1, `created` (ISO 8601 with a time zone), `camera_id` and `robot_serial` (null where not
-known), and `T_flange_camera` as `{"xyz_m": [x, y, z], "quat_xyzw": [x, y, z, w]}`, metres. One that was solved here
-also tells how sure it is and what was found, as `calibration.storage.document` writes it; whatever else is in it is
-left to its writer. The form that recordings carry, `{"T_flange_camera": 4x4 matrix}` alone, is taken too; its age and
-its camera are then not known.
+It is a JSON file with `schema_version` 1, `created` (ISO 8601 with a time zone), `camera_id` and `robot_serial` (null
+if not known), and `T_flange_camera` as `{"xyz_m": [x, y, z], "quat_xyzw": [x, y, z, w]}`, metres. A solved calibration
+has its accuracy and findings too, as in `calibration.storage.document`. Other members are ignored. The form that
+recordings have, `{"T_flange_camera": 4x4 matrix}` alone, is read as well; its age and its camera are then not known.
 """
 
 import contextlib
 import hashlib
+import os
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -17,20 +17,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.dataset.atomic_write import TooLargeError, read_limited, replace_synced
-from calibration.dataset.forms import read_form
+from calibration.dataset.forms import parse_form
 from calibration.errors import (
     HandEyeError,
+    HandEyeFutureDateError,
     HandEyeInvalidError,
     HandEyeMismatchError,
     HandEyeMissingError,
-    HandEyeOfTheFutureError,
     HandEyeRefusedError,
     HandEyeStaleError,
     HandEyeUnreadableError,
 )
 from calibration.result import Finding, Verdict
 from calibration.storage.schema import HandEyeForm, JudgedForm, Metrics
-from calibration.storage.writer import check_place, write_hand_eye, write_result
+from calibration.storage.writer import check_distance, write_hand_eye, write_result
 from calibration.target.board import Board
 
 __all__ = [
@@ -45,18 +45,18 @@ __all__ = [
     "write_result",
 ]
 
-CLOCKS_APART = timedelta(hours=25)
-"""So much may the clock of the machine that wrote a file be ahead of ours. A day's mistake in either, by date or by
-time zone, is no reason to stop work: it only makes the file's age a day wrong."""
-BACKWARDS = -0.2
-"""Cosine of the angle between the camera's view and the flange's z from which on it looks back: 102 degrees. Across is
-the most that a mounting is meant to turn it."""
+MAX_CLOCK_DIFFERENCE = timedelta(hours=25)
+"""Largest time by which a file may be dated in the future. A clock that is wrong by a day or a time zone must not stop
+work: it makes the age of the file wrong by a day only."""
+LOOKS_BACK_COSINE = -0.2
+"""Cosine of the angle between the view of the camera and the z axis of the flange, from which the camera looks back:
+102 degrees. A mounting turns the camera by 90 degrees at most."""
 CHECK_ROTATION = (
-    "check that quat_xyzw has the order x, y, z, w, the real part last, and that T_flange_camera is not given the "
-    "other way round"
+    "check that quat_xyzw has the order x, y, z, w, with the real part last, and that T_flange_camera is not inverted"
 )
-"""What to do about a camera that looks back."""
-LARGEST_BYTES = 16 << 20
+"""What to do if the camera looks back."""
+MAX_BYTES = 16 << 20
+"""Largest file that is read."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,7 +91,7 @@ class HandEye:
     """Estimated noise of the robot's position along one axis, metres, one sigma."""
     robot_sigma_rad: float | None = None
     """Estimated noise of the robot's rotation about one axis, radians, one sigma."""
-    eight_views_m: float | None = None
+    repeatability_95_m: float | None = None
     """Predicted bound, metres. In 95 % of scans, no two of eight views disagree by more."""
     views_used: int | None = None
     """Number of views that it was solved from."""
@@ -101,7 +101,7 @@ class HandEye:
     """Findings that do not refuse the calibration. Their messages are among the warnings."""
 
 
-def load_hand_eye(path: Path, max_age_days: float, now: datetime | None = None) -> HandEye:
+def load_hand_eye(path: str | os.PathLike[str], max_age_days: float, now: datetime | None = None) -> HandEye:
     """Read a hand-eye calibration from a file and check that it may be used.
 
     Args:
@@ -115,16 +115,20 @@ def load_hand_eye(path: Path, max_age_days: float, now: datetime | None = None) 
         HandEyeInvalidError: The content is not valid, or the camera stands in the cell.
         HandEyeRefusedError: The calibration was refused when it was solved.
         HandEyeStaleError: It is too old.
-        HandEyeOfTheFutureError: Its date is in the future.
+        HandEyeFutureDateError: Its date is in the future.
     """
+    path = Path(path)
     content = _read(
-        path, "calibrate, or name another file in hand_eye.file", "hand_eye.file names the JSON file itself"
+        path, "calibrate, or set hand_eye.file to another file", "set hand_eye.file to the JSON file itself"
     )
-    return _parsed(path, content, max_age_days, now or datetime.now(UTC))
+    return _parse(path, content, max_age_days, now or datetime.now(UTC))
 
 
 def activate(
-    run_file: Path, active_file: Path, camera_id: str | None = None, robot_serial: str | None = None
+    run_file: str | os.PathLike[str],
+    active_file: str | os.PathLike[str],
+    camera_id: str | None = None,
+    robot_serial: str | None = None,
 ) -> HandEye:
     """Make a solved calibration the active one in one step, and keep the former one as `*.previous.json`.
 
@@ -138,30 +142,37 @@ def activate(
         HandEyeError: As `load_hand_eye` and `require_match`. The former calibration stays active.
         OSError: A file cannot be written. The former calibration stays active.
     """
-    which = "name the file of a solved calibration, or the folder of its run"
+    run_file, active_file = Path(run_file), Path(active_file)
+    which = "give the file of a solved calibration, or the folder of its run"
     content = _read(run_file, which, which)
-    hand_eye = _parsed(run_file, content, float("inf"), datetime.now(UTC))
+    hand_eye = _parse(run_file, content, float("inf"), datetime.now(UTC))
     require_match(hand_eye, camera_id, robot_serial)
     active_file.parent.mkdir(parents=True, exist_ok=True)
     former = None
     with contextlib.suppress(FileNotFoundError, IsADirectoryError, TooLargeError):
-        former = read_limited(active_file, LARGEST_BYTES)
-    if former not in (None, content):  # activated twice, it is not its own former one
+        former = read_limited(active_file, MAX_BYTES)
+    if former not in (None, content):  # a second activation keeps the former calibration
         replace_synced(previous_path(active_file), former)
     replace_synced(active_file, content)
     return hand_eye
 
 
-def previous_path(active_file: Path) -> Path:
-    """Where the calibration is kept that was in use before."""
+def previous_path(active_file: str | os.PathLike[str]) -> Path:
+    """Return the path at which the formerly active calibration is kept."""
+    active_file = Path(active_file)
     return active_file.with_name(f"{active_file.stem}.previous.json")
 
 
 def require_match(hand_eye: HandEye, camera_id: str | None, robot_serial: str | None) -> None:
-    """Refuses a calibration of another camera or robot; what either side does not know is let pass.
+    """Check that a calibration belongs to a camera and a robot. Unknown names on either side are not compared.
+
+    Args:
+        hand_eye: The calibration.
+        camera_id: Device id of the camera. None: not known.
+        robot_serial: Serial number of the robot. None: not known.
 
     Raises:
-        HandEyeMismatchError: with both names.
+        HandEyeMismatchError: Camera or robot differ. The message names both.
     """
     for what, measured, found in (
         ("camera", hand_eye.camera_id, camera_id),
@@ -169,37 +180,39 @@ def require_match(hand_eye: HandEye, camera_id: str | None, robot_serial: str | 
     ):
         if measured is not None and found is not None and measured != found:
             raise HandEyeMismatchError(
-                f"the hand-eye calibration was made with {what} {measured}, this is {what} {found}: calibrate anew, "
-                "or name the right file in hand_eye.file"
+                f"the hand-eye calibration was made with {what} {measured}, this is {what} {found}: calibrate again, "
+                "or set hand_eye.file to the right file"
             )
 
 
 def _read(path: Path, missing: str, no_file: str) -> bytes:
-    """The file's content; `missing` and `no_file` say what to do when there is none, or something else."""
+    """Read the file. `missing` and `no_file` say what to do if it does not exist or is a folder."""
     try:
-        return read_limited(path, LARGEST_BYTES)
+        return read_limited(path, MAX_BYTES)
     except FileNotFoundError as error:
         raise HandEyeMissingError(f"there is no hand-eye calibration {path}: {missing}") from error
     except IsADirectoryError as error:
         raise HandEyeUnreadableError(f"{error}: {no_file}") from error
     except TooLargeError as error:
-        raise HandEyeUnreadableError(f"{error}; it is no calibration") from error
+        raise HandEyeUnreadableError(f"{error}; this is not a calibration") from error
     except OSError as error:
         raise HandEyeUnreadableError(f"{path} cannot be read: {error.strerror}") from error
 
 
-def _parsed(path: Path, content: bytes, max_age_days: float, now: datetime) -> HandEye:
-    judged = read_form(JudgedForm, content, path, HandEyeInvalidError)
+def _parse(path: Path, content: bytes, max_age_days: float, now: datetime) -> HandEye:
+    """Parse the content of a hand-eye file, and check that it may be used."""
+    judged = parse_form(JudgedForm, content, path, HandEyeInvalidError)
     findings = tuple(Finding(**vars(told)) for told in judged.findings or [])
     if judged.refusals:
         why = "; ".join(judged.refusals)
         raise HandEyeRefusedError(f"the calibration {path} was refused when it was solved: {why}")
     if judged.mounting != "eye-in-hand" or judged.T_base_camera is not None:
         raise HandEyeInvalidError(
-            f"{path} is of a camera that stands in the cell (eye-to-hand): a camera on the flange is needed here"
+            f"{path} is the calibration of a camera that stands in the cell (eye-to-hand); a camera on the "
+            "flange is needed"
         )
-    form = read_form(HandEyeForm, content, path, HandEyeInvalidError)
-    check_place(path, form.T_flange_camera)
+    form = parse_form(HandEyeForm, content, path, HandEyeInvalidError)
+    check_distance(path, form.T_flange_camera)
     _check_age(path, form.created, max_age_days, now)
     return HandEye(
         T_flange_camera=form.T_flange_camera,
@@ -207,7 +220,9 @@ def _parsed(path: Path, content: bytes, max_age_days: float, now: datetime) -> H
         camera_id=form.camera_id,
         robot_serial=form.robot_serial,
         sha256=hashlib.sha256(content).hexdigest(),
-        warnings=_backwards(form.T_flange_camera) + _unknown(form) + tuple(finding.words for finding in findings),
+        warnings=_looks_back_warnings(form.T_flange_camera)
+        + _unknown(form)
+        + tuple(finding.message for finding in findings),
         covariance=np.array(form.covariance.matrix) if form.covariance else None,
         joint_covariance=form.joint_covariance,
         T_base_board=form.T_base_board,
@@ -221,15 +236,15 @@ def _parsed(path: Path, content: bytes, max_age_days: float, now: datetime) -> H
 
 
 def _unknown(form: HandEyeForm) -> tuple[str, ...]:
-    """Warnings of what cannot be checked."""
-    told = {
+    """Return a warning for each property that is not known and not checked."""
+    properties = {
         "when it was made": form.created,
         "of which camera it is": form.camera_id,
         "of which robot it is": form.robot_serial,
     }
     return tuple(
-        f"the hand-eye file does not say {about}, which is not checked: calibrate anew to have it known"
-        for about, value in told.items()
+        f"the hand-eye file does not say {about}, so this is not checked: calibrate again to record it"
+        for about, value in properties.items()
         if value is None
     )
 
@@ -240,23 +255,24 @@ def looks_back_message(T_flange_camera: NDArray[np.float64]) -> str:
     return f"by the hand-eye file the camera looks back at the arm, {degrees:.0f} degrees from the flange's z"
 
 
-def _backwards(T_flange_camera: NDArray[np.float64]) -> tuple[str, ...]:
+def _looks_back_warnings(T_flange_camera: NDArray[np.float64]) -> tuple[str, ...]:
     """Return a warning if the camera looks back along the flange's z: this is a mistake in the file, not a mounting."""
-    if T_flange_camera[2, 2] > BACKWARDS:
+    if T_flange_camera[2, 2] > LOOKS_BACK_COSINE:
         return ()
     return (f"{looks_back_message(T_flange_camera)}: {CHECK_ROTATION}",)
 
 
 def _check_age(path: Path, created: datetime | None, max_age_days: float, now: datetime) -> None:
+    """Check that a calibration is neither too old nor dated in the future."""
     if created is None:
         return
-    if created > now + CLOCKS_APART:
-        raise HandEyeOfTheFutureError(
-            f"{path} was made at {created.isoformat()}, and it is {now.isoformat(timespec='seconds')} now: set this "
-            "machine's clock, or calibrate anew"
+    if created > now + MAX_CLOCK_DIFFERENCE:
+        raise HandEyeFutureDateError(
+            f"{path} was made at {created.isoformat()}, and the time is {now.isoformat(timespec='seconds')}: set the "
+            "clock of this machine, or calibrate again"
         )
     days = (now - created) / timedelta(days=1)
     if not days <= max_age_days:
         raise HandEyeStaleError(
-            f"{path} is {days:.1f} days old, and hand_eye.max_age_days is {max_age_days:g}: calibrate anew"
+            f"{path} is {days:.1f} days old, and hand_eye.max_age_days is {max_age_days:g}: calibrate again"
         )

@@ -1,4 +1,4 @@
-"""What the hand-eye file may hold; fields that are not named here are left to their writers."""
+"""Schema of the hand-eye file as it is read. Other members are ignored."""
 
 import reprlib
 from typing import Annotated, Any, Literal, Self
@@ -7,19 +7,20 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import AfterValidator, AliasPath, Field, PlainValidator, TypeAdapter, model_validator
 
-from calibration.dataset.forms import STRICT, Form, Numbers6, PinholeMatrix, Time, to_transform
+from calibration.dataset.forms import STRICT_CONFIG, Form, PinholeMatrix, Timestamp, Vector6, transform_from_json
 from calibration.geometry.transforms import with_nearest_rotation
 from calibration.observations import Mounting
 from calibration.result import Verdict
-from calibration.storage.document import COVARIANCE
+from calibration.storage.document import COVARIANCE, JSON_KEYS
 from calibration.target.board import Board
 
-ASYMMETRY = 1e-6
-"""Share of the two variances' geometric mean by which a covariance and its transpose may differ."""
+MAX_ASYMMETRY = 1e-6
+"""Largest asymmetry of a correlation matrix."""
 
 JOINT_SHAPES = ((12, 12), (17, 17))
+"""Shapes of a joint covariance: of X and Y, or also of the camera and the size of the board."""
 
-_MATRIX = TypeAdapter(list[Annotated[list[float], Field(min_length=12, max_length=17)]], config=STRICT)
+_MATRIX = TypeAdapter(list[Annotated[list[float], Field(min_length=12, max_length=17)]], config=STRICT_CONFIG)
 NotNegative = Annotated[float, Field(ge=0)]
 
 
@@ -30,43 +31,43 @@ def _covariance(matrix: list[list[float]]) -> list[list[float]]:
     if (variances > 0).all():
         # Scaled, because metres and radians differ by orders of magnitude.
         scaled = values / np.sqrt(np.outer(variances, variances))
-        if np.abs(scaled - scaled.T).max() <= ASYMMETRY and np.linalg.eigvalsh(scaled).min() > 0:
+        if np.abs(scaled - scaled.T).max() <= MAX_ASYMMETRY and np.linalg.eigvalsh(scaled).min() > 0:
             return matrix
-    raise ValueError("it is no covariance, which is symmetric and positive definite")
+    raise ValueError("this is not a covariance, which is symmetric and positive definite")
 
 
 def _joint_covariance(value: Any) -> NDArray[np.float64] | None:
-    """Of X and Y, and perhaps camera and board; its parts may hang together as closely as rounding allows."""
+    """Read a joint covariance. Its parts may be fully correlated, up to rounding."""
     if value is None:
         return None
     matrix = np.array(_MATRIX.validate_python(value))
     if matrix.shape in JOINT_SHAPES and (np.diag(matrix) > 0).all():
         scaled = matrix / np.sqrt(np.outer(np.diag(matrix), np.diag(matrix)))
-        if np.abs(scaled - scaled.T).max() <= ASYMMETRY and np.linalg.eigvalsh(scaled).min() > -ASYMMETRY:
+        if np.abs(scaled - scaled.T).max() <= MAX_ASYMMETRY and np.linalg.eigvalsh(scaled).min() > -MAX_ASYMMETRY:
             return matrix
-    raise ValueError("it is no covariance of 12 or 17 errors")
+    raise ValueError("this is not a covariance of 12 or 17 errors")
 
 
 def _board(value: Any) -> Board | None:
-    """Without what was found of its size."""
+    """Read the board without its estimated size."""
     if isinstance(value, dict):
-        value = {key: told for key, told in value.items() if key not in ("scale", "scale_sigma")}
+        value = {key: item for key, item in value.items() if key not in ("scale", "scale_sigma")}
     return None if value is None else Board.from_json(value)
 
 
 def _exact_transform(value: Any) -> NDArray[np.float64]:
     """Read a transform and make its rotation exact: the inverse kinematics find no joint angles for a rounded one."""
-    return with_nearest_rotation(to_transform(value))
+    return with_nearest_rotation(transform_from_json(value))
 
 
 ExactTransform = Annotated[NDArray[np.float64], PlainValidator(_exact_transform)]
-CovarianceMatrix = Annotated[list[Numbers6], Field(min_length=6, max_length=6), AfterValidator(_covariance)]
+CovarianceMatrix = Annotated[list[Vector6], Field(min_length=6, max_length=6), AfterValidator(_covariance)]
 
 
 class _Finding(Form):
     code: str
-    words: str
-    refuses: bool = False
+    message: Annotated[str, Field(validation_alias=JSON_KEYS["message"])]
+    blocking: Annotated[bool, Field(validation_alias=JSON_KEYS["blocking"])] = False
 
 
 class _Covariance(Form):
@@ -76,12 +77,12 @@ class _Covariance(Form):
     units: list[str] | None = None
 
     @model_validator(mode="after")
-    def _as_ours(self) -> Self:
+    def _check_convention(self) -> Self:
         """Refuses one of another frame, order or unit, whose numbers would be taken for others."""
-        for name, ours in COVARIANCE.items():
-            told = getattr(self, name)
-            if told is not None and told != ours:
-                raise ValueError(f"its {name} is {reprlib.repr(told)}; {ours} is needed")
+        for name, expected in COVARIANCE.items():
+            given = getattr(self, name)
+            if given is not None and given != expected:
+                raise ValueError(f"its {name} is {reprlib.repr(given)}; {expected} is needed")
         return self
 
 
@@ -96,16 +97,16 @@ class _Verification(Form):
 
 
 class Metrics(Form):
-    """How sure it is."""
+    """Accuracy of a calibration."""
 
     robot_sigma_m: NotNegative | None = None
     robot_sigma_rad: NotNegative | None = None
-    eight_views_m: NotNegative | None = None
+    repeatability_95_m: Annotated[NotNegative | None, Field(validation_alias=JSON_KEYS["repeatability_95_m"])] = None
     views_used: Annotated[int, Field(ge=0)] | None = None
 
 
 class JudgedForm(Form):
-    """Whether it may be used: one that was refused may hold any transform."""
+    """The members that decide whether a calibration may be used. A refused one may have any transform."""
 
     schema_version: Literal[1] = 1
     mounting: Mounting = "eye-in-hand"
@@ -116,21 +117,21 @@ class JudgedForm(Form):
 
     @property
     def refusals(self) -> tuple[str, ...]:
-        """Why it must not be used, in words; empty: it may be. The verdict alone is not relied on."""
-        words = [finding.words for finding in self.findings or [] if finding.refuses]
-        # Without views nothing was verified, which is no failure.
-        if self.verification is not None and self.verification.views and not self.verification.passed and not words:
-            words = [f"on views that were held out, {self.verification.words}"]
-        if self.verdict == "refuse" and not words:
-            words = ["calibrate anew; the file does not say why"]
-        return tuple(words)
+        """Reasons why it must not be used; empty if it may be used. The verdict alone does not decide."""
+        reasons = [finding.message for finding in self.findings or [] if finding.blocking]
+        # A verification without views is not a failure.
+        if self.verification is not None and self.verification.views and not self.verification.passed and not reasons:
+            reasons = [f"on views that were held out, {self.verification.words}"]
+        if self.verdict == "refuse" and not reasons:
+            reasons = ["the file does not say why; calibrate again"]
+        return tuple(reasons)
 
 
 class HandEyeForm(JudgedForm):
-    """One that was not refused, of a camera on the flange."""
+    """A calibration of a camera on the flange that was not refused."""
 
     T_flange_camera: ExactTransform
-    created: Time | None = None
+    created: Timestamp | None = None
     camera_id: str | None = None
     robot_serial: str | None = None
     covariance: _Covariance | None = None

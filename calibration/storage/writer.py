@@ -1,6 +1,7 @@
-"""Writes the hand-eye file: a plain one, or a solved one with its observations beside it."""
+"""Writing of the hand-eye file: a transform alone, or a solved calibration with its observations."""
 
 import json
+import os
 from datetime import datetime
 from pathlib import Path
 from typing import Any
@@ -9,8 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from calibration.dataset.atomic_write import replace_synced
-from calibration.dataset.forms import time_document, transform_document
-from calibration.dataset.observations_file import OBSERVATIONS, write_observations
+from calibration.dataset.forms import time_to_json, transform_to_json
+from calibration.dataset.observations_file import OBSERVATIONS_FILE, write_observations
 from calibration.errors import HandEyeInvalidError
 from calibration.geometry.transforms import rigid
 from calibration.observations import Observations
@@ -18,74 +19,98 @@ from calibration.result import HandEyeResult
 from calibration.storage.document import result_document
 
 SCHEMA_VERSION = 1
-FARTHEST_M = 1.0
-"""No camera is farther from the flange that carries it; larger numbers are millimetres."""
+"""Version of the file."""
+MAX_DISTANCE_M = 1.0
+"""Largest distance of a camera from the flange. Larger numbers are millimetres."""
 
 
 def write_hand_eye(
-    path: Path,
+    path: str | os.PathLike[str],
     T_flange_camera: ArrayLike,
     *,
     created: datetime,
     camera_id: str | None = None,
     robot_serial: str | None = None,
 ) -> None:
-    """Writes a calibration; a file of that name is replaced in one step, so nobody reads half of it.
+    """Write a hand-eye file. An existing file is replaced in one step, so no reader sees half of it.
+
+    Args:
+        path: The JSON file.
+        T_flange_camera: (4, 4) pose of the camera on the flange, metres.
+        created: Time of the measurement, with a time zone.
+        camera_id: Device id of the camera. None: not known.
+        robot_serial: Serial number of the robot. None: not known.
 
     Raises:
-        NotRigidError: T_flange_camera (4, 4) is not a rigid transform.
-        HandEyeInvalidError: it is farther from the flange than a camera can be, or `created` has no time zone.
-        OSError: the file cannot be written.
+        NotRigidError: T_flange_camera is not a rigid transform.
+        HandEyeInvalidError: The camera is too far from the flange, or `created` has no time zone.
+        OSError: The file cannot be written.
     """
+    path = Path(path)
     T = rigid(T_flange_camera, "T_flange_camera")
-    check_place(path, T)
-    _write(path, _head(path, created, camera_id, robot_serial) | {"T_flange_camera": transform_document(T)})
+    check_distance(path, T)
+    _write(path, _head(path, created, camera_id, robot_serial) | {"T_flange_camera": transform_to_json(T)})
 
 
 def write_result(
-    path: Path,
+    path: str | os.PathLike[str],
     result: HandEyeResult,
     observations: Observations,
     held_out: Observations | None = None,
     verification: dict[str, Any] | None = None,
 ) -> None:
-    """Writes a solved calibration, whatever its verdict, and `observations.json` beside it; each in one step.
+    """Write a solved calibration, whatever its verdict, and `observations.json` beside it, each in one step.
 
-    It is as old as the observations. `held_out` are the views that it was verified on, `verification` how that went, as
-    JSON's values.
+    Args:
+        path: The JSON file of the calibration.
+        result: The calibration.
+        observations: The views that it was solved from. Their time is the time of the calibration.
+        held_out: Views that it was verified on. None: no such views.
+        verification: Result of this verification as JSON values. None: not verified.
 
     Raises:
-        HandEyeInvalidError: the observations' `created` has no time zone, or a result that is not refused puts the
-            camera farther from the flange than it can be.
-        OSError: a file cannot be written.
+        HandEyeInvalidError: The time of the observations has no time zone, or a result that is not refused has the
+            camera too far from the flange.
+        OSError: A file cannot be written.
     """
+    path = Path(path)
     if result.verdict != "refuse" and result.mounting == "eye-in-hand":
-        check_place(path, result.X)
+        check_distance(path, result.X)
     head = _head(path, observations.created, observations.camera_id, observations.robot_serial)
-    sha256 = write_observations(path.with_name(OBSERVATIONS), observations, held_out)
+    sha256 = write_observations(path.with_name(OBSERVATIONS_FILE), observations, held_out)
     _write(path, head | result_document(result, observations, verification) | {"observations_sha256": sha256})
 
 
-def check_place(path: Path, T_flange_camera: NDArray[np.float64]) -> None:
-    """Refuses a camera that is farther from the flange than one can be. Raises HandEyeInvalidError."""
-    far = float(np.linalg.norm(T_flange_camera[:3, 3]))
-    if far > FARTHEST_M:
+def check_distance(path: Path, T_flange_camera: NDArray[np.float64]) -> None:
+    """Check that the camera is at a possible distance from the flange.
+
+    Args:
+        path: The file, for the message.
+        T_flange_camera: (4, 4) pose of the camera on the flange, metres.
+
+    Raises:
+        HandEyeInvalidError: It is farther than `MAX_DISTANCE_M`.
+    """
+    distance_m = float(np.linalg.norm(T_flange_camera[:3, 3]))
+    if distance_m > MAX_DISTANCE_M:
         raise HandEyeInvalidError(
-            f"{path}: T_flange_camera puts the camera {far:.4g} m from the flange; up to {FARTHEST_M:g} m is taken: "
-            "metres are needed, and these look like millimetres"
+            f"{path}: T_flange_camera puts the camera {distance_m:.4g} m from the flange, and at most "
+            f"{MAX_DISTANCE_M:g} m is accepted: give metres; these look like millimetres"
         )
 
 
 def _head(path: Path, created: datetime | None, camera_id: str | None, robot_serial: str | None) -> dict[str, Any]:
+    """Return the members that all hand-eye files begin with."""
     if created is not None and created.tzinfo is None:
         raise HandEyeInvalidError(f"{path}: created is {created.isoformat()}; a time zone is needed")
     return {
         "schema_version": SCHEMA_VERSION,
-        "created": time_document(created),
+        "created": time_to_json(created),
         "camera_id": camera_id,
         "robot_serial": robot_serial,
     }
 
 
 def _write(path: Path, document: dict[str, Any]) -> None:
+    """Write a document in one step."""
     replace_synced(path, (json.dumps(document, indent=2, allow_nan=False) + "\n").encode())

@@ -1,4 +1,4 @@
-"""Calibration boards: their corners in the board frame."""
+"""Calibration boards: their kinds, sizes, and the positions of their corners in the board frame."""
 
 import sys
 from collections.abc import Mapping
@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 
 BoardKind = Literal["charuco", "checkerboard", "circles"]
 
-KINDS: tuple[BoardKind, ...] = ("charuco", "checkerboard", "circles")
+BOARD_KINDS: tuple[BoardKind, ...] = ("charuco", "checkerboard", "circles")
 
-# A table instead of a question to OpenCV: boards are made where OpenCV is not imported yet, which takes long.
-MARKERS = {
+# A table, because importing OpenCV takes long and boards are also made where it is not loaded.
+MARKER_COUNTS = {
     **{f"DICT_{bits}X{bits}_{count}": count for bits in (4, 5, 6, 7) for count in (50, 100, 250, 1000)},
     "DICT_ARUCO_ORIGINAL": 1024,
     "DICT_APRILTAG_16h5": 30,
@@ -22,19 +22,21 @@ MARKERS = {
     "DICT_APRILTAG_36h11": 587,
     "DICT_ARUCO_MIP_36h12": 250,
 }
-"""OpenCV's dictionaries of markers: how many there are in each."""
+"""Number of markers in each marker dictionary of OpenCV."""
 
-SMALLEST_PITCH_M, LARGEST_PITCH_M = 0.001, 0.5
-"""From a board under a microscope to one as large as a door; all else is a slip of units."""
-MOST = 100
-"""Squares or dots on a side."""
-FEWEST = {"charuco": 3, "checkerboard": 4, "circles": 3}
-"""On a side, so that what is detected (inner corners, dots) spans a plane; OpenCV needs 3 x 3 corners of a
-checkerboard."""
-SMALLEST_MARKER = 0.3
-"""Share of the square from which on a marker can be read where the corners can be seen."""
-FEWEST_CORNERS = 6
-"""Of a board, and of a view: a pose has six unknowns, which three points give but do not check."""
+MIN_PITCH_M, MAX_PITCH_M = 0.001, 0.5
+"""Range of the pitch and of the marker side, from a board under a microscope to a board as large as a door. A value
+outside this range is a mistake in the unit."""
+MAX_PER_SIDE = 100
+"""Maximum number of squares or dots along a side."""
+MIN_PER_SIDE = {"charuco": 3, "checkerboard": 4, "circles": 3}
+"""Minimum number of squares or dots along a side. The detected points (inner corners or dots) must span a plane, and
+OpenCV needs 3 x 3 inner corners of a checkerboard."""
+MIN_MARKER_SHARE = 0.3
+"""Minimum side of a marker, as a share of the square. A smaller marker cannot be read where corners can be seen."""
+MIN_CORNERS = 6
+"""Minimum number of corners of a board and of a view. A pose has six unknowns: three points determine it, but leave
+nothing to check it."""
 
 
 class BoardError(ValueError):
@@ -45,12 +47,12 @@ class BoardError(ValueError):
 
 @dataclass(frozen=True)
 class Board:
-    """A flat board.
+    """A flat calibration board.
 
     The origin of its frame is the first corner (or dot), at the top left of the print. x points along a row of corners,
     y to the next row, and z = x cross y into the paper. The boards of OpenCV have the same axes; the origin of its
-    ChArUco boards is one square up and to the left. Chessboards begin with a black square at the top left. The first
-    dot of a circle grid is the larger one, if there is a larger one.
+    ChArUco boards is one square up and to the left. Chessboards begin with a black square at the top left. If a circle
+    grid has one larger dot, this dot is the first.
 
     The default board fits on A4 and letter paper with its white margin. A camera of 640x400 pixels and 402 px focal
     length sees all of it from 0.36 m, and finds all corners up to 0.8 m at a tilt of 30 degrees, or up to 0.6 m if
@@ -65,7 +67,7 @@ class Board:
     columns: int = 9
     """Squares in a row of a chessboard or ChArUco board; dots in a row of a circle grid."""
     rows: int = 7
-    """Rows of squares, or of dots. Odd for ChArUco, since OpenCV has two layouts that differ if it is even."""
+    """Rows of squares, or of dots. Odd for ChArUco, because OpenCV has two layouts for an even number."""
     pitch_m: float = 0.026
     """Side of a square, or distance of neighbouring dots, measured on the print, metres."""
     marker_m: float = 0.02
@@ -74,47 +76,48 @@ class Board:
     """Name of the marker dictionary in OpenCV."""
 
     def __post_init__(self) -> None:
-        if self.kind not in KINDS:
-            raise BoardError(f"the board is of kind {str(self.kind)[:40]!r}: one of {', '.join(KINDS)} is needed")
+        if self.kind not in BOARD_KINDS:
+            raise BoardError(f"the board kind is {str(self.kind)[:40]!r}: use one of {', '.join(BOARD_KINDS)}")
+        min_count = MIN_PER_SIDE[self.kind]
         for name, count in (("columns", self.columns), ("rows", self.rows)):
-            if isinstance(count, bool) or not isinstance(count, int) or not FEWEST[self.kind] <= count <= MOST:
+            if isinstance(count, bool) or not isinstance(count, int) or not min_count <= count <= MAX_PER_SIDE:
                 raise BoardError(
-                    f"the board has {str(count)[:40]} {name}: a whole number from {FEWEST[self.kind]} to {MOST} is "
-                    f"needed for the kind {self.kind}"
+                    f"the board has {str(count)[:40]} {name}: use a whole number from {min_count} to {MAX_PER_SIDE} "
+                    f"for the kind {self.kind}"
                 )
         _check_length("pitch_m", self.pitch_m)
         if self.kind == "charuco":
             self._check_markers()
-        else:  # it has none: boards that are the same are equal
+        else:  # Without markers the two fields mean nothing; equal boards must compare equal.
             object.__setattr__(self, "marker_m", Board.marker_m)
             object.__setattr__(self, "dictionary", Board.dictionary)
-        if len(self.points) < FEWEST_CORNERS:
+        if len(self.points) < MIN_CORNERS:
             raise BoardError(
-                f"a {self.kind} board of {self.columns} x {self.rows} has {len(self.points)} corners: "
-                f"{FEWEST_CORNERS} are needed, take more columns or rows"
+                f"a {self.kind} board of {self.columns} x {self.rows} has {len(self.points)} corners, and at least "
+                f"{MIN_CORNERS} are needed: use more columns or rows"
             )
 
     def _check_markers(self) -> None:
         if self.rows % 2 == 0:
             raise BoardError(
                 f"the ChArUco board has {self.rows} rows: an odd number is needed, because boards with an even number "
-                "are printed in two layouts, and the wrong one is not seen"
+                "are printed in two layouts, and a board of the other layout is not detected"
             )
         _check_length("marker_m", self.marker_m)
-        if not SMALLEST_MARKER * self.pitch_m <= self.marker_m < self.pitch_m:
+        if not MIN_MARKER_SHARE * self.pitch_m <= self.marker_m < self.pitch_m:
             raise BoardError(
-                f"marker_m is {self.marker_m:g} m and pitch_m {self.pitch_m:g} m: the markers stand inside the "
-                f"squares, so they must be smaller, and at least {SMALLEST_MARKER:.0%} of them to be read"
+                f"marker_m is {self.marker_m:g} m and pitch_m is {self.pitch_m:g} m: markers must be smaller than the "
+                f"squares and have at least {MIN_MARKER_SHARE:.0%} of their side"
             )
-        if not isinstance(self.dictionary, str) or self.dictionary not in MARKERS:
+        if not isinstance(self.dictionary, str) or self.dictionary not in MARKER_COUNTS:
             raise BoardError(
-                f"OpenCV has no dictionary {str(self.dictionary)[:40]!r}: one of {', '.join(MARKERS)} is needed"
+                f"OpenCV has no dictionary {str(self.dictionary)[:40]!r}: use one of {', '.join(MARKER_COUNTS)}"
             )
         needed = self.columns * self.rows // 2
-        if needed > MARKERS[self.dictionary]:
+        if needed > MARKER_COUNTS[self.dictionary]:
             raise BoardError(
                 f"a ChArUco board of {self.columns} x {self.rows} has {needed} markers, and {self.dictionary} has "
-                f"{MARKERS[self.dictionary]}: take a larger dictionary or fewer squares"
+                f"{MARKER_COUNTS[self.dictionary]}: use a larger dictionary or fewer squares"
             )
 
     @property
@@ -139,7 +142,7 @@ class Board:
         return self.columns * self.pitch_m, self.rows * self.pitch_m
 
     @property
-    def corner_of_print(self) -> tuple[float, float]:
+    def print_corner(self) -> tuple[float, float]:
         """(x, y) of the top left corner of the print, board frame, metres."""
         before = self.pitch_m / 2 if self.kind == "circles" else self.pitch_m
         return -before, -before
@@ -164,10 +167,13 @@ class Board:
 
     @classmethod
     def from_json(cls, document: object) -> "Board":
-        """Return the board of a document that `to_json` made. There are no defaults for missing members.
+        """Return the board of a document that `to_json` made.
+
+        Args:
+            document: The JSON object. Missing members have no defaults.
 
         Raises:
-            BoardError: Not an object, a member is missing or unknown, or the board is not valid.
+            BoardError: It is not an object, a member is missing or unknown, or the board is not valid.
         """
         if not isinstance(document, Mapping):
             raise BoardError(f"the board is {str(document)[:40]!r}: an object with kind, columns, rows ... is needed")
@@ -175,10 +181,10 @@ class Board:
         if document.get("kind") == "charuco":
             needed |= {"marker_m", "dictionary"}
         if missing := sorted(needed - set(document)):
-            raise BoardError(f"the board does not tell {', '.join(missing)}: add it")
+            raise BoardError(f"the board has no {', '.join(missing)}: add it")
         if unknown := sorted(str(key)[:40] for key in set(document) - needed):
             raise BoardError(
-                f"the board tells {', '.join(unknown)}, which is not known: {', '.join(sorted(needed))} are"
+                f"the board has unknown members ({', '.join(unknown)}): use only {', '.join(sorted(needed))}"
             )
         return cls(**{str(key): value for key, value in document.items()})
 
@@ -186,15 +192,20 @@ class Board:
 def _check_length(name: str, length_m: object) -> None:
     if isinstance(length_m, bool) or not isinstance(length_m, int | float) or not abs(length_m) <= sys.float_info.max:
         raise BoardError(f"{name} is {str(length_m)[:40]!r}: a number of metres is needed")
-    if not SMALLEST_PITCH_M <= length_m <= LARGEST_PITCH_M:
+    if not MIN_PITCH_M <= length_m <= MAX_PITCH_M:
         hint = f"metres are needed, and {length_m:g} looks like millimetres" if length_m >= 1 else "check the units"
-        raise BoardError(
-            f"{name} is {length_m:g} m, and boards have {SMALLEST_PITCH_M:g} to {LARGEST_PITCH_M:g} m: {hint}"
-        )
+        raise BoardError(f"{name} is {length_m:g} m, outside the range {MIN_PITCH_M:g} to {MAX_PITCH_M:g} m: {hint}")
 
 
-def default_board(told: dict[str, Any]) -> Board:
-    """The usual board, but for the fields `told`; markers in proportion to their squares. Raises BoardError."""
-    if "pitch_m" in told and "marker_m" not in told:
-        told = told | {"marker_m": told["pitch_m"] * Board.marker_m / Board.pitch_m}
-    return Board(**told)
+def board_with_defaults(fields: dict[str, Any]) -> Board:
+    """Return the board with the given fields, and the default board's values for the others.
+
+    Args:
+        fields: Fields of `Board` by name. Without `marker_m`, the markers keep their proportion to the squares.
+
+    Raises:
+        BoardError: A size or count is not valid.
+    """
+    if "pitch_m" in fields and "marker_m" not in fields:
+        fields = fields | {"marker_m": fields["pitch_m"] * Board.marker_m / Board.pitch_m}
+    return Board(**fields)

@@ -1,4 +1,4 @@
-"""Finds a calibration board in an image."""
+"""Detect a calibration board in an image."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -7,73 +7,82 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.errors import BoardImageError, BoardMirroredError, BoardNotSeenError
-from calibration.target.board import FEWEST_CORNERS, Board
+from calibration.target.board import MIN_CORNERS, Board
 from calibration.target.charuco import count_markers, find_charuco
-from calibration.target.corner_ordering import symmetric_numberings
-from calibration.target.grids import FirstDotElsewhereError, find_checkerboard, find_circles
-from calibration.target.planarity import check_planarity
+from calibration.target.grids import LargerDotMisplacedError, find_checkerboard, find_circles
+from calibration.target.planarity import find_planar_corners
 
-__all__ = ["BoardSighting", "detect_board", "symmetric_numberings"]
-
-SPREAD_PITCHES = 0.25
-"""Corners are on a line when they deviate less from it (rms): two rows do by 0.5, a row of nine and one more by 0.3."""
-DARK, BRIGHT = 25, 235
-"""Grey levels; an image whose median is beyond is under- or overexposed."""
+MIN_SPREAD_PITCHES = 0.25
+"""Minimum rms distance of the corners from their best line, in pitches. Two rows have 0.5, and a row of nine with one
+more corner has 0.3."""
+MIN_MEDIAN_GREY, MAX_MEDIAN_GREY = 25, 235
+"""Range of the median grey level. An image outside it is under- or overexposed."""
 ADVICE = "light the board evenly without glare, move it into the middle of the image, and bring it into focus"
+"""What to do if a board is not detected."""
 
 
 @dataclass(frozen=True, eq=False)
 class BoardSighting:
-    """What an image shows of a board."""
+    """The detected corners of a board in one image."""
 
     ids: NDArray[np.int64]
-    """(N,) numbers of the corners or dots seen, ascending: rows of `Board.points`. At least six, not on a line."""
+    """(N,) numbers of the corners or dots, ascending: rows of `Board.points`. At least six, not on a line."""
     pixels: NDArray[np.float64]
-    """(N, 2) where, x then y; the centre of the first pixel is (0, 0)."""
+    """(N, 2) pixels of the corners, x then y. The centre of the first pixel is (0, 0)."""
     corner_sigma_px: float | None
-    """Standard deviation of one coordinate, by how well they lie on a flat board; None: too few corners to tell."""
-    numbered: bool = True
-    """Whether the image told which corner is the first; if not, see `symmetric_numberings`."""
+    """Standard deviation of one coordinate, estimated from how well the corners lie on a flat board, pixels. None if
+    there are too few corners for an estimate."""
+    is_numbering_unique: bool = True
+    """Whether the image determines which corner is the first. If not, see
+    `calibration.target.corner_ordering.symmetric_numberings`."""
 
 
 def detect_board(image: NDArray[np.uint8], board: Board) -> BoardSighting:
-    """The corners of `board` in an image, (H, W) grey or (H, W, 3) BGR.
+    """Return the corners of a board in an image.
 
-    Of a ChArUco board a part is enough; of a checkerboard or a circle grid all of it must be in the image.
+    Part of a ChArUco board is enough. A checkerboard or a circle grid must be in the image as a whole.
+
+    Args:
+        image: (H, W) grey or (H, W, 3) BGR image of 8-bit pixels.
+        board: The board to search.
+
+    Returns:
+        At least six corners that are not on a line.
 
     Raises:
-        BoardImageError: not an 8-bit image.
-        BoardNotSeenError: fewer than six corners, or all on a line.
-        BoardMirroredError: a ChArUco board is seen, in a mirror image. Of other boards this cannot be told.
+        BoardImageError: The array is not an 8-bit image.
+        BoardNotSeenError: Fewer than six corners are visible, or all are on a line.
+        BoardMirroredError: The image shows the ChArUco board mirrored. Other boards cannot be checked for this.
     """
-    grey = _grey(image)
-    ids, pixels, numbered = _found(grey, board)
-    if board.kind == "charuco" and len(ids) < FEWEST_CORNERS:
-        _refuse_mirrored(grey, board)
+    grey = _to_grey(image)
+    ids, pixels, is_unique = _find_corners(grey, board)
+    if board.kind == "charuco" and len(ids) < MIN_CORNERS:
+        _raise_if_mirrored(grey, board)
     if len(ids) == 0:
         raise BoardNotSeenError(
-            f"{_nothing_seen(grey, board)}{_exposure(grey)}: {ADVICE}, and check that it is {board}"
+            f"{_describe_no_corners(grey, board)}{_describe_exposure(grey)}: {ADVICE}, and check that it is {board}"
         )
-    if len(ids) < FEWEST_CORNERS:
+    if len(ids) < MIN_CORNERS:
         raise BoardNotSeenError(
-            f"only {len(ids)} corners of the board ({board}) are seen, and {FEWEST_CORNERS} are needed"
-            f"{_exposure(grey)}: {ADVICE}, and clear away what hides it"
+            f"only {len(ids)} corners of the board ({board}) are visible, and at least {MIN_CORNERS} are needed"
+            f"{_describe_exposure(grey)}: {ADVICE}, and remove what covers it"
         )
-    if _on_a_line(board, ids):
+    if _are_collinear(board, ids):
         raise BoardNotSeenError(
-            f"the {len(ids)} corners seen of the board ({board}) lie on a line, from which its pose does not follow: "
+            f"the {len(ids)} visible corners of the board ({board}) lie on a line, which does not determine its pose: "
             "bring more of it into the image"
         )
-    agree, sigma = check_planarity(board, ids, pixels)
-    return BoardSighting(ids=ids[agree], pixels=pixels[agree], corner_sigma_px=sigma, numbered=numbered)
+    inliers, sigma = find_planar_corners(board, ids, pixels)
+    return BoardSighting(ids=ids[inliers], pixels=pixels[inliers], corner_sigma_px=sigma, is_numbering_unique=is_unique)
 
 
-def _grey(image: Any) -> NDArray[np.uint8]:
+def _to_grey(image: Any) -> NDArray[np.uint8]:
+    """Return the image as contiguous grey pixels (H, W)."""
     import cv2
 
     if not isinstance(image, np.ndarray) or image.dtype != np.uint8:
         kind = f"numbers of type {image.dtype}" if isinstance(image, np.ndarray) else f"a {type(image).__name__}"
-        raise BoardImageError(f"the image has {kind}: 8-bit pixels (uint8) are needed, convert it first")
+        raise BoardImageError(f"the image has {kind}: convert it to 8-bit pixels (uint8)")
     if image.ndim == 3 and image.shape[2] == 1:
         image = image[:, :, 0]
     if image.size == 0 or not (image.ndim == 2 or (image.ndim == 3 and image.shape[2] == 3)):
@@ -83,7 +92,8 @@ def _grey(image: Any) -> NDArray[np.uint8]:
     return np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), dtype=np.uint8)
 
 
-def _found(grey: NDArray[np.uint8], board: Board) -> tuple[NDArray[np.int64], NDArray[np.float64], bool]:
+def _find_corners(grey: NDArray[np.uint8], board: Board) -> tuple[NDArray[np.int64], NDArray[np.float64], bool]:
+    """Return the numbers (N,) and pixels (N, 2) of the corners, and whether the numbering is unique."""
     match board.kind:
         case "charuco":
             return *find_charuco(grey, board), True
@@ -92,43 +102,45 @@ def _found(grey: NDArray[np.uint8], board: Board) -> tuple[NDArray[np.int64], ND
         case "circles":
             try:
                 return find_circles(grey, board)
-            except FirstDotElsewhereError:
+            except LargerDotMisplacedError:
                 raise BoardNotSeenError(
-                    f"the circle grid's larger dot is not at a corner where a grid of {board.columns} columns and "
-                    f"{board.rows} rows begins: give as columns how many dots follow the larger one when it is held at "
-                    "the upper left, and check that the image is not mirrored"
+                    f"the larger dot of the circle grid is not at a corner where a grid of {board.columns} columns and "
+                    f"{board.rows} rows begins: hold the grid with the larger dot at the upper left, give the number "
+                    "of dots in its row as columns, and check that the image is not mirrored"
                 ) from None
 
 
-def _refuse_mirrored(grey: NDArray[np.uint8], board: Board) -> None:
+def _raise_if_mirrored(grey: NDArray[np.uint8], board: Board) -> None:
+    """Raise BoardMirroredError if the mirrored image shows the board."""
     ids, _ = find_charuco(np.ascontiguousarray(grey[:, ::-1]), board)
-    if len(ids) >= FEWEST_CORNERS:
+    if len(ids) >= MIN_CORNERS:
         raise BoardMirroredError(
-            f"the board is seen only when the image is mirrored, then with {len(ids)} corners: switch off the camera's "
-            "flip or mirror setting, or take the board out of the mirror"
+            f"the board is detected only in the mirrored image, with {len(ids)} corners: switch off the camera's "
+            "flip or mirror setting, or remove the mirror between camera and board"
         )
 
 
-def _nothing_seen(grey: NDArray[np.uint8], board: Board) -> str:
+def _describe_no_corners(grey: NDArray[np.uint8], board: Board) -> str:
     if board.kind != "charuco":
         what = "dots" if board.kind == "circles" else "squares"
-        return f"the board is not seen, which needs all of its {board.columns} x {board.rows} {what} in the image"
+        return f"the board is not detected, which needs all of its {board.columns} x {board.rows} {what} in the image"
     markers = count_markers(grey, board)
     if markers == 0:
-        return f"the board is not seen, and none of its markers ({board.dictionary}) is"
-    return f"the board is not seen; {markers} markers of {board.dictionary} are, but not as on this board"
+        return f"neither the board nor any of its markers ({board.dictionary}) is detected"
+    return f"the board is not detected; {markers} markers of {board.dictionary} are, but not arranged as on this board"
 
 
-def _exposure(grey: NDArray[np.uint8]) -> str:
+def _describe_exposure(grey: NDArray[np.uint8]) -> str:
     median = float(np.median(grey))
-    if median < DARK:
+    if median < MIN_MEDIAN_GREY:
         return f" (the image is dark, its median grey level is {median:.0f} of 255)"
-    if median > BRIGHT:
+    if median > MAX_MEDIAN_GREY:
         return f" (the image is very bright, its median grey level is {median:.0f} of 255)"
     return ""
 
 
-def _on_a_line(board: Board, ids: NDArray[np.int64]) -> bool:
-    places = board.points[ids, :2] / board.pitch_m
-    _, across = np.linalg.svd(places - places.mean(axis=0), compute_uv=False)
-    return bool(across < SPREAD_PITCHES * np.sqrt(len(ids)))
+def _are_collinear(board: Board, ids: NDArray[np.int64]) -> bool:
+    """Return whether the corners lie on a line."""
+    points = board.points[ids, :2] / board.pitch_m
+    _, across = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
+    return bool(across < MIN_SPREAD_PITCHES * np.sqrt(len(ids)))

@@ -1,6 +1,7 @@
-"""A board as a PDF to print, true to scale, with a line to check the scale by and what the board is in words."""
+"""Write a board as a PDF to print, true to scale, with a line to check the scale and a description of the board."""
 
 import io
+import os
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -14,128 +15,146 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from matplotlib.transforms import Transform
 
-PAPERS_MM = {"a4": (297.0, 210.0), "letter": (279.4, 215.9), "a3": (420.0, 297.0)}
-"""Long and short side."""
+PAPER_SIZES_MM = {"a4": (297.0, 210.0), "letter": (279.4, 215.9), "a3": (420.0, 297.0)}
+"""Long and short side of each paper size, mm."""
 EDGE_MM = 6.0
-"""Printers leave so much at the paper's edges white."""
-QUIET_PITCHES = {"charuco": 0.25, "checkerboard": 0.5, "circles": 0.25}
-"""White that detection needs around the board; OpenCV's checkerboard detector wants most."""
+"""Margin at the edges of the paper that printers leave white, mm."""
+QUIET_ZONE_PITCHES = {"charuco": 0.25, "checkerboard": 0.5, "circles": 0.25}
+"""White margin that detection needs around the board, in pitches. OpenCV's checkerboard detector needs the most."""
 STRIP_MM = 19.0
-"""For the check line and the words, along one side of the paper."""
+"""Width of the strip along one side of the paper for the check line and the description, mm."""
 STRIP_LENGTH_MM = 150.0
-"""No line of words is longer."""
+"""Length of the strip, mm. No line of the description is longer."""
 LINE_MM = 100.0
+"""Length of the check line, mm."""
 TICK_MM = 4.0
-INK_MM = 0.25
-"""Width of the check line."""
+"""Length of the ticks at the ends of the check line, mm."""
+STROKE_MM = 0.25
+"""Stroke width of the check line, mm."""
 TEXT_PT = 8.0
-STEP_MM = 0.5
-"""Of the pitch that is proposed where a board does not fit."""
+"""Font size, points."""
+PITCH_STEP_MM = 0.5
+"""Step of the pitch that is proposed if a board does not fit, mm."""
 MM_PER_INCH = 25.4
+"""Millimetres per inch."""
 
 
 @dataclass(frozen=True)
 class _Layout:
-    """Where everything is on the paper, mm from its top left corner."""
+    """Positions on the paper, mm from its top left corner."""
 
     width: float
+    """Width of the paper, mm."""
     height: float
+    """Height of the paper, mm."""
     left: float
-    """Of the board."""
+    """Left edge of the board, mm."""
     top: float
-    strip_below: bool
-    """The check line and the words are below the board; else to its right, turned by a quarter."""
+    """Top edge of the board, mm."""
+    is_strip_below: bool
+    """Whether the check line and the description are below the board. Otherwise they are to its right, rotated by a
+    quarter turn."""
     spare: float
-    """White left over on the narrower side."""
+    """Margin in excess of the quiet zone on the narrower side, mm. Negative if the board does not fit."""
 
 
-def write_board_pdf(board: Board, path: Path, paper: str = "a4") -> None:
-    """Writes the board as a PDF with one page: `paper` is "a4", "letter" or "a3", upright or across as the board fits.
+def write_board_pdf(board: Board, path: str | os.PathLike[str], paper: str = "a4") -> None:
+    """Write the board as a PDF with one page. The same board gives the same bytes.
 
-    The same board gives the same bytes.
+    Args:
+        board: The board.
+        path: The file. An existing file is overwritten.
+        paper: Paper size, "a4", "letter" or "a3". The orientation is chosen so that the board fits.
 
     Raises:
-        BoardError: there is no such paper, or the board does not fit on it.
-        OSError: the file cannot be written.
+        BoardError: The paper size is unknown, or the board does not fit on it.
+        OSError: The file cannot be written.
     """
     from matplotlib.backends.backend_pdf import FigureCanvasPdf
 
-    page = board_page(board, paper)
+    page = draw_board_page(board, paper)
     content = io.BytesIO()
-    # No date, so that the same board is the same file. Not `savefig`, which would crop the page where a user's settings
-    # ask for that.
+    # No date, so that the same board gives the same file. Not `savefig`, which crops the page with some user settings.
     metadata = {"Title": f"Calibration board: {board}", "Creator": None, "Producer": None, "CreationDate": None}
     FigureCanvasPdf(page).print_pdf(content, metadata=metadata)
-    path.write_bytes(content.getvalue())
+    Path(path).write_bytes(content.getvalue())
 
 
-def board_page(board: Board, paper: str = "a4") -> "Figure":
-    """The page as a matplotlib figure, of the paper's size.
+def draw_board_page(board: Board, paper: str = "a4") -> "Figure":
+    """Draw the page.
+
+    Args:
+        board: The board.
+        paper: Paper size, "a4", "letter" or "a3".
+
+    Returns:
+        A matplotlib figure of the size of the paper.
 
     Raises:
-        BoardError: there is no such paper, or the board does not fit on it.
+        BoardError: The paper size is unknown, or the board does not fit on it.
     """
     from matplotlib.figure import Figure
     from matplotlib.transforms import Affine2D
 
-    layout = _layout(board, paper)
+    layout = _choose_layout(board, paper)
     page = Figure(figsize=(layout.width / MM_PER_INCH, layout.height / MM_PER_INCH), facecolor="white")
-    # From millimetres, y downwards, to matplotlib's inches, y upwards.
+    # From millimetres with y down to matplotlib's inches with y up.
     to_page = Affine2D().scale(1.0, -1.0).translate(0.0, layout.height).scale(1 / MM_PER_INCH) + page.dpi_scale_trans
     _draw_board(page, board, layout, to_page)
-    if layout.strip_below:
+    if layout.is_strip_below:
         start = min(layout.left, layout.width - EDGE_MM - STRIP_LENGTH_MM)
         along = Affine2D().translate(start, layout.height - EDGE_MM - STRIP_MM)
     else:
         start = min(layout.top, layout.height - EDGE_MM - STRIP_LENGTH_MM)
         along = Affine2D().rotate_deg(90.0).translate(layout.width - EDGE_MM, start)
-    _draw_strip(page, board, along + to_page, 0.0 if layout.strip_below else -90.0)
+    _draw_strip(page, board, along + to_page, 0.0 if layout.is_strip_below else -90.0)
     return page
 
 
-def _layout(board: Board, paper: str) -> _Layout:
-    if paper not in PAPERS_MM:
-        raise BoardError(f"there is no paper {paper[:40]!r} here: one of {', '.join(PAPERS_MM)} is needed")
-    layout = _fitted(board, paper)
+def _choose_layout(board: Board, paper: str) -> _Layout:
+    """Return the layout, or raise BoardError with the changes that would make the board fit."""
+    if paper not in PAPER_SIZES_MM:
+        raise BoardError(f"the paper size {paper[:40]!r} is unknown: use one of {', '.join(PAPER_SIZES_MM)}")
+    layout = _fit_layout(board, paper)
     if layout is not None:
         return layout
-    ways = [f"{other} paper" for other in PAPERS_MM if _fitted(board, other)]
-    smaller = _largest_pitch_mm(board, paper)
-    if smaller is not None:
-        ways.append(f"a pitch of at most {smaller:g} mm")
+    remedies = [f"{other} paper" for other in PAPER_SIZES_MM if _fit_layout(board, other)]
+    max_pitch_mm = _find_max_pitch_mm(board, paper)
+    if max_pitch_mm is not None:
+        remedies.append(f"a pitch of at most {max_pitch_mm:g} mm")
     width, height = (1e3 * side for side in board.size_m)
     raise BoardError(
-        f"the board ({board}) is {width:g} x {height:g} mm, and with its margin and the check line does not fit on "
-        f"{paper} paper: take {' or '.join(ways) if ways else 'fewer columns or rows'}"
+        f"the board ({board}) is {width:g} x {height:g} mm, and does not fit on {paper} paper with its margin and the "
+        f"check line: use {' or '.join(remedies) if remedies else 'fewer columns or rows'}"
     )
 
 
-def _fitted(board: Board, paper: str) -> _Layout | None:
-    """The layout with the widest margin; None: none has margin enough."""
-    long, short = PAPERS_MM[paper]
+def _fit_layout(board: Board, paper: str) -> _Layout | None:
+    """Return the layout with the widest margin, or None if the board does not fit."""
+    long, short = PAPER_SIZES_MM[paper]
     board_width, board_height = (1e3 * side for side in board.size_m)
-    quiet = max(QUIET_PITCHES[board.kind] * board.pitch_m * 1e3, EDGE_MM)
+    quiet_zone = max(QUIET_ZONE_PITCHES[board.kind] * board.pitch_m * 1e3, EDGE_MM)
     layouts = []
     for width, height in ((long, short), (short, long)):
-        for strip_below in (True, False):
+        for is_strip_below in (True, False):
             strip = EDGE_MM + STRIP_MM
-            left = (width - board_width - (0.0 if strip_below else strip)) / 2
-            top = (height - board_height - (strip if strip_below else 0.0)) / 2
-            layouts.append(_Layout(width, height, left, top, strip_below, min(left, top) - quiet))
+            left = (width - board_width - (0.0 if is_strip_below else strip)) / 2
+            top = (height - board_height - (strip if is_strip_below else 0.0)) / 2
+            layouts.append(_Layout(width, height, left, top, is_strip_below, min(left, top) - quiet_zone))
     best = max(layouts, key=lambda layout: layout.spare)
     return best if best.spare >= 0 else None
 
 
-def _largest_pitch_mm(board: Board, paper: str) -> float | None:
-    """The largest pitch of such a board that fits, in steps that are easily measured."""
-    for steps in range(int(board.pitch_m * 1e3 / STEP_MM), 0, -1):
-        pitch_m = steps * STEP_MM / 1e3
+def _find_max_pitch_mm(board: Board, paper: str) -> float | None:
+    """Return the largest pitch with which the board fits, in steps that are easily measured, or None."""
+    for steps in range(int(board.pitch_m * 1e3 / PITCH_STEP_MM), 0, -1):
+        pitch_m = steps * PITCH_STEP_MM / 1e3
         try:
             smaller = replace(board, pitch_m=pitch_m, marker_m=board.marker_m * pitch_m / board.pitch_m)
         except BoardError:
             return None
-        if _fitted(smaller, paper) is not None:
-            return steps * STEP_MM
+        if _fit_layout(smaller, paper) is not None:
+            return steps * PITCH_STEP_MM
     return None
 
 
@@ -144,20 +163,20 @@ def _draw_board(page: "Figure", board: Board, layout: _Layout, to_page: "Transfo
     from matplotlib.path import Path as Outline
 
     shapes = board_shapes(board)
-    start = np.array([layout.left, layout.top]) - 1e3 * np.array(board.corner_of_print)
+    start = np.array([layout.left, layout.top]) - 1e3 * np.array(board.print_corner)
     if len(shapes.rectangles):
         x0, y0, x1, y1 = (1e3 * shapes.rectangles + np.tile(start, 2)).T
         corners = np.stack([x0, y0, x1, y0, x1, y1, x0, y1, x0, y0], axis=1).reshape(-1, 2)
         codes = [Outline.MOVETO, Outline.LINETO, Outline.LINETO, Outline.LINETO, Outline.CLOSEPOLY]
-        # One path for all: between rectangles that are drawn one by one a viewer may leave white hairlines.
+        # One path for all: viewers may show white hairlines between rectangles that are drawn one by one.
         outline = Outline(corners, np.tile(codes, len(shapes.rectangles)))
         page.add_artist(PathPatch(outline, facecolor="black", edgecolor="none", transform=to_page, snap=False))
     for x, y, radius in shapes.discs * 1e3 + np.append(start, 0.0):
         page.add_artist(Circle((x, y), radius, facecolor="black", edgecolor="none", transform=to_page, snap=False))
 
 
-def _draw_strip(page: "Figure", board: Board, to_page: "Transform", turn: float) -> None:
-    """The check line and the words in a strip whose coordinates are mm along and across it."""
+def _draw_strip(page: "Figure", board: Board, to_page: "Transform", rotation_deg: float) -> None:
+    """Draw the check line and the description. The coordinates of the strip are mm along and across it."""
     import matplotlib
     from matplotlib.font_manager import FontProperties
     from matplotlib.lines import Line2D
@@ -165,16 +184,16 @@ def _draw_strip(page: "Figure", board: Board, to_page: "Transform", turn: float)
     ends = np.array([0.0, LINE_MM])
     strokes = [(ends, np.full(2, TICK_MM / 2)), *((np.full(2, end), np.array([0.0, TICK_MM])) for end in ends)]
     for x, y in strokes:
-        line = Line2D(x, y, color="black", linewidth=INK_MM / MM_PER_INCH * 72, transform=to_page, snap=False)
+        line = Line2D(x, y, color="black", linewidth=STROKE_MM / MM_PER_INCH * 72, transform=to_page, snap=False)
         line.set_solid_capstyle("butt")
         page.add_artist(line)
-    # The font that comes with matplotlib, whatever a user's settings say: it is there.
+    # The font that comes with matplotlib is always available, unlike the font of the user settings.
     font = FontProperties(fname=Path(matplotlib.get_data_path()) / "fonts/ttf/DejaVuSans.ttf", size=TEXT_PT)
     line_mm = 1.35 * TEXT_PT / 72 * MM_PER_INCH
-    words = [(LINE_MM + 2.0, TICK_MM / 2 + line_mm / 4, "100 mm: measure it")]
-    words += [(0.0, TICK_MM + line_mm * (1 + number), text) for number, text in enumerate(_words(board))]
+    texts = [(LINE_MM + 2.0, TICK_MM / 2 + line_mm / 4, "100 mm: measure it")]
+    texts += [(0.0, TICK_MM + line_mm * (1 + number), text) for number, text in enumerate(_describe_board(board))]
     to_share_of_page = to_page + page.transFigure.inverted()
-    for x, y, text in words:
+    for x, y, text in texts:
         across, up = (float(share) for share in to_share_of_page.transform((x, y)))
         page.text(
             across,
@@ -182,14 +201,15 @@ def _draw_strip(page: "Figure", board: Board, to_page: "Transform", turn: float)
             text,
             fontproperties=font,
             usetex=False,
-            rotation=turn,
+            rotation=rotation_deg,
             rotation_mode="anchor",
             horizontalalignment="left",
             verticalalignment="baseline",
         )
 
 
-def _words(board: Board) -> list[str]:
+def _describe_board(board: Board) -> list[str]:
+    """Return the lines of text below the check line."""
     pitch = f"{1e3 * board.pitch_m:g} mm"
     match board.kind:
         case "charuco":
@@ -201,6 +221,6 @@ def _words(board: Board) -> list[str]:
             kind = f"Circle grid: {board.columns} x {board.rows} dots, {pitch} from centre to centre"
     return [
         kind + ".",
-        "Print at 100 % (actual size). If the line is not 100 mm long, tell the pitch that you measure.",
+        "Print at 100 % (actual size). If the line is not 100 mm long, enter the pitch that you measure.",
         "Glue it flat on a stiff, dull plate and leave the white margin free.",
     ]

@@ -1,6 +1,6 @@
-"""A board as it is printed: its black shapes to scale, and a picture of them.
+"""Render boards: the black shapes of the print to scale, and an image of them.
 
-The paper's drawing, the board of the simulated cell and the pictures that tests look at all come from here.
+The printed page, the board of the simulated cell, corner refinement and the test images all use this module.
 """
 
 from dataclasses import dataclass
@@ -10,78 +10,96 @@ from numpy.typing import NDArray
 
 from calibration.target.board import Board
 
-DOTS = (0.5, 0.8)
-"""Diameters in pitches of a circle grid's dots, and of the first, which tells where the numbering begins. With half a
-pitch neighbours do not run together when out of focus; the first has two and a half times the others' area."""
+DOT_DIAMETERS = (0.5, 0.8)
+"""Diameters of a circle grid's dots and of the first dot, in pitches. The larger first dot determines the numbering.
+With half a pitch, neighbours stay separate when out of focus. The first dot has two and a half times the area of the
+others."""
 DISC_SAMPLES = 16
-"""Per pixel and axis, where a disc's edge cuts it."""
+"""Samples per pixel and axis for the area of a disc."""
 
 
 @dataclass(frozen=True, eq=False)
 class BoardShapes:
-    """What is black on a board, in its frame (m). Nothing overlaps."""
+    """The black shapes of a board in its frame, metres. They do not overlap."""
 
     rectangles: NDArray[np.float64]
-    """(N, 4) left, top, right, bottom: x0, y0, x1, y1 with x0 < x1 and y0 < y1."""
+    """(N, 4) rectangles x0, y0, x1, y1 with x0 < x1 and y0 < y1, metres."""
     discs: NDArray[np.float64]
-    """(N, 3) centre x, y and radius."""
+    """(N, 3) discs, centre x, y and radius, metres."""
 
 
 @dataclass(frozen=True, eq=False)
 class BoardImage:
-    """A board seen straight on, without perspective."""
+    """An orthographic image of a board, seen from the front."""
 
     pixels: NDArray[np.uint8]
-    """(H, W): 0 black, 255 white; grey only where an edge of a marker's cell or of a dot cuts a pixel, by the share of
-    its area that is white."""
+    """(H, W) grey levels, 0 black, 255 white. A pixel cut by the edge of a marker cell or dot has the grey level of its
+    white share."""
     pixels_per_m: float
+    """Resolution, pixels per metre."""
     origin_px: tuple[float, float]
-    """(x, y) of the board frame's origin; the centre of the first pixel is (0, 0). A point (x, y, 0) of the board is
-    at `origin_px + pixels_per_m * (x, y)`."""
+    """(x, y) of the board frame's origin, pixels. The centre of the first pixel is (0, 0). A point (x, y, 0) of the
+    board is at `origin_px + pixels_per_m * (x, y)`."""
 
 
-def board_shapes(board: Board, dots: tuple[float, float] = DOTS) -> BoardShapes:
-    """What is to be printed black: squares and markers' cells, or dots of the diameters `dots` (in pitches; the second
-    is the first dot's)."""
+def board_shapes(board: Board, dot_diameters: tuple[float, float] = DOT_DIAMETERS) -> BoardShapes:
+    """Return the shapes that are printed black.
+
+    Args:
+        board: The board.
+        dot_diameters: Diameters of the dots and of the first dot of a circle grid, in pitches.
+
+    Returns:
+        Squares and cells of markers, or dots.
+    """
     if board.kind == "circles":
-        radius = np.full((board.columns * board.rows, 1), dots[0] / 2 * board.pitch_m)
-        radius[0] = dots[1] / 2 * board.pitch_m
+        radius = np.full((board.columns * board.rows, 1), dot_diameters[0] / 2 * board.pitch_m)
+        radius[0] = dot_diameters[1] / 2 * board.pitch_m
         return BoardShapes(rectangles=np.zeros((0, 4)), discs=np.hstack([board.points[:, :2], radius]))
     column, row = np.meshgrid(np.arange(board.columns), np.arange(board.rows))
-    black = (column + row) % 2 == 0
-    squares = np.column_stack([column[black], row[black], column[black] + 1, row[black] + 1]).astype(np.float64)
-    squares = squares * board.pitch_m + np.tile(board.corner_of_print, 2)
+    is_black = (column + row) % 2 == 0
+    x, y = column[is_black], row[is_black]
+    squares = np.column_stack([x, y, x + 1, y + 1]).astype(np.float64)
+    squares = squares * board.pitch_m + np.tile(board.print_corner, 2)
     cells = _marker_cells(board) if board.kind == "charuco" else np.zeros((0, 4))
     return BoardShapes(rectangles=np.vstack([squares, cells]), discs=np.zeros((0, 3)))
 
 
 def render_board(
-    board: Board, pixels_per_pitch: int, margin_pitches: float = 1.0, dots: tuple[float, float] = DOTS
+    board: Board, pixels_per_pitch: int, margin_pitches: float = 1.0, dot_diameters: tuple[float, float] = DOT_DIAMETERS
 ) -> BoardImage:
-    """A picture of the board with `pixels_per_pitch` pixels to a pitch and a white margin of about `margin_pitches`
-    pitches (a whole number of pixels) around it. `dots`: as for `board_shapes`.
+    """Return an image of the board with a white margin around it.
+
+    Args:
+        board: The board.
+        pixels_per_pitch: Resolution, pixels per pitch.
+        margin_pitches: Width of the margin, in pitches. It is rounded to whole pixels.
+        dot_diameters: As in `board_shapes`.
 
     Raises:
-        ValueError: fewer than one pixel per pitch, or a negative margin.
+        ValueError: The resolution is below one pixel per pitch, or the margin is negative.
     """
     if pixels_per_pitch < 1 or not margin_pitches >= 0:
-        raise ValueError(f"{pixels_per_pitch} pixels per pitch and a margin of {margin_pitches} pitches: no picture")
+        raise ValueError(
+            f"no image has {pixels_per_pitch} pixels per pitch and a margin of {margin_pitches} pitches: use at least "
+            "one pixel per pitch and no negative margin"
+        )
     margin = round(margin_pitches * pixels_per_pitch)
     width, height = (count * pixels_per_pitch + 2 * margin for count in (board.columns, board.rows))
     pixels_per_m = pixels_per_pitch / board.pitch_m
-    shapes = board_shapes(board, dots)
-    # In pixels from the picture's top left corner, which is half a pixel before the first pixel's centre.
-    start = margin - np.array(board.corner_of_print) * pixels_per_m
+    shapes = board_shapes(board, dot_diameters)
+    # In pixels from the top left corner of the image, which is half a pixel before the centre of the first pixel.
+    start = margin - np.array(board.print_corner) * pixels_per_m
     ink = np.zeros((height, width))
     for x0, y0, x1, y1 in shapes.rectangles * pixels_per_m + np.tile(start, 2):
-        columns, across = _cut(x0, x1, width)
-        rows, down = _cut(y0, y1, height)
+        columns, across = _pixel_shares(x0, x1, width)
+        rows, down = _pixel_shares(y0, y1, height)
         ink[rows, columns] += np.outer(down, across)
     for x, y, radius in shapes.discs * pixels_per_m + np.append(start, 0.0):
-        columns, _ = _cut(x - radius, x + radius, width)
-        rows, _ = _cut(y - radius, y + radius, height)
-        across = _samples(columns) - x
-        down = _samples(rows) - y
+        columns, _ = _pixel_shares(x - radius, x + radius, width)
+        rows, _ = _pixel_shares(y - radius, y + radius, height)
+        across = _sample_positions(columns) - x
+        down = _sample_positions(rows) - y
         inside = across**2 + down[:, None] ** 2 <= radius**2
         blocks = inside.reshape(rows.stop - rows.start, DISC_SAMPLES, columns.stop - columns.start, DISC_SAMPLES)
         ink[rows, columns] += blocks.mean(axis=(1, 3))
@@ -92,34 +110,35 @@ def render_board(
     )
 
 
-def _cut(low: float, high: float, count: int) -> tuple[slice, NDArray[np.float64]]:
-    """Which of `count` pixels lie between two edges, and the share of each that does."""
-    # An edge meant to lie between two pixels must not leave a trace of grey by rounding.
+def _pixel_shares(low: float, high: float, count: int) -> tuple[slice, NDArray[np.float64]]:
+    """Return which of `count` pixels lie between two edges, and the covered share of each."""
+    # Rounding must not leave a trace of grey at an edge that lies between two pixels.
     low, high = (round(edge) if abs(edge - round(edge)) < 1e-6 else edge for edge in (low, high))
     first, last = max(int(np.floor(low)), 0), min(int(np.ceil(high)), count)
     starts = np.arange(first, last)
     return slice(first, last), np.minimum(starts + 1, high) - np.maximum(starts, low)
 
 
-def _samples(pixels: slice) -> NDArray[np.float64]:
+def _sample_positions(pixels: slice) -> NDArray[np.float64]:
+    """Return the positions of the samples in these pixels along one axis."""
     count = (pixels.stop - pixels.start) * DISC_SAMPLES
     return pixels.start + (np.arange(count) + 0.5) / DISC_SAMPLES
 
 
 def _marker_cells(board: Board) -> NDArray[np.float64]:
-    """(N, 4) the markers' black cells, those beside one another in a row as one rectangle."""
+    """Return the black cells (N, 4) of the markers, with neighbouring cells of a row joined to one rectangle."""
     import cv2
 
     dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, board.dictionary))
-    across = dictionary.markerSize + 2  # with its black border, one cell wide
-    cell = board.marker_m / across
+    cells_per_side = dictionary.markerSize + 2  # The black border is one cell wide.
+    cell = board.marker_m / cells_per_side
     rectangles = []
     column, row = np.meshgrid(np.arange(board.columns), np.arange(board.rows))
-    white = (column + row) % 2 == 1
+    is_white = (column + row) % 2 == 1
     inset = (board.pitch_m - board.marker_m) / 2
-    for number, (c, r) in enumerate(zip(column[white], row[white], strict=True)):
-        bits = dictionary.generateImageMarker(number, across) == 0
-        left, top = np.array(board.corner_of_print) + np.array([c, r]) * board.pitch_m + inset
+    for number, (c, r) in enumerate(zip(column[is_white], row[is_white], strict=True)):
+        bits = dictionary.generateImageMarker(number, cells_per_side) == 0
+        left, top = np.array(board.print_corner) + np.array([c, r]) * board.pitch_m + inset
         for line, black in enumerate(bits):
             edges = np.flatnonzero(np.diff(black, prepend=False, append=False))
             for first, end in edges.reshape(-1, 2):

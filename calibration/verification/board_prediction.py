@@ -1,4 +1,4 @@
-"""Where views put the board by a calibration, against where it lay when that was solved, and what chance adds."""
+"""Prediction of the board by a calibration, and its comparison with the board that new views observe."""
 
 from dataclasses import dataclass, replace
 
@@ -7,61 +7,67 @@ from numpy.typing import NDArray
 
 from calibration.errors import HandEyeInvalidError, HandEyeMismatchError
 from calibration.geometry.se3 import cross_matrix, invert_poses
-from calibration.input_checks.observations import FEWEST_VIEWS
+from calibration.input_checks.observations import MIN_VIEWS
 from calibration.observations import Observations
 from calibration.pose_estimation.board_pose import estimate_board_poses
-from calibration.pose_estimation.corner_disambiguation import number_nearest_prediction
-from calibration.pose_estimation.projection import LENS, pixel_blocks, stack_corners
+from calibration.pose_estimation.corner_disambiguation import renumber_to_prediction
+from calibration.pose_estimation.projection import N_LENS, pixel_normal_equations, stack_corners
 from calibration.result import HandEyeResult
 from calibration.solver.noise import NoisePriors
 from calibration.storage.hand_eye_file import HandEye, require_match
 from calibration.target.board import Board
 
-SAME_CAMERA = 0.05
-"""Focal lengths of one camera differ by no larger share, unless its images have another size."""
+MAX_FOCAL_DIFFERENCE = 0.05
+"""Largest relative difference of two focal lengths of one camera. More means images of another size."""
 
 
 @dataclass(frozen=True, eq=False)
 class PredictedBoard:
-    """What a calibration says."""
+    """The board as a calibration predicts it, with everything that limits the prediction."""
 
     X: NDArray[np.float64]
-    """(4, 4) `T_flange_camera`; `T_base_camera` where the camera stands in the cell (eye-to-hand)."""
+    """(4, 4) `T_flange_camera`; `T_base_camera` for a camera that stands in the cell (eye-to-hand)."""
     Y: NDArray[np.float64]
-    """(4, 4) where the board lay: `T_base_board`, or `T_flange_board`."""
+    """(4, 4) pose of the board during the calibration: `T_base_board`, or `T_flange_board` (eye-to-hand)."""
     covariance: NDArray[np.float64]
-    """(C, C) of X (C = 6), or also of Y (12) and the lens and the board's scale (17), as
+    """(C, C) covariance of X (C = 6), of X and Y (12), or of X, Y, the lens and the scale of the board (17), as in
     `HandEyeResult.joint_covariance`."""
     K: NDArray[np.float64]
-    """(3, 3) as fitted, pixels."""
+    """(3, 3) fitted pinhole matrix, pixels."""
     board_scale: float
-    """The board's true size as a share of the told one."""
+    """Estimated size of the board, as a share of the given size."""
     robot_sigma_m: float
-    """Noise of the robot's poses along one axis."""
+    """Noise of the flange positions along one axis, metres, one sigma."""
     robot_sigma_rad: float
-    """The same about one axis."""
+    """Noise of the flange rotations about one axis, radians, one sigma."""
     views_used: int
-    """It was solved from so many, and its noise estimated from them."""
+    """Number of views that the calibration and its noise were estimated from."""
 
 
 @dataclass(frozen=True, eq=False)
 class BoardObservation:
-    """One view's board, as far as the calibration puts it from where it lay: a rotation vector and a shift of its
-    middle, along the axes in which the claim has the board (those of the base, for a camera on the flange)."""
+    """Deviation of the board that one view observes from the predicted board.
 
-    off: NDArray[np.float64]
-    """(6,)."""
-    by_claim: NDArray[np.float64]
-    """(6, C): how an error of the claim, as in its covariance, changes that; the first six are X's."""
-    own: NDArray[np.float64]
-    """(6, 6) covariance of what is this view's alone: robot and corners."""
+    A deviation is a rotation vector (radians) and a translation of the middle of the board (metres). Its axes are
+    those of the base for a camera on the flange, and those of the flange for a camera that stands in the cell.
+    """
+
+    deviation: NDArray[np.float64]
+    """(6,) rotation vector and translation."""
+    J_prediction: NDArray[np.float64]
+    """(6, C) derivative of `deviation` by the errors in `PredictedBoard.covariance`. The first six are those of X."""
+    own_covariance: NDArray[np.float64]
+    """(6, 6) covariance of the errors of this view alone: robot and corners."""
 
 
 def predict_board(hand_eye: HandEye | HandEyeResult) -> PredictedBoard:
-    """What it says of where the board is to be seen.
+    """Return the board as a calibration predicts it.
+
+    Args:
+        hand_eye: A solved calibration, or one that was read from a file.
 
     Raises:
-        HandEyeInvalidError: it does not tell where the board lay and how sure it is.
+        HandEyeInvalidError: The file has no board pose, no covariance or no camera matrix.
     """
     if isinstance(hand_eye, HandEyeResult):
         return PredictedBoard(
@@ -74,82 +80,99 @@ def predict_board(hand_eye: HandEye | HandEyeResult) -> PredictedBoard:
             hand_eye.robot_sigma_rad,
             sum(view.used for view in hand_eye.views),
         )
-    told = (hand_eye.T_base_board, hand_eye.covariance, hand_eye.K)
-    Y, covariance, K = told
+    Y, covariance, K = hand_eye.T_base_board, hand_eye.covariance, hand_eye.K
     if Y is None or covariance is None or K is None:
         raise HandEyeInvalidError(
-            "the calibration does not tell where the board lay, how sure it is and with which camera matrix, so that "
-            "it cannot be verified: calibrate anew"
+            "the calibration cannot be verified: its file lacks the pose of the board, the covariance or the camera "
+            "matrix. Calibrate again"
         )
-    assumed = NoisePriors()
+    priors = NoisePriors()
     return PredictedBoard(
         hand_eye.T_flange_camera,
         Y,
         _joint(hand_eye, covariance),
         K,
         1.0 if hand_eye.board_scale is None else hand_eye.board_scale,
-        assumed.robot_m if hand_eye.robot_sigma_m is None else hand_eye.robot_sigma_m,
-        assumed.robot_rad if hand_eye.robot_sigma_rad is None else hand_eye.robot_sigma_rad,
-        FEWEST_VIEWS if hand_eye.views_used is None else hand_eye.views_used,
+        priors.robot_m if hand_eye.robot_sigma_m is None else hand_eye.robot_sigma_m,
+        priors.robot_rad if hand_eye.robot_sigma_rad is None else hand_eye.robot_sigma_rad,
+        MIN_VIEWS if hand_eye.views_used is None else hand_eye.views_used,
     )
 
 
 def _joint(hand_eye: HandEye | HandEyeResult, covariance: NDArray[np.float64]) -> NDArray[np.float64]:
-    """With Y and the rest where it is known: what an unverified board size adds to X does not show in its views."""
+    """Return the joint covariance if known. It has no share of an unverified board size, which views cannot show."""
     return covariance if hand_eye.joint_covariance is None else hand_eye.joint_covariance
 
 
-def observe_board(claim: PredictedBoard, views: Observations) -> tuple[list[str], list[BoardObservation]]:
-    """Names and boards of the views in which there is one; numbered so that it is turned least from how it lay.
+def observe_board(predicted: PredictedBoard, views: Observations) -> tuple[list[str], list[BoardObservation]]:
+    """Compare the board in each view with the predicted board.
+
+    A symmetric board is numbered such that its rotation against the prediction is smallest.
+
+    Args:
+        predicted: The board as the calibration predicts it.
+        views: New views of the board. Those in which no board pose can be found are skipped.
+
+    Returns:
+        Names of the views with a board pose, and their observations.
 
     Raises:
-        HandEyeMismatchError: images of another size.
+        HandEyeMismatchError: The images have another size than those of the calibration.
     """
-    if np.abs(claim.K[[0, 1], [0, 1]] / views.K[[0, 1], [0, 1]] - 1).max() > SAME_CAMERA:
+    if np.abs(predicted.K[[0, 1], [0, 1]] / views.K[[0, 1], [0, 1]] - 1).max() > MAX_FOCAL_DIFFERENCE:
         raise HandEyeMismatchError(
-            f"the calibration is of images with a focal length of {claim.K[0, 0]:.0f} px, these have "
-            f"{views.K[0, 0]:.0f} px: give the camera the resolution that it was calibrated with, or calibrate anew"
+            f"the calibration was made with images of a focal length of {predicted.K[0, 0]:.0f} px, these have "
+            f"{views.K[0, 0]:.0f} px: set the camera to the resolution of the calibration, or calibrate again"
         )
     flange = np.array([view.T_base_flange for view in views.views])
-    T_camera = (flange if views.mounting == "eye-in-hand" else invert_poses(flange)) @ claim.X
-    views = number_nearest_prediction(views, invert_poses(T_camera) @ claim.Y)
-    # The corners are undistorted by what the camera tells; the fitted matrix takes it from there.
-    told = stack_corners(views)
-    corners = replace(told, K=claim.K, points=claim.board_scale * told.points)
+    T_camera = (flange if views.mounting == "eye-in-hand" else invert_poses(flange)) @ predicted.X
+    views = renumber_to_prediction(views, invert_poses(T_camera) @ predicted.Y)
+    # Corners are undistorted with the given intrinsics; from there on, the fitted matrix counts.
+    nominal = stack_corners(views)
+    corners = replace(nominal, K=predicted.K, points=predicted.board_scale * nominal.points)
     poses = estimate_board_poses(corners)
-    information = pixel_blocks(poses.T_camera_board, np.zeros(LENS), corners, poses.good).information
-    names, seen = [], []
+    information = pixel_normal_equations(poses.T_camera_board, np.zeros(N_LENS), corners, poses.inliers).H
+    names, observations = [], []
     for k in np.flatnonzero(poses.found):
         board = T_camera[k] @ poses.T_camera_board[k]
         middle = board[:3, :3] @ corners.middle + board[:3, 3]
-        lay = claim.Y[:3, :3] @ corners.middle + claim.Y[:3, 3]
-        off = np.concatenate([_rotation_vector(board[:3, :3] @ claim.Y[:3, :3].T), middle - lay])
-        by_camera = _at(T_camera[k], middle)
-        of_pose = np.linalg.inv(information[k, :6, :6])
-        # A wrong lens or size is made up for by another pose in the picture.
-        by_lens = -by_camera @ of_pose @ information[k, :6, 6:]
-        by_claim = np.concatenate([by_camera, -_at(claim.Y, lay), by_lens], axis=1)[:, : len(claim.covariance)]
+        predicted_middle = predicted.Y[:3, :3] @ corners.middle + predicted.Y[:3, 3]
+        deviation = np.concatenate([_rotation_vector(board[:3, :3] @ predicted.Y[:3, :3].T), middle - predicted_middle])
+        J_camera = _motion_jacobian(T_camera[k], middle)
+        inverse_information = np.linalg.inv(information[k, :6, :6])
+        # An error of the lens or of the size is compensated by another pose of the board in the image.
+        J_lens = -J_camera @ inverse_information @ information[k, :6, 6:]
+        J_board = -_motion_jacobian(predicted.Y, predicted_middle)
+        J_prediction = np.concatenate([J_camera, J_board, J_lens], axis=1)[:, : len(predicted.covariance)]
         pixel_px = max(float(poses.rms_px[k]), 1e-3)
-        of_corners = of_pose * pixel_px**2
-        by_robot = _at(flange[k] if views.mounting == "eye-in-hand" else np.eye(4), middle)
-        of_robot = np.diag([claim.robot_sigma_rad**2] * 3 + [claim.robot_sigma_m**2] * 3)
-        own = by_camera @ of_corners @ by_camera.T + by_robot @ of_robot @ by_robot.T
+        corner_covariance = inverse_information * pixel_px**2
+        J_robot = _motion_jacobian(flange[k] if views.mounting == "eye-in-hand" else np.eye(4), middle)
+        robot_covariance = np.diag([predicted.robot_sigma_rad**2] * 3 + [predicted.robot_sigma_m**2] * 3)
+        own = J_camera @ corner_covariance @ J_camera.T + J_robot @ robot_covariance @ J_robot.T
         names.append(views.views[k].name)
-        seen.append(BoardObservation(off, by_claim, own))
-    return names, seen
+        observations.append(BoardObservation(deviation, J_prediction, own))
+    return names, observations
 
 
-def _at(T: NDArray[np.float64], place: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(6, 6): what a small motion in the frame `T` (4, 4) does at a place (3,), both seen from outside that frame."""
+def _motion_jacobian(T: NDArray[np.float64], point: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the (6, 6) derivative of the motion at `point` (3,) by a small motion in the frame `T` (4, 4)."""
     R = T[:3, :3]
     result = np.zeros((6, 6))
     result[:3, :3] = result[3:, 3:] = R
-    result[3:, :3] = -cross_matrix(place - T[:3, 3]) @ R
+    result[3:, :3] = -cross_matrix(point - T[:3, 3]) @ R
     return result
 
 
-def check_same(hand_eye: HandEye | HandEyeResult, views: Observations) -> None:
-    """Refuses views of something else than the calibration is of, as far as it tells. Raises HandEyeMismatchError."""
+def check_same_setup(hand_eye: HandEye | HandEyeResult, views: Observations) -> None:
+    """Check that the views are of the camera, robot, board and mounting of the calibration, as far as these are known.
+
+    Args:
+        hand_eye: The calibration.
+        views: The views to verify it with.
+
+    Raises:
+        HandEyeMismatchError: One of them differs. The message names both.
+    """
     mounting = "eye-in-hand"
     if isinstance(hand_eye, HandEyeResult):
         mounting = hand_eye.mounting
@@ -157,8 +180,8 @@ def check_same(hand_eye: HandEye | HandEyeResult, views: Observations) -> None:
         require_match(hand_eye, views.camera_id, views.robot_serial)
         if hand_eye.board is not None and hand_eye.board != views.board:
             raise HandEyeMismatchError(
-                f"the calibration was made with the board {_named(hand_eye.board)}, these views are of the board "
-                f"{_named(views.board)}: verify with the board of the calibration, or calibrate anew"
+                f"the calibration was made with the board {_describe(hand_eye.board)}, these views show the board "
+                f"{_describe(views.board)}: verify with the board of the calibration, or calibrate again"
             )
     if mounting != views.mounting:
         raise HandEyeMismatchError(
@@ -166,7 +189,7 @@ def check_same(hand_eye: HandEye | HandEyeResult, views: Observations) -> None:
         )
 
 
-def _named(board: Board) -> str:
+def _describe(board: Board) -> str:
     return ", ".join(f"{key} {value}" for key, value in board.to_json().items() if value is not None)
 
 

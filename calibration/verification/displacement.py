@@ -1,7 +1,7 @@
-"""Where a board is that does not appear where it lay, and whether its own motion or the camera's explains that better.
+"""Explanation of a displaced board: was the board moved, or the camera?
 
-A board on a table is shifted along the table and turned about its normal, alike for all views. One that is seen by a
-camera that was moved appears elsewhere along that camera's axes, and so in other directions from another side.
+A board on a table moves along the table and turns about its normal, by the same amount in all views. A moved camera
+displaces the board along the axes of the camera, which point in other directions from another side.
 """
 
 from collections.abc import Sequence
@@ -15,83 +15,90 @@ from calibration.verification.board_prediction import BoardObservation, Predicte
 
 @dataclass(frozen=True, eq=False)
 class Displacement:
-    """Of N views together: how far from where it lay, a rotation vector and a shift of its middle each, as in
-    `calibration.verification.board_prediction.BoardObservation`."""
+    """Displacement of the board over N views. Each vector of six is a deviation as in `BoardObservation`."""
 
-    off: NDArray[np.float64]
-    """(6,) their mean."""
+    mean: NDArray[np.float64]
+    """(6,) mean deviation over the views."""
     covariance: NDArray[np.float64]
-    """(6, 6) of that."""
-    apart: NDArray[np.float64]
-    """(P, 6) how far each pair of views has it from one another ..."""
-    apart_covariances: NDArray[np.float64]
-    """(P, 6, 6) ... and the covariances of that."""
-    by_camera: NDArray[np.float64]
-    """(N, 6) where the views would have it by that motion of the camera which explains them best ..."""
-    camera_squares: float
-    """... and the squares in standard deviations that it explains: those of six numbers."""
-    board_likelier: float
-    """Squares in standard deviations that are left where it is the camera that was moved, less those that are left
-    where it is the board: twice the logarithm of by how much likelier the board is."""
+    """(6, 6) covariance of `mean`."""
+    pair_differences: NDArray[np.float64]
+    """(P, 6) difference of the deviations of each pair of views."""
+    pair_covariances: NDArray[np.float64]
+    """(P, 6, 6) covariance of each pair difference."""
+    camera_deviations: NDArray[np.float64]
+    """(N, 6) deviations that the best-fitting motion of the camera would cause."""
+    camera_chi2: float
+    """Reduction of chi-square by this motion of the camera, which has six parameters."""
+    board_log_ratio: float
+    """Twice the logarithm of the likelihood ratio of a moved board to a moved camera."""
 
 
-def locate_displacement(claim: PredictedBoard, seen: Sequence[BoardObservation]) -> Displacement:
-    """Where the views (one or more) put the board together."""
+def estimate_displacement(predicted: PredictedBoard, observations: Sequence[BoardObservation]) -> Displacement:
+    """Combine the observations of one or more views into one displacement of the board.
+
+    Args:
+        predicted: The board as the calibration predicts it.
+        observations: Deviations of the views from the prediction, at least one.
+    """
     from scipy.linalg import block_diag
 
-    normal = claim.Y[:3, 2]
-    off, by_claim = _from_the_first(claim, seen)
-    own = np.asarray(block_diag(*(each.own for each in seen)))
-    covariance = own + by_claim @ claim.covariance @ by_claim.T
-    count = len(seen)
+    normal = predicted.Y[:3, 2]
+    deviations, J_prediction = _relative_to_first_turn(predicted, observations)
+    own = np.asarray(block_diag(*(each.own_covariance for each in observations)))
+    covariance = own + J_prediction @ predicted.covariance @ J_prediction.T
+    count = len(observations)
     mean = np.tile(np.eye(6) / count, count)
     one, other = np.triu_indices(count, 1)
-    places, between = off.reshape(-1, 6), covariance.reshape(count, 6, count, 6)
-    by_camera, left_by_camera = _best(off, by_claim[:, :6], covariance)
-    board = np.zeros((6, 3))
-    board[:3, 0], board[3:, 1:] = normal, claim.Y[:3, :2]
+    per_view, between = deviations.reshape(-1, 6), covariance.reshape(count, 6, count, 6)
+    camera_deviations, camera_residual = _best_explanation(deviations, J_prediction[:, :6], covariance)
+    J_board = np.zeros((6, 3))
+    J_board[:3, 0], J_board[3:, 1:] = normal, predicted.Y[:3, :2]
+    _, board_residual = _best_explanation(deviations, np.tile(J_board, (count, 1)), covariance)
     return Displacement(
-        off=mean @ off,
+        mean=mean @ deviations,
         covariance=mean @ covariance @ mean.T,
-        apart=places[one] - places[other],
-        apart_covariances=(
+        pair_differences=per_view[one] - per_view[other],
+        pair_covariances=(
             between[one, :, one] + between[other, :, other] - between[one, :, other] - between[other, :, one]
         ),
-        by_camera=by_camera.reshape(-1, 6),
-        camera_squares=float(off @ np.linalg.solve(covariance, off)) - left_by_camera,
-        board_likelier=left_by_camera - _best(off, np.tile(board, (count, 1)), covariance)[1],
+        camera_deviations=camera_deviations.reshape(-1, 6),
+        camera_chi2=float(deviations @ np.linalg.solve(covariance, deviations)) - camera_residual,
+        board_log_ratio=camera_residual - board_residual,
     )
 
 
-def _from_the_first(
-    claim: PredictedBoard, seen: Sequence[BoardObservation]
+def _relative_to_first_turn(
+    predicted: PredictedBoard, observations: Sequence[BoardObservation]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """(6N,) and (6N, C) where the views have the board and how that depends on the claim. Rotation vectors of large
-    turns do not add up: they are taken from that turn about the normal by which the first view has it turned."""
+    """Return the (6N,) deviations and their (6N, C) derivative by the errors of the prediction.
+
+    Rotation vectors of large rotations cannot be added. They are split into the rotation of the first view about the
+    normal of the board, and a small rest.
+    """
     from scipy.spatial.transform import Rotation
 
-    normal = claim.Y[:3, 2]
-    x, y, z, w = Rotation.from_rotvec(seen[0].off[:3]).as_quat()
+    normal = predicted.Y[:3, 2]
+    x, y, z, w = Rotation.from_rotvec(observations[0].deviation[:3]).as_quat()
     twist = 2 * float(np.arctan2(normal @ [x, y, z], w)) * normal
     turned = Rotation.from_rotvec(twist)
-    off, by_claim = [], []
-    for each in seen:
-        rest = (Rotation.from_rotvec(each.off[:3]) * turned.inv()).as_rotvec()
-        off.append(np.concatenate([twist + rest, each.off[3:]]))
-        changes = each.by_claim.copy()
-        # What it was thought to be tilted by turned with it.
-        changes[:3, 6:12] = turned.as_matrix() @ changes[:3, 6:12]
-        by_claim.append(changes)
-    return np.concatenate(off), np.concatenate(by_claim)
+    deviations, jacobians = [], []
+    for each in observations:
+        rest = (Rotation.from_rotvec(each.deviation[:3]) * turned.inv()).as_rotvec()
+        deviations.append(np.concatenate([twist + rest, each.deviation[3:]]))
+        J = each.J_prediction.copy()
+        # An error in the predicted tilt turned together with the board.
+        J[:3, 6:12] = turned.as_matrix() @ J[:3, 6:12]
+        jacobians.append(J)
+    return np.concatenate(deviations), np.concatenate(jacobians)
 
 
-def _best(
-    off: NDArray[np.float64], changes: NDArray[np.float64], covariance: NDArray[np.float64]
+def _best_explanation(
+    deviations: NDArray[np.float64], J: NDArray[np.float64], covariance: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], float]:
-    """(D,) the best of `changes` (D, U) for `off` (D,), and the squares, in standard deviations, that it leaves."""
+    """Fit `deviations` (D,) by the columns of `J` (D, U). Return the fit (D,) and the chi-square that remains."""
     from scipy.linalg import solve_triangular
 
     L = np.linalg.cholesky(covariance)
-    whitened, aim = solve_triangular(L, changes, lower=True), solve_triangular(L, off, lower=True)
-    best = np.linalg.lstsq(whitened, aim, rcond=None)[0]
-    return changes @ best, float(np.sum((aim - whitened @ best) ** 2))
+    A, b = solve_triangular(L, J, lower=True), solve_triangular(L, deviations, lower=True)
+    x = np.linalg.lstsq(A, b, rcond=None)[0]
+    return J @ x, float(np.sum((b - A @ x) ** 2))

@@ -1,11 +1,11 @@
-"""Whether a camera has moved since its calibration, by what the scans since then tell of it.
+"""Drift of a calibration, estimated from the scans that were made with it.
 
-Each scan tells of the calibration's error as a Gaussian likelihood (`ScanError`). A cell's scans look from the same
-viewpoints, where the robot errs alike each time: a hundred of them know the calibration no better than one. So they
-are averaged, and the average is taken to be no surer than scans whose errors are all the same.
+Each scan gives a Gaussian likelihood of the hand-eye error (`ScanError`). The scans of a cell use the same viewpoints,
+where the robot has the same errors each time. A hundred scans therefore know the hand-eye transform no better than one.
+The scans are averaged, and the average gets the covariance of scans with fully correlated errors.
 
-The error is judged twice: against what the calibration may be wrong by, and against what the first scans had it be,
-which a camera that is knocked later on stands out from though its calibration was wrong to the other side.
+The error is tested twice: against the covariance of the calibration, and against the first scans with it. The second
+test finds a camera that was knocked later, even if the knock compensates an error of the calibration.
 """
 
 from collections.abc import Sequence
@@ -14,140 +14,143 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-RECENT = 20
-"""So many scans are judged at most, the last ones ..."""
-LATEST = 5
-"""... and the last of them also by themselves: a camera that was knocked is not hidden by the scans before."""
-LEAST = 3
-"""So many are needed: something may have been moved during one."""
-CHANCE = 0.02
-"""Less likely than this to come about without a drift, an error is one. Registration takes robots and cameras to be
-worse than they are, so that it comes about far more rarely: of 24 simulated cells none had less than 0.2."""
-TOLD_M, TOLD_RAD = 0.005, 0.0175
-"""Sigmas of a drift beforehand, for telling its size: what strings do not tell of is taken to be small."""
-_BEFORE = np.diag(np.repeat([TOLD_RAD, TOLD_M], 3) ** -2.0)
-UNKNOWN = 1e-6
-"""Directions in which the scans know less than this share of what the calibration knows are left out."""
+MAX_SCANS = 20
+"""Number of recent scans that are tested together."""
+LATEST_SCANS = 5
+"""Number of latest scans that are also tested alone, so that earlier scans do not hide a knocked camera."""
+MIN_SCANS = 3
+"""Smallest number of scans for an alarm, since something may have been moved during one of them."""
+MAX_P_VALUE = 0.02
+"""Largest p-value of a drift. Registration assumes larger errors of robot and camera than there are, so false alarms
+are far more rare: none of 24 simulated cells had a p-value below 0.2."""
+PRIOR_SIGMA_M, PRIOR_SIGMA_RAD = 0.005, 0.0175
+"""Prior of the size of a drift, one sigma. It keeps directions small that strings do not constrain."""
+_PRIOR_INFORMATION = np.diag(np.repeat([PRIOR_SIGMA_RAD, PRIOR_SIGMA_M], 3) ** -2.0)
+MIN_INFORMATION_SHARE = 1e-6
+"""Directions in which the scans have less than this share of the information of the calibration are ignored."""
 
 
 @dataclass(frozen=True, eq=False)
 class ScanError:
-    """What one scan tells of the calibration's error c (6,): rotation vector and translation in the camera's frame,
-    radians and metres, `T_flange_camera_true = T_flange_camera @ from_rotation_vector(c[3:], c[:3])`. What was known
-    beforehand is not in it."""
+    """Likelihood of the hand-eye error `c` (6,) by one scan, without any prior.
+
+    `c` is a rotation vector and a translation in the camera frame, radians and metres:
+    `T_flange_camera_true = T_flange_camera @ from_rotation_vector(c[3:], c[:3])`.
+    """
 
     information: NDArray[np.float64]
     """(6, 6) inverse covariance; may be singular."""
     vector: NDArray[np.float64]
-    """(6,) `information @ c` at the likeliest c."""
+    """(6,) `information @ c` at the most likely c."""
 
 
 @dataclass(frozen=True, eq=False)
 class Drift:
-    """What the scans tell together."""
+    """Result of the drift test."""
 
     scans: int
-    """How many were judged."""
-    off: NDArray[np.float64]
-    """(6,) the calibration's likeliest error, as in `ScanError`."""
-    chance: float
-    """How likely an error at least so large, of the calibration and the scans, is without a drift."""
+    """Number of scans that were tested."""
+    error: NDArray[np.float64]
+    """(6,) most likely hand-eye error, as in `ScanError`."""
+    p_value: float
+    """Probability of an error of at least this size without a drift."""
     drifted: bool
-    """It is too unlikely, whichever one of the scans is left out."""
+    """Whether the p-value is too small, and stays so without any one of the scans."""
     from_first: bool = False
-    """The camera is not where the first scans had it, and `off` is from there; else from where the calibration has
-    it."""
+    """Whether `error` is the difference from the first scans. Otherwise, it is the difference from the calibration."""
 
     @property
     def off_m(self) -> float:
-        """How far the camera seems to be from where the calibration has it, or `from_first` the first scans had it."""
-        return float(np.linalg.norm(self.off[3:]))
+        """Distance of the camera from its pose by the calibration (or, `from_first`, by the first scans), metres."""
+        return float(np.linalg.norm(self.error[3:]))
 
     @property
     def off_rad(self) -> float:
-        """How far it seems to be turned from that."""
-        return float(np.linalg.norm(self.off[:3]))
+        """Rotation of the camera against that pose, radians."""
+        return float(np.linalg.norm(self.error[:3]))
 
     @property
-    def words(self) -> str:
-        """For a person at the cell."""
-        seen = f"{self.off_m * 1000:.1f} mm and {np.degrees(self.off_rad):.2f} degrees"
+    def message(self) -> str:
+        """The result and what to do, for the operator."""
+        size = f"{self.off_m * 1000:.1f} mm and {np.degrees(self.off_rad):.2f} degrees"
         scans = f"{self.scans} scans"
-        if not self.drifted and self.scans < LEAST:
+        if not self.drifted and self.scans < MIN_SCANS:
             there_are = f"there {'is' if self.scans == 1 else 'are'} {self.scans or 'none'}"
-            by_them = f", by which the camera is {seen} off" if self.scans else ""
+            estimate = f", by which the camera is {size} off" if self.scans else ""
             return (
-                f"whether the calibration has drifted is not known: {LEAST} scans with it are needed, and {there_are}"
-                f"{by_them}"
+                f"not enough scans to tell whether the calibration has drifted: {MIN_SCANS} scans with it are needed, "
+                f"and {there_are}{estimate}"
             )
-        if not self.drifted and self.chance < CHANCE:
+        if not self.drifted and self.p_value < MAX_P_VALUE:
             return (
-                f"the last {scans} do not agree with the calibration: {seen} off, more than chance can explain, though "
-                "not without one of them, during which something may have been moved: scan again"
+                f"the last {scans} do not agree with the calibration: the camera is {size} off, more than noise can "
+                "explain. Without one of these scans they agree, so something may have been moved during it: scan again"
             )
         if not self.drifted:
-            return f"the last {scans} agree with the calibration: {seen} off, as chance may have it"
+            return f"the last {scans} agree with the calibration: the camera is {size} off, which noise explains"
         return (
-            f"the calibration has drifted: the last {scans} agree best with the camera {seen} from where "
+            f"the calibration has drifted: by the last {scans} the camera is {size} from where "
             f"{'the first scans with this' if self.from_first else 'the hand-eye'} calibration put it, more than "
-            "chance can explain: check that camera and bracket are tight, then calibrate anew"
+            "noise can explain: check that camera and bracket are tight, then calibrate again"
         )
 
 
 def judge_drift(scans: Sequence[ScanError], covariance: NDArray[np.float64], first: Sequence[ScanError] = ()) -> Drift:
-    """What the last `RECENT` of the scans, or else the `LATEST`, tell of the calibration that all were made with.
+    """Test whether a calibration has drifted, with the latest scans, the first scans and the recent scans.
 
-    The scans are given oldest first; `covariance` (6, 6) of the calibration's error in the order of c, rad and m.
-    `first` are the first scans by this calibration, none of the latest among them.
+    Args:
+        scans: Likelihoods of the scans that were made with the calibration, oldest first.
+        covariance: (6, 6) covariance of the hand-eye error, radians and metres, in the order of `ScanError`.
+        first: The first scans with this calibration, none of the latest among them. Empty: no such test.
     """
-    latest = _judged(scans[-LATEST:], np.zeros(6), covariance)
+    latest = _test(scans[-LATEST_SCANS:], np.zeros(6), covariance)
     if latest.drifted:
         return latest
-    if len(first) >= LEAST:
-        # By the first scans alone, as if there were no calibration.
-        known = np.mean([scan.information for scan in first], axis=0) + _BEFORE
-        was = np.linalg.solve(known, np.mean([scan.vector for scan in first], axis=0))
-        knocked = _judged(scans[-LATEST:], was, np.linalg.inv(known))
+    if len(first) >= MIN_SCANS:
+        # The reference is the first scans alone, whatever the calibration says.
+        information = np.mean([scan.information for scan in first], axis=0) + _PRIOR_INFORMATION
+        reference = np.linalg.solve(information, np.mean([scan.vector for scan in first], axis=0))
+        knocked = _test(scans[-LATEST_SCANS:], reference, np.linalg.inv(information))
         if knocked.drifted:
             return replace(knocked, from_first=True)
-    return _judged(scans[-RECENT:], np.zeros(6), covariance)
+    return _test(scans[-MAX_SCANS:], np.zeros(6), covariance)
 
 
-def _judged(recent: Sequence[ScanError], was: NDArray[np.float64], covariance: NDArray[np.float64]) -> Drift:
-    """How far these scans have the calibration's error from where it `was` (6,), known up to `covariance`."""
-    informations = np.array([scan.information for scan in recent]).reshape(-1, 6, 6)
-    vectors = np.array([scan.vector - scan.information @ was for scan in recent]).reshape(-1, 6)
-    chance = _chance(informations, vectors, covariance)
-    drifted = len(recent) >= LEAST and chance < CHANCE
+def _test(scans: Sequence[ScanError], reference: NDArray[np.float64], covariance: NDArray[np.float64]) -> Drift:
+    """Test the average error of the scans against `reference` (6,), which is known up to `covariance`."""
+    informations = np.array([scan.information for scan in scans]).reshape(-1, 6, 6)
+    vectors = np.array([scan.vector - scan.information @ reference for scan in scans]).reshape(-1, 6)
+    p_value = _p_value(informations, vectors, covariance)
+    drifted = len(scans) >= MIN_SCANS and p_value < MAX_P_VALUE
     if drifted:
-        # One scan that is wrong, as when something was moved during it, must not raise it alone.
-        rest = [np.arange(len(recent)) != k for k in range(len(recent))]
-        drifted = all(_chance(informations[some], vectors[some], covariance) < CHANCE for some in rest)
-    return Drift(len(recent), _likeliest(informations, vectors), chance, drifted)
+        # One wrong scan, for example with something moved during it, must not raise the alarm alone.
+        rest = [np.arange(len(scans)) != k for k in range(len(scans))]
+        drifted = all(_p_value(informations[some], vectors[some], covariance) < MAX_P_VALUE for some in rest)
+    return Drift(len(scans), _most_likely(informations, vectors), p_value, drifted)
 
 
-def _chance(informations: NDArray[np.float64], vectors: NDArray[np.float64], covariance: NDArray[np.float64]) -> float:
-    """How likely, by calibration and scans that are as wrong as they say, an average as far off is."""
+def _p_value(informations: NDArray[np.float64], vectors: NDArray[np.float64], covariance: NDArray[np.float64]) -> float:
+    """Return the probability of an average error of at least this size without a drift."""
     if not len(informations):
         return 1.0
     from scipy.special import chdtrc
 
-    # In units in which the calibration's error has a sigma of one in each direction ...
+    # Whiten by the covariance of the calibration, ...
     L = np.linalg.cholesky(covariance)
     whitened = L.T @ informations @ L
-    # ... and along the axes of what the scans know.
-    known, axes = np.linalg.eigh(whitened.sum(axis=0))
+    # ... and rotate to the principal axes of the information of the scans.
+    total, axes = np.linalg.eigh(whitened.sum(axis=0))
     each = np.maximum(np.einsum("ia,kij,ja->ka", axes, whitened, axes), 0.0)
-    enough = known > UNKNOWN
+    enough = total > MIN_INFORMATION_SHARE
     if not enough.any():
         return 1.0
-    off = (axes.T @ L.T @ vectors.sum(axis=0))[enough] / known[enough]
-    # The average's variance were the scans' errors all alike, each times its own sigma.
+    error = (axes.T @ L.T @ vectors.sum(axis=0))[enough] / total[enough]
+    # Variance of the average if the errors of all scans were fully correlated.
     variance = (np.sqrt(each[:, enough]).sum(axis=0) / each[:, enough].sum(axis=0)) ** 2
-    return float(chdtrc(int(enough.sum()), float((off**2 / (1 + variance)).sum())))
+    return float(chdtrc(int(enough.sum()), float((error**2 / (1 + variance)).sum())))
 
 
-def _likeliest(informations: NDArray[np.float64], vectors: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(6,) the error, given the average scan and that drifts are of some millimetres or degrees."""
+def _most_likely(informations: NDArray[np.float64], vectors: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the most likely error (6,) by the average scan and the prior of the size of a drift."""
     count = max(len(informations), 1)
-    return np.linalg.solve(informations.sum(axis=0) / count + _BEFORE, vectors.sum(axis=0) / count)
+    return np.linalg.solve(informations.sum(axis=0) / count + _PRIOR_INFORMATION, vectors.sum(axis=0) / count)

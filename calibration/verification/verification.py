@@ -1,7 +1,8 @@
-"""Whether a calibration holds for views that it was not solved from: does the board appear where it lay?
+"""Verification of a calibration with views that it was not solved from.
 
-It may appear elsewhere because it was moved, or because the camera was. Seen from two sides, a board that was moved
-appears in one place on the table, and one seen by a camera that was moved in two, or off the table.
+The board should appear where it lay during the calibration. It appears elsewhere if the board was moved, or if the
+camera was. Views from two sides tell the two apart: a moved board appears at one position on the table, while a moved
+camera shows it at two positions, or above or below the table.
 """
 
 import math
@@ -12,31 +13,30 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.geometry.se3 import rotation_angles
-from calibration.input_checks.observations import check_each
+from calibration.input_checks.observations import check_each_view
 from calibration.observations import Observations
-from calibration.result import HandEyeResult
+from calibration.result import Finding, HandEyeResult
 from calibration.storage.hand_eye_file import HandEye
 from calibration.verification.board_prediction import (
     BoardObservation,
     PredictedBoard,
-    check_same,
+    check_same_setup,
     observe_board,
     predict_board,
 )
-from calibration.verification.displacement import Displacement, locate_displacement
+from calibration.verification.displacement import Displacement, estimate_displacement
 
 NOTABLE_M = 0.001
-"""What is less off is good enough, however exact arm and camera are ..."""
+"""A smaller deviation is good enough, however precise arm and camera are."""
 NOTABLE_RAD = np.radians(0.2)
-"""... and what is turned by less: 1 mm in 0.3 m."""
-CHANCE = 0.001
-"""So often chance is taken for something else, all that is looked at together."""
-LIKELIER = 6.0
-"""Where twice the logarithm of by how much likelier it is that the board was moved than that the camera was is less, it
-cannot be told: 20 times likelier."""
+"""A smaller rotation is good enough. It is 1 mm in 0.3 m."""
+FALSE_ALARM_RATE = 0.001
+"""Share of verifications in which noise alone fails one of the tests."""
+MIN_LOG_RATIO = 6.0
+"""Smallest `Displacement.board_log_ratio` that decides that the board was moved. It is a likelihood ratio of 20."""
 SIDES_RAD = np.radians(20.0)
-"""Cameras that look from directions this far apart look from two sides: one that was moved by 3 mm puts the board
-1 mm apart, which is notable."""
+"""Smallest angle between two directions of view that count as two sides. At this angle, a camera that was moved by
+3 mm shows the board at positions 1 mm apart, which is notable."""
 
 
 @dataclass(frozen=True)
@@ -75,14 +75,14 @@ class Verification:
     """Rotation of the board about its normal, radians; None if `board_moved_m` is None."""
     passed: bool
     """Whether the calibration still holds. A board that was moved does not contradict it."""
-    words: str
-    """Message for people."""
+    message: str
+    """Result and what to do, for people."""
 
     def to_json(self) -> dict[str, Any]:
         """Return the result as JSON values. Values that need views are null without them."""
         return {
             "passed": self.passed,
-            "words": self.words,
+            "words": self.message,
             "worst_m": _finite(self.worst_m),
             "expected_m": _finite(self.expected_m),
             "worst_rad": _finite(self.worst_rad),
@@ -106,30 +106,33 @@ def verify(hand_eye: HandEye | HandEyeResult, views: Observations) -> Verificati
         HandEyeMismatchError: It is of another camera, robot, board, mounting or image size.
         HandEyeInputError: A view is not valid.
     """
-    claim = predict_board(hand_eye)
-    check_same(hand_eye, views)
+    predicted = predict_board(hand_eye)
+    check_same_setup(hand_eye, views)
     if not views.views:
-        return _nothing("there is no view of the board that the calibration was not solved from")
-    check_each(views)
-    if not all(np.isfinite(told).all() for told in (claim.X, claim.Y, claim.covariance, claim.K)):
-        return _nothing("the calibration has no solution")
-    names, seen = observe_board(claim, views)
-    if not seen:
-        return _nothing("the board could not be made out in the views that the calibration was not solved from")
-    covariances = [each.own + each.by_claim @ claim.covariance @ each.by_claim.T for each in seen]
+        return _not_verified("there is no view of the board besides those that the calibration was solved from")
+    check_each_view(views)
+    if not all(np.isfinite(value).all() for value in (predicted.X, predicted.Y, predicted.covariance, predicted.K)):
+        return _not_verified("the calibration has no solution")
+    names, observations = observe_board(predicted, views)
+    if not observations:
+        return _not_verified("the board was not found in any view besides those that the calibration was solved from")
+    covariances = [
+        each.own_covariance + each.J_prediction @ predicted.covariance @ each.J_prediction.T for each in observations
+    ]
     rows = tuple(
         VerifiedView(
-            name,
-            float(np.linalg.norm(each.off[3:])),
-            float(np.linalg.norm(each.off[:3])),
-            float(np.sqrt(np.trace(covariance[3:, 3:]))),
-            float(np.sqrt(np.trace(covariance[:3, :3]))),
+            name=name,
+            off_m=float(np.linalg.norm(each.deviation[3:])),
+            off_rad=float(np.linalg.norm(each.deviation[:3])),
+            expected_m=float(np.sqrt(np.trace(covariance[3:, 3:]))),
+            expected_rad=float(np.sqrt(np.trace(covariance[:3, :3]))),
         )
-        for name, each, covariance in zip(names, seen, covariances, strict=True)
+        for name, each, covariance in zip(names, observations, covariances, strict=True)
     )
-    place = locate_displacement(claim, seen)
-    off = _is_elsewhere(seen, covariances, place, claim)
+    displacement = estimate_displacement(predicted, observations)
+    displaced = _is_displaced(observations, covariances, displacement, predicted)
     expected = max(row.expected_m for row in rows)
+    by_noise = np.sqrt(_chi2_limit(3, predicted, 2 * len(rows) + 1) / 3) * expected
     verification = Verification(
         views=rows,
         worst_m=max(row.off_m for row in rows),
@@ -138,107 +141,154 @@ def verify(hand_eye: HandEye | HandEyeResult, views: Observations) -> Verificati
         expected_rad=max(row.expected_rad for row in rows),
         board_moved_m=None,
         board_turned_rad=None,
-        passed=not off,
-        words=f"the board appears where it lay, {_mm(max(row.off_m for row in rows))} off at most, where up to about "
-        f"{_mm(np.sqrt(_limit(3, claim, 2 * len(rows) + 1) / 3) * expected)} is chance",
+        passed=not displaced,
+        message=f"the board appears where it lay, at most {_mm(max(row.off_m for row in rows))} off; noise explains up "
+        f"to about {_mm(by_noise)}",
     )
-    return _judged(verification, seen, place, claim) if off else verification
+    return _explain(verification, observations, displacement, predicted) if displaced else verification
 
 
-def _is_elsewhere(
-    seen: list[BoardObservation], covariances: list[NDArray[np.float64]], place: Displacement, claim: PredictedBoard
+def verification_findings(verification: Verification) -> tuple[Finding, ...]:
+    """Return the findings against a new calibration by the views that were held out of it.
+
+    Nobody moved the board between these views, so a board that seems moved contradicts the calibration as well.
+
+    Args:
+        verification: Result of `verify` with the views that were held out.
+
+    Returns:
+        No finding if the calibration holds.
+    """
+    if not verification.views:
+        message = f"{verification.message}, so the calibration is not verified: run a verification, or calibrate again"
+        return (Finding("not-verified", message, False),)
+    if verification.passed and verification.board_moved_m is None:
+        return ()
+    deviation = format_discrepancy(verification.worst_m, verification.worst_rad)
+    expected = format_discrepancy(verification.expected_m, verification.expected_rad)
+    message = (
+        f"in the views that were held out, the board appears {deviation} off, and about {expected} is expected: check "
+        "that board, camera and bracket are firm, and calibrate again"
+    )
+    return (Finding("verification-failed", message, True),)
+
+
+def _is_displaced(
+    observations: list[BoardObservation],
+    covariances: list[NDArray[np.float64]],
+    displacement: Displacement,
+    predicted: PredictedBoard,
 ) -> bool:
-    """Whether the board is notably elsewhere, and not by chance: in a view by itself, or as far as a motion of the
-    camera explains it in all of them together, which shows smaller ones."""
-    tests = 2 * len(seen) + 1
-    limit = _limit(3, claim, tests)
-    if any(_is_off(each.off, covariance, limit) for each, covariance in zip(seen, covariances, strict=True)):
+    """Return whether the board is displaced, notably and significantly.
+
+    Each view is tested by itself. All views together are tested for a motion of the camera, which shows smaller ones.
+    """
+    tests = 2 * len(observations) + 1
+    limit = _chi2_limit(3, predicted, tests)
+    if any(_is_significant(each.deviation, C, limit) for each, C in zip(observations, covariances, strict=True)):
         return True
-    shift, turn = (float(np.linalg.norm(place.by_camera[:, part], axis=1).max()) for part in (slice(3, 6), slice(3)))
-    return (shift > NOTABLE_M or turn > NOTABLE_RAD) and place.camera_squares > _limit(6, claim, tests)
-
-
-def _judged(
-    verification: Verification, seen: list[BoardObservation], place: Displacement, claim: PredictedBoard
-) -> Verification:
-    """The board does not appear where it lay: why?"""
-    limit = _limit(3, claim, 2 * max(len(place.apart), 1))
-    anew = "check that camera and bracket are tight and that the tool is the same, then calibrate anew"
-    if any(_is_off(*pair, limit) for pair in zip(place.apart, place.apart_covariances, strict=True)):
-        turns, shifts = place.apart[:, :3], place.apart[:, 3:]
-        apart = format_discrepancy(np.linalg.norm(shifts, axis=1).max(), np.linalg.norm(turns, axis=1).max())
-        words = f"views from different sides put the board {apart} apart, more than chance does: {anew}"
-        return replace(verification, words=words)
-    appears = f"the board appears {format_discrepancy(verification.worst_m, verification.worst_rad)} from where it lay"
-    if not _from_two_sides(seen):
-        words = (
-            f"{appears}: look from two sides, {np.degrees(SIDES_RAD):.0f} degrees apart or more, to tell whether it "
-            "was moved or the camera"
-        )
-        return replace(verification, words=words)
-    how = _off_the_table(place, claim)
-    if how is not None:
-        words = (
-            f"the board appears {how} where it lay: unless something was laid under it, the camera was moved; {anew}"
-        )
-        return replace(verification, words=words)
-    if not place.board_likelier >= LIKELIER:
-        words = f"{appears}, and by such a little it cannot be told whether it was moved or the camera: {anew}"
-        return replace(verification, words=words)
-    moved, turned = float(np.linalg.norm(place.off[3:])), abs(float(place.off[:3] @ claim.Y[:3, 2]))
-    told = [f"moved by {_mm(moved)}"] if moved > NOTABLE_M or turned <= NOTABLE_RAD else []
-    told += [f"turned by {_degrees(turned)}"] if turned > NOTABLE_RAD else []
-    words = (
-        f"the board was {' and '.join(told)} since the calibration. The views agree on where it is now, so nothing "
-        "speaks against the calibration"
+    shift, turn = (
+        float(np.linalg.norm(displacement.camera_deviations[:, part], axis=1).max()) for part in (slice(3, 6), slice(3))
     )
-    return replace(verification, board_moved_m=moved, board_turned_rad=turned, passed=True, words=words)
+    return (shift > NOTABLE_M or turn > NOTABLE_RAD) and displacement.camera_chi2 > _chi2_limit(6, predicted, tests)
 
 
-def _off_the_table(place: Displacement, claim: PredictedBoard) -> str | None:
-    """How a board is off the plane in which it lay, in words; None: it is not."""
-    along, normal = claim.Y[:3, :2], claim.Y[:3, 2:3]
-    rise, tilt = place.off[3:] @ normal, place.off[:3] @ along
-    covariance = place.covariance
-    if _beyond(rise, normal.T @ covariance[3:, 3:] @ normal, NOTABLE_M, _limit(1, claim, 2)):
-        return f"{_mm(abs(float(rise[0])))} above or below"
-    if _beyond(tilt, along.T @ covariance[:3, :3] @ along, NOTABLE_RAD, _limit(2, claim, 2)):
-        return f"tilted by {_degrees(float(np.linalg.norm(tilt)))} against how"
+def _explain(
+    verification: Verification,
+    observations: list[BoardObservation],
+    displacement: Displacement,
+    predicted: PredictedBoard,
+) -> Verification:
+    """Decide why the board is displaced: the camera or the board was moved, or the views cannot tell."""
+    limit = _chi2_limit(3, predicted, 2 * max(len(displacement.pair_differences), 1))
+    pairs = zip(displacement.pair_differences, displacement.pair_covariances, strict=True)
+    recalibrate = "check that camera and bracket are tight and that the tool is the same, then calibrate again"
+    if any(_is_significant(*pair, limit) for pair in pairs):
+        turns, shifts = displacement.pair_differences[:, :3], displacement.pair_differences[:, 3:]
+        apart = format_discrepancy(np.linalg.norm(shifts, axis=1).max(), np.linalg.norm(turns, axis=1).max())
+        message = f"views from different sides show the board at poses {apart} apart, more than noise: {recalibrate}"
+        return replace(verification, message=message)
+    appears = f"the board appears {format_discrepancy(verification.worst_m, verification.worst_rad)} from where it lay"
+    if not _from_two_sides(observations):
+        message = (
+            f"{appears}: take views from two sides, at least {np.degrees(SIDES_RAD):.0f} degrees apart, to tell "
+            "whether the board or the camera was moved"
+        )
+        return replace(verification, message=message)
+    off_plane = _off_plane(displacement, predicted)
+    if off_plane is not None:
+        message = (
+            f"the board appears {off_plane}: unless something was put under the board, the camera was moved; "
+            f"{recalibrate}"
+        )
+        return replace(verification, message=message)
+    if not displacement.board_log_ratio >= MIN_LOG_RATIO:
+        message = f"{appears}, too little to tell whether the board or the camera was moved: {recalibrate}"
+        return replace(verification, message=message)
+    moved = float(np.linalg.norm(displacement.mean[3:]))
+    turned = abs(float(displacement.mean[:3] @ predicted.Y[:3, 2]))
+    motions = [f"moved by {_mm(moved)}"] if moved > NOTABLE_M or turned <= NOTABLE_RAD else []
+    motions += [f"turned by {_degrees(turned)}"] if turned > NOTABLE_RAD else []
+    message = (
+        f"the board was {' and '.join(motions)} since the calibration. All views agree on its new pose, so they "
+        "confirm the calibration"
+    )
+    return replace(verification, board_moved_m=moved, board_turned_rad=turned, passed=True, message=message)
+
+
+def _off_plane(displacement: Displacement, predicted: PredictedBoard) -> str | None:
+    """Describe how the board left the plane in which it lay, or return None if it did not."""
+    along, normal = predicted.Y[:3, :2], predicted.Y[:3, 2:3]
+    rise, tilt = displacement.mean[3:] @ normal, displacement.mean[:3] @ along
+    covariance = displacement.covariance
+    if _exceeds(rise, normal.T @ covariance[3:, 3:] @ normal, NOTABLE_M, _chi2_limit(1, predicted, 2)):
+        return f"{_mm(abs(float(rise[0])))} above or below where it lay"
+    if _exceeds(tilt, along.T @ covariance[:3, :3] @ along, NOTABLE_RAD, _chi2_limit(2, predicted, 2)):
+        return f"tilted by {_degrees(float(np.linalg.norm(tilt)))} against where it lay"
     return None
 
 
-def _from_two_sides(seen: list[BoardObservation]) -> bool:
-    turns = np.array([each.by_claim[:3, :3] for each in seen])
-    return bool(rotation_angles(turns[:, None].swapaxes(-1, -2) @ turns).max() >= SIDES_RAD)
+def _from_two_sides(observations: list[BoardObservation]) -> bool:
+    """Return whether two directions of view differ by at least `SIDES_RAD`."""
+    rotations = np.array([each.J_prediction[:3, :3] for each in observations])
+    return bool(rotation_angles(rotations[:, None].swapaxes(-1, -2) @ rotations).max() >= SIDES_RAD)
 
 
-def _is_off(off: NDArray[np.float64], covariance: NDArray[np.float64], limit: float) -> bool:
-    """Whether a difference (6,) is notable and not chance, in turn or shift, whose squares chance keeps below
-    `limit`."""
-    return _beyond(off[3:], covariance[3:, 3:], NOTABLE_M, limit) or _beyond(
-        off[:3], covariance[:3, :3], NOTABLE_RAD, limit
+def _is_significant(deviation: NDArray[np.float64], covariance: NDArray[np.float64], limit: float) -> bool:
+    """Return whether a deviation (6,) is notable and above the chi-square limit, in translation or rotation."""
+    return _exceeds(deviation[3:], covariance[3:, 3:], NOTABLE_M, limit) or _exceeds(
+        deviation[:3], covariance[:3, :3], NOTABLE_RAD, limit
     )
 
 
-def _beyond(off: NDArray[np.float64], covariance: NDArray[np.float64], least: float, limit: float) -> bool:
-    """Whether numbers (D,) are more than the `least` that is notable, and in standard deviations than the `limit`."""
-    squares = float(off @ np.linalg.solve(covariance, off))
-    return not float(np.linalg.norm(off)) <= least and not squares <= limit
+def _exceeds(values: NDArray[np.float64], covariance: NDArray[np.float64], notable: float, limit: float) -> bool:
+    """Return whether `values` (D,) exceed both the notable length and the chi-square limit."""
+    chi2 = float(values @ np.linalg.solve(covariance, values))
+    return not float(np.linalg.norm(values)) <= notable and not chi2 <= limit
 
 
-def _limit(numbers: int, claim: PredictedBoard, tests: int) -> float:
-    """Squares in standard deviations below which chance keeps so many numbers in each of so many tests, but for a
-    share `CHANCE` of verifications."""
+def _chi2_limit(dimensions: int, predicted: PredictedBoard, tests: int) -> float:
+    """Return the chi-square that noise exceeds in a share `FALSE_ALARM_RATE` of verifications, over all tests."""
     from scipy.special import fdtri
 
-    # The noise of turns and that of shifts are each estimated from three errors of each of few views: Snedecor's
-    # distribution, not the normal one.
-    errors = 3.0 * max(claim.views_used - 3, 1)
-    return numbers * float(fdtri(numbers, errors, 1 - CHANCE / tests))
+    # The noise levels are estimated from three errors in each of a few views, so Snedecor's F distribution applies.
+    degrees_of_freedom = 3.0 * max(predicted.views_used - 3, 1)
+    return dimensions * float(fdtri(dimensions, degrees_of_freedom, 1 - FALSE_ALARM_RATE / tests))
 
 
-def _nothing(words: str) -> Verification:
-    return Verification((), math.nan, math.nan, math.nan, math.nan, None, None, False, words)
+def _not_verified(message: str) -> Verification:
+    """Return a verification without views, which does not pass."""
+    return Verification(
+        views=(),
+        worst_m=math.nan,
+        expected_m=math.nan,
+        worst_rad=math.nan,
+        expected_rad=math.nan,
+        board_moved_m=None,
+        board_turned_rad=None,
+        passed=False,
+        message=message,
+    )
 
 
 def _finite(value: float) -> float | None:
@@ -254,5 +304,5 @@ def _degrees(radians: float) -> str:
 
 
 def format_discrepancy(metres: float, radians: float) -> str:
-    """How far two poses are apart, for people."""
+    """Format the distance of two poses for people, in millimetres and degrees."""
     return f"{_mm(metres)} and {_degrees(radians)}"

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import ValidationError
 
-from calibration.dataset.forms import Form, Numbers3, to_transform
+from calibration.dataset.forms import Form, Vector3, transform_from_json
 from calibration.geometry.transforms import from_rotation_vector, rigid
 from cell.frames.camera_file import CAMERA, MATRIX, read_json
 from cell.frames.errors import FramesError
@@ -25,8 +25,8 @@ FORMS = 'a 4x4 matrix, {"xyz_m": [3], "quat_xyzw": [4]} or {"xyz_m": [3], "rotve
 
 
 class _VectorPose(Form):
-    xyz_m: Numbers3
-    rotvec_rad: Numbers3
+    xyz_m: Vector3
+    rotvec_rad: Vector3
 
 
 def read_poses(folder: Path, images: list[Path], name: PoseName) -> tuple[list[NDArray[np.float64]], str]:
@@ -85,7 +85,7 @@ def parse_pose(value: Any, where: str, name: PoseName) -> NDArray[np.float64]:
                 raise ValueError("its rotvec_rad is longer than a turn (2 pi): radians are needed, not degrees")
             T = from_rotation_vector(vector.xyz_m, vector.rotvec_rad)
         else:
-            T = rigid(to_transform(value), "the pose")
+            T = rigid(transform_from_json(value), "the pose")
     except ValidationError as error:
         fault = error.errors(include_url=False)[0]
         at = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in fault["loc"]).removeprefix(".")

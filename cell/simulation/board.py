@@ -108,7 +108,7 @@ class Print:
 
 def _middle(board: Board) -> NDArray[np.float64]:
     """(2,) the middle of what is printed, board frame."""
-    return np.array(board.corner_of_print) + np.array(board.size_m) / 2
+    return np.array(board.print_corner) + np.array(board.size_m) / 2
 
 
 def _pixels_per_m(H_image_board: NDArray[np.float64], point: NDArray[np.float64]) -> float:

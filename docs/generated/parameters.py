@@ -59,13 +59,13 @@ that says why it has its value. Lengths are in radii.
 
 | constants | file | examples |
 |---|---|---|
-| directed nodes | `line_nodes.py` | `PCA_SHARE` 1.5, `ALONG_SHARE` 1.6, `ACROSS_SHARE` 0.4, `PASSES` 3 |
-| fragments | `fragments.py` | `REACH_SHARE` 2.2, `ONWARD` 35 degrees, `MIN_RHO` 0.66 |
-| pairing of the ends | `pairing.py` | `LONGEST_GAP` 14, `TIGHTEST_BEND` 2.5, `OPEN_END` 1.5, `SAFE_MARGIN` 2 |
-| tube fit | `tube_fit.py`, `refinement.py` | `BEND_SHARE` 1/38, `STEP_SHARE` 0.7, `SAME_RADIUS` 0.12 |
-| string test | `strings.py` | `SHORTEST` 10, `OUT_OF_ROUND` 0.04, `SQUARE` 0.25 |
-| sigma | `fitted_evidence.py` | `SYSTEMATIC_SHARE` 0.35, `FLOOR_M` 0.1 mm |
-| registration, for all methods | `pose_prior.py`, `alignment.py` | `PoseSigmas`, `INDEPENDENT_SHARE` 0.05 |
+| directed nodes | `nodes.py` | `PCA_RADII` 1.5, `ALONG_RADII` 1.6, `ACROSS_SIGMA_RADII` 0.4, `N_PASSES` 3 |
+| fragments | `fragments.py` | `MAX_LINK_RADII` 2.2, `MIN_LINK_COSINE` 35 degrees, `MIN_MEDIAN_RHO` 0.66 |
+| pairing of the ends | `end_pairing.py` | `MAX_GAP_RADII` 14, `MIN_BEND_RADII` 2.5, `MIN_CERTAIN_MARGIN` 2 |
+| tube fit | `tube_fit.py`, `refinement.py` | `BEND_SIGMA_RADII` 1/38, `STEP_RADII` 0.7, `MAX_DEVIATION_SHARE` 0.12 |
+| string test | `string_classifier.py` | `MIN_LENGTH_RADII` 10, `MAX_OUT_OF_ROUND_SHARE` 0.04, `MAX_SQUARENESS` 0.25 |
+| sigma | `uncertainty.py` | `SYSTEMATIC_SHARE` 0.35, `MIN_SIGMA_M` 0.1 mm |
+| registration, for all methods | `pose_prior.py`, `multiview_icp.py` | `PoseSigmas`, `INDEPENDENT_SHARE` 0.05 |
 """
 
 

@@ -1,1 +1,24 @@
-"""From fitted strands to the chains and crossings of the model, with their uncertainty."""
+"""Assembly of the model's chains and crossings from fitted strands.
+
+Fitted strands, the registered surface and the scene go in. Chains with sigmas, view counts and ends come out, together
+with their crossings, the surface that no chain explains, and messages about everything that is not certain.
+"""
+
+from recognition.assembly.chain_ends import mark_fragmented_ends, mark_unobserved_ends
+from recognition.assembly.chains import ChainAssembly, assemble_fitted_chains
+from recognition.assembly.crossings import CrossingSet, find_crossings, find_fitted_crossings
+from recognition.assembly.sharp_bends import sharp_bend_messages
+from recognition.assembly.unexplained import find_unexplained_surface, unexplained_messages
+
+__all__ = [
+    "ChainAssembly",
+    "CrossingSet",
+    "assemble_fitted_chains",
+    "find_crossings",
+    "find_fitted_crossings",
+    "find_unexplained_surface",
+    "mark_fragmented_ends",
+    "mark_unobserved_ends",
+    "sharp_bend_messages",
+    "unexplained_messages",
+]

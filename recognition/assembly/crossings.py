@@ -1,57 +1,134 @@
-"""Crossings of strands as seen from above, and which strand is over, by measured height."""
+"""Crossings of strands in the projection onto the table, and which strand is over, by height.
 
+`find_crossings` serves the methods of the paper: it measures the heights of the strands on the surface.
+`find_fitted_crossings` serves the graph method: it compares the heights of the fitted centre lines.
+"""
+
+import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr
 
-from recognition.geometry.intersections import Intersection, find_intersections
+from recognition.geometry.intersections import Intersection, find_intersections, planar_cross
 from recognition.geometry.polyline import arc_length, close_polyline, points_at
 from recognition.messages import format_position
-from recognition.model.model import Crossing, StrandPoint
+from recognition.model.chains import Chain, ChainInterpolator, Crossing, StrandPoint
 from recognition.parameters import ChainParameters
 from recognition.strand import Strand
 
+MIN_CERTAIN_CONFIDENCE = 0.9
+"""A crossing with a lower confidence is reported as ambiguous."""
 TOP_PERCENTILE = 90.0
-"""Of the points beside a strand's middle, the height taken as its top: above most noise, below flying pixels."""
-CERTAIN = 0.9
-"""Least confidence of a crossing that is not told as ambiguous."""
+"""Percentile of the heights beside a strand's middle that counts as its top: above most noise, below flying pixels."""
 HEIGHT_SIGMA_M = 0.0005
-"""One sigma of a strand's measured height: depth noise averaged over a patch of r."""
+"""One sigma of a strand's measured height, metres: depth noise averaged over a patch of size r."""
+MAX_FLAT_GAP_SHARE = 0.3
+"""A crossing is flat if the heights of its strands differ by less than this share of the sum of both radii.
+
+Strands that are pressed together differ by a share of 0.6, and measurements scatter about that value.
+"""
+MAX_GRAZING_RADII = 6.0
+"""Two flat crossings of the same strands, closer than this number of radii along both, are one grazing contact.
+
+The strands then lie side by side and do not cross.
+"""
+MAX_UNDECIDED_CONFIDENCE = 0.6
+"""Maximum confidence of a crossing that is flat, or whose views contradict the heights."""
 
 
-def find_crossings(
-    strands: Sequence[Strand], surface: NDArray[np.float64], parameters: ChainParameters
-) -> tuple[list[Crossing], list[str]]:
-    """All crossings of the strands, and in words which of them could not be decided.
+@dataclass(frozen=True, eq=False)
+class CrossingSet:
+    """All crossings of a scene, and the messages about those that are not certain."""
 
-    Which strand is over is measured on `surface` (N, 3): the higher top beside the crossing. The over strand is
-    seen right at the crossing, the under one as near to it as the over one lets it be seen.
+    crossings: tuple[Crossing, ...]
+    """Crossings in the order of the strands and along them. Each `id` is the index in this tuple."""
+    ambiguities: tuple[str, ...]
+    """One message for each crossing with a confidence below `MIN_CERTAIN_CONFIDENCE`."""
+
+
+def find_crossings(strands: Sequence[Strand], surface: NDArray[np.float64], parameters: ChainParameters) -> CrossingSet:
+    """Return the crossings of the strands, with the heights measured on the surface.
+
+    The strand with the higher top is over. Both strands are measured beside the crossing, where the other strand does
+    not hide them.
+
+    Args:
+        strands: Strands of the scene.
+        surface: (N, 3) registered surface points, metres, base frame.
+        parameters: Radius r of the strands.
+
+    Returns:
+        The crossings and their ambiguities. The confidence follows from the height difference and `HEIGHT_SIGMA_M`.
+
+    Source:
+        Ours.
     """
     crossings, ambiguities = [], []
-    for number, meeting in enumerate(find_intersections(strands)):
-        heights = np.array([_height(strands, meeting, side, surface, parameters) for side in (0, 1)])
+    for number, intersection in enumerate(find_intersections(strands)):
+        heights = np.array([_measure_height(strands, intersection, side, surface, parameters) for side in (0, 1)])
         gap = float(np.ptp(heights))
         confidence = float(ndtr(gap / (np.sqrt(2) * HEIGHT_SIGMA_M)))
-        crossings.append(crossing_of(meeting, number, heights, confidence))
-        if confidence < CERTAIN:
-            ambiguities.append(uncertain_crossing_message(crossings[-1], height_difference_message(gap)))
-    return crossings, ambiguities
+        crossings.append(_make_crossing(intersection, number, heights, confidence))
+        if confidence < MIN_CERTAIN_CONFIDENCE:
+            ambiguities.append(_uncertain_crossing_message(crossings[-1], _height_difference_reason(gap)))
+    return CrossingSet(tuple(crossings), tuple(ambiguities))
 
 
-def crossing_of(meeting: Intersection, number: int, heights: NDArray[np.float64], confidence: float) -> Crossing:
-    """The crossing where two strands meet at the `heights` (2,), the higher one over the other.
+def find_fitted_crossings(chains: Sequence[Chain]) -> CrossingSet:
+    """Return the crossings of fitted chains, with the heights of their centre lines.
 
-    Its sign is that of the turn from the over strand's direction to the under one's, seen from above.
+    The chain with the higher centre line is over. The confidence follows from the height difference and the sigmas of
+    both chains. It is at most `MAX_UNDECIDED_CONFIDENCE` if the crossing is flat, or if views saw the under chain there
+    but not the over chain.
+
+    Args:
+        chains: Fitted chains with `sigma_m` and `views`.
+
+    Returns:
+        The crossings and their ambiguities. Grazing contacts are not crossings.
+
+    Source:
+        Ours.
+    """
+    crossings, ambiguities = [], []
+    for intersection in _remove_grazing_contacts(find_intersections(chains), chains):
+        heights = np.array(intersection.heights_m)
+        over = int(heights.argmax())
+        gap = float(np.ptp(heights))
+        sigma = math.hypot(
+            *(_value_at(chains[intersection.strands[k]], intersection.s_m[k], "sigma_m") for k in (0, 1))
+        )
+        confidence = float(ndtr(gap / sigma))
+        views_over, views_under = (
+            _value_at(chains[intersection.strands[k]], intersection.s_m[k], "views") for k in (over, 1 - over)
+        )
+        contradicted = views_over < 0.5 <= views_under
+        if contradicted or _is_flat(intersection, chains):
+            confidence = min(confidence, MAX_UNDECIDED_CONFIDENCE)
+        crossings.append(_make_crossing(intersection, len(crossings), heights, confidence))
+        if confidence < MIN_CERTAIN_CONFIDENCE:
+            reason = "the upper strand was not seen there" if contradicted else _height_difference_reason(gap)
+            ambiguities.append(_uncertain_crossing_message(crossings[-1], reason))
+    return CrossingSet(tuple(crossings), tuple(ambiguities))
+
+
+def _make_crossing(
+    intersection: Intersection, number: int, heights: NDArray[np.float64], confidence: float
+) -> Crossing:
+    """Return the crossing at an intersection whose strands have the `heights` (2,), metres.
+
+    The sign is that of the turn from the over strand's direction to the under strand's, seen from above.
     """
     over = int(heights.argmax())
-    a, b = meeting.directions[over], meeting.directions[1 - over]
-    turn = float(a[0] * b[1] - a[1] * b[0])
-    upper, lower = (StrandPoint(meeting.strands[k], meeting.s_m[k]) for k in (over, 1 - over))
+    a, b = intersection.directions[over], intersection.directions[1 - over]
+    turn = float(planar_cross(a, b))
+    upper, lower = (StrandPoint(intersection.strands[k], intersection.s_m[k]) for k in (over, 1 - over))
     return Crossing(
         id=number,
-        point=np.array([*meeting.xy, float(heights.mean())]),
+        point=np.array([*intersection.xy, float(heights.mean())]),
         over=upper,
         under=lower,
         gap_m=float(np.ptp(heights)),
@@ -61,44 +138,78 @@ def crossing_of(meeting: Intersection, number: int, heights: NDArray[np.float64]
     )
 
 
-def uncertain_crossing_message(crossing: Crossing, why: str) -> str:
-    """In words, that which of the strands is over is not certain."""
-    return f"crossing {crossing.id} at {format_position(crossing.point)}: {why}; which is over is not certain"
+def _uncertain_crossing_message(crossing: Crossing, reason: str) -> str:
+    position = format_position(crossing.point)
+    return f"crossing {crossing.id} at {position}: {reason}; which strand is over is not certain"
 
 
-def height_difference_message(gap_m: float) -> str:
-    """In words, why a crossing is not certain where the strands are too near in height."""
-    return f"the strands' heights differ by {gap_m * 1000:.1f} mm only"
+def _height_difference_reason(gap_m: float) -> str:
+    return f"the heights of the strands differ by only {gap_m * 1000:.1f} mm"
 
 
-def _height(
+def _measure_height(
     strands: Sequence[Strand],
-    meeting: Intersection,
+    intersection: Intersection,
     side: int,
     surface: NDArray[np.float64],
     parameters: ChainParameters,
 ) -> float:
-    """z of a strand's centre line at the crossing, from the tops seen on both sides of the other strand.
+    """Return the z of a strand's centre line at the crossing, from its tops on both sides of the other strand.
 
-    Its own ridge is looked at, within r / 2 of its line, at distances at which the other strand (r wide on its
-    side, and r / 2 to clear its flank) is out of the way, up to 2 r farther. Where nothing is seen there, the
-    chain's own height counts.
+    The tops are measured on the strand's ridge, within r / 2 of its line. The first is where the other strand ends (r
+    for its half width, and r / 2 to clear its flank), the last 2 r farther. Without any surface there, the height of
+    the strand's own line counts.
     """
-    own, other = meeting.directions[side], meeting.directions[1 - side]
-    sine = max(abs(float(own[0] * other[1] - own[1] * other[0])), 0.3)
+    own, other = intersection.directions[side], intersection.directions[1 - side]
+    sine = max(abs(float(planar_cross(own, other))), 0.3)
     hidden = parameters.r * 1.5 / sine
-    strand = strands[meeting.strands[side]]
+    strand = strands[intersection.strands[side]]
     line = close_polyline(strand.points, strand.closed)
     length = arc_length(line)[-1]
     tops = []
     for sign in (-1, 1):
-        offsets = meeting.s_m[side] + sign * (hidden + np.linspace(0, 2 * parameters.r, 5))
+        offsets = intersection.s_m[side] + sign * (hidden + np.linspace(0, 2 * parameters.r, 5))
         offsets = offsets[(offsets >= 0) & (offsets <= length)]
-        places = points_at(line, offsets)
-        for place in places:
-            beside = np.linalg.norm(surface[:, :2] - place[:2], axis=1) < parameters.r / 2
-            # Not the tops of a third strand that passes here.
-            beside &= np.abs(surface[:, 2] - place[2]) < 2 * parameters.r
+        for point in points_at(line, offsets):
+            beside = np.linalg.norm(surface[:, :2] - point[:2], axis=1) < parameters.r / 2
+            # Exclude the tops of a third strand that passes here.
+            beside &= np.abs(surface[:, 2] - point[2]) < 2 * parameters.r
             if beside.any():
                 tops.append(float(np.percentile(surface[beside, 2], TOP_PERCENTILE)) - parameters.r)
-    return float(np.mean(tops)) if tops else meeting.heights_m[side]
+    return float(np.mean(tops)) if tops else intersection.heights_m[side]
+
+
+def _remove_grazing_contacts(intersections: Sequence[Intersection], chains: Sequence[Chain]) -> list[Intersection]:
+    """Remove pairs of flat intersections that are one grazing contact."""
+    flat = [k for k, intersection in enumerate(intersections) if _is_flat(intersection, chains)]
+    removed: set[int] = set()
+    for position, k in enumerate(flat):
+        if k in removed:
+            continue
+        for other in flat[position + 1 :]:
+            if other not in removed and _is_same_contact(intersections[k], intersections[other], chains):
+                removed |= {k, other}
+                break
+    return [intersection for k, intersection in enumerate(intersections) if k not in removed]
+
+
+def _is_flat(intersection: Intersection, chains: Sequence[Chain]) -> bool:
+    gap = abs(intersection.heights_m[0] - intersection.heights_m[1])
+    return gap < MAX_FLAT_GAP_SHARE * sum(chains[strand].radius_m for strand in intersection.strands)
+
+
+def _is_same_contact(one: Intersection, other: Intersection, chains: Sequence[Chain]) -> bool:
+    """Return whether two intersections of the same strands are near each other along both."""
+    if one.strands != other.strands:
+        return False
+    distances = [
+        ChainInterpolator(chains[strand]).distance(np.array(s), t)
+        for strand, s, t in zip(one.strands, one.s_m, other.s_m, strict=True)
+    ]
+    return max(map(float, distances)) < MAX_GRAZING_RADII * max(chains[strand].radius_m for strand in one.strands)
+
+
+def _value_at(chain: Chain, s_m: float, field: str) -> float:
+    """Return a chain's per-point `field`, interpolated at the arc length `s_m`."""
+    values = np.asarray(getattr(chain, field), dtype=np.float64)
+    return float(ChainInterpolator(chain)(np.array(s_m), values))

@@ -1,4 +1,4 @@
-"""How well each point of a fitted strand is known: an honest sigma, and how many views saw it."""
+"""Uncertainty of a fitted strand: one sigma and the number of views at each point."""
 
 from collections.abc import Sequence
 
@@ -11,60 +11,77 @@ from recognition.preprocessing.normals import NormalCloud
 from recognition.refinement.refinement import FittedStrand
 from recognition.registration.registration import Registration
 
-LOOKED_AT = 2
-"""Of so many surface points of a view one is looked at."""
-SEEN_BY = 2
-"""Surface points that a view must have beside a point of the line to have seen it."""
+SURFACE_STRIDE = 2
+"""Only every second surface point of a view is used to decide whether the view saw a point of the line."""
+MIN_VIEW_POINTS = 2
+"""A view saw a point of the line if it has at least this number of surface points beside it."""
 SYSTEMATIC_SHARE = 0.35
-"""Share of the surface's scatter that is the same in all views and in neighbouring pixels, so that nothing averages it
-out: errors of stereo that repeat with the disparity. Measured on simulated scans, so that twice the sigma holds 95 of
-100 there, and of all that comes out of a short baseline at a long distance too."""
-FLOOR_M = 0.0001
-"""No point is claimed better than this: lens and depth scale are common to all views."""
-BRIDGE_BEND = 8.0
-"""Bend radius, in string radii, by which a string may leave the smooth way where it is hidden."""
+"""Share of the surface scatter that is common to all views and to neighbouring pixels.
+
+Averaging does not reduce it: it comes from stereo errors that repeat with the disparity. The value was measured on
+simulated scans, so that twice the sigma covers 95 of 100 cases there. It also covers the larger errors of a short
+baseline at a long distance.
+"""
+MIN_SIGMA_M = 0.0001
+"""Lower limit of sigma, metres: errors of the lens and of the depth scale are common to all views."""
+MIN_HIDDEN_BEND_RADII = 8.0
+"""Smallest bend radius, in string radii, with which a hidden string may leave the smooth path."""
 
 
 def point_uncertainty(
     strand: FittedStrand, registration: Registration, scatter_m: float
 ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """(N,) one sigma across the string, metres, and (N,) number of views, for each point of the strand.
+    """Return one sigma across the string and the number of views, for each point of the strand.
 
-    Twice the sigma holds the true centre line in 95 of 100 cases. Four errors add up: that of the views' poses after
-    registration, which moves the whole string; that of the fit, from the surface's scatter and how much of it bears
-    the point; that which all depth shares; and, where the string is hidden, how far it may bend unseen.
+    Twice the sigma covers the true centre line in 95 of 100 cases. The variance is the sum of four terms:
+
+    - the view poses after registration, which move the whole string;
+    - the fit, which depends on the surface scatter and on the number of points that support each point of the line;
+    - the errors that are common to all depth measurements;
+    - where the string is hidden, the distance by which it may bend unobserved.
+
+    Args:
+        strand: Fitted strand with N points.
+        registration: Registered views with the covariance of their poses.
+        scatter_m: Scatter of the surface about the fitted tubes, metres.
+
+    Returns:
+        (N,) one sigma across the string, metres, and (N,) number of views. Bridged points have no view.
+
+    Source:
+        Ours.
     """
-    views = np.where(strand.bridged, 0, _views(strand, registration.clouds))
+    views = np.where(strand.bridged, 0, _count_views(strand, registration.clouds))
     fit = 1.5 * scatter_m**2 / np.maximum(strand.support, 1e-3)
-    unseen = strand.bridged
-    hidden = np.zeros(len(unseen))
-    if unseen.any() and not unseen.all():
+    hidden = strand.bridged
+    deviation = np.zeros(len(hidden))
+    if hidden.any() and not hidden.all():
         s = arc_length(strand.points)
-        way, nearest = KDTree(s[~unseen, None]).query(s[unseen, None])
-        fit[unseen] = fit[~unseen][np.asarray(nearest)]
-        hidden[unseen] = np.asarray(way) ** 2 / (2 * BRIDGE_BEND * strand.radius_m)
-    common = FLOOR_M**2 + (SYSTEMATIC_SHARE * scatter_m) ** 2
-    return np.sqrt(_pose_variance(strand.points, registration) + fit + hidden**2 + common), views
+        distance, nearest = KDTree(s[~hidden, None]).query(s[hidden, None])
+        fit[hidden] = fit[~hidden][np.asarray(nearest)]
+        deviation[hidden] = np.asarray(distance) ** 2 / (2 * MIN_HIDDEN_BEND_RADII * strand.radius_m)
+    common = MIN_SIGMA_M**2 + (SYSTEMATIC_SHARE * scatter_m) ** 2
+    return np.sqrt(_pose_variance(strand.points, registration) + fit + deviation**2 + common), views
 
 
-def _views(strand: FittedStrand, clouds: Sequence[NormalCloud]) -> NDArray[np.int64]:
-    """(N,) how many views have surface about each point of the line."""
+def _count_views(strand: FittedStrand, clouds: Sequence[NormalCloud]) -> NDArray[np.int64]:
+    """Return (N,) the number of views that have surface beside each point of the line."""
     tree = KDTree(strand.points)
-    counts = np.zeros(len(strand.points), dtype=np.int64)
+    n_views = np.zeros(len(strand.points), dtype=np.int64)
     for cloud in clouds:
-        points = cloud.points[::LOOKED_AT]
-        distance, found = tree.query(points, distance_upper_bound=1.6 * strand.radius_m)
-        nearest = np.asarray(found)
+        points = cloud.points[::SURFACE_STRIDE]
+        distance, indices = tree.query(points, distance_upper_bound=1.6 * strand.radius_m)
+        nearest = np.asarray(indices)
         beside = (nearest < tree.n) & (np.asarray(distance) > 0.5 * strand.radius_m)
-        counts += np.bincount(nearest[beside], minlength=tree.n) >= SEEN_BY
-    return counts
+        n_views += np.bincount(nearest[beside], minlength=tree.n) >= MIN_VIEW_POINTS
+    return n_views
 
 
 def _pose_variance(points: NDArray[np.float64], registration: Registration) -> NDArray[np.float64]:
-    """(N,) variance of the mean of the views' displacements at each point, metres squared.
+    """Return (N,) the variance of the views' mean displacement at each point, metres squared.
 
-    Of the two directions across the string the worse counts whole and the better half: then twice the root holds
-    95 of 100, for a round error and for one along a line alike.
+    Across the string there are two directions. The larger variance counts fully and the smaller one by half. Twice
+    the root then covers 95 of 100 cases, both for a round error and for an error along a line.
     """
     n = len(registration.covariance) // 6
     mean = np.tile(np.eye(6), (1, n)) / n

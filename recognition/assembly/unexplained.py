@@ -1,4 +1,4 @@
-"""What was measured above the table and is in no chain: other things, or string that was missed."""
+"""Unexplained surface: measured points above the table that belong to no chain."""
 
 from collections.abc import Sequence
 
@@ -10,34 +10,67 @@ from scipy.spatial import KDTree
 from recognition.geometry.neighbours import neighbour_matrix
 from recognition.geometry.polyline import close_polyline, resample
 from recognition.messages import format_position
-from recognition.model.model import Chain
+from recognition.model.chains import Chain
 from recognition.parameters import ChainParameters
 
-MOST = 5
-"""Pieces told one by one."""
+MAX_LISTED_PIECES = 5
+"""Number of pieces that get a message of their own; one more message counts the rest."""
 
 
 def find_unexplained_surface(
     surface: NDArray[np.float64], chains: Sequence[Chain], parameters: ChainParameters
 ) -> list[NDArray[np.float64]]:
-    """The pieces (M, 3) of `surface` (N, 3) larger than r_cn that lie farther than 2 r from every chain, the largest
-    first.
+    """Return the connected pieces of the surface that are far from every chain, the largest first.
 
-    From a chain thicker than told, twice its own radius. Where there is no chain, all of the surface is left over.
+    A point is far from a chain if its distance is more than 2 r, or more than twice the chain's own radius if the
+    chain is thicker than r. Pieces smaller than r_cn are noise and are dropped.
+
+    Args:
+        surface: (N, 3) measured points above the table, metres, base frame.
+        chains: Chains of the model. Without chains, the whole surface is unexplained.
+        parameters: Radius r and minimum size r_cn of a piece.
+
+    Returns:
+        (M, 3) points of each piece, metres, base frame.
+
+    Source:
+        Ours.
     """
-    rest = surface[_far(surface, chains, parameters)] if chains else surface
+    rest = surface[_is_far(surface, chains, parameters)] if chains else surface
     if len(rest) == 0:
         return []
-    _, piece = connected_components(neighbour_matrix(rest, rest, parameters.r), directed=False)
-    order = np.argsort(piece, kind="stable")
-    rest, first = rest[order], np.flatnonzero(np.diff(piece[order], prepend=-1))
+    _, label = connected_components(neighbour_matrix(rest, rest, parameters.r), directed=False)
+    order = np.argsort(label, kind="stable")
+    rest, first = rest[order], np.flatnonzero(np.diff(label[order], prepend=-1))
     pieces = np.split(rest, first[1:])
     sizes = np.array([_size(piece) for piece in pieces])
     return [pieces[k] for k in np.argsort(-sizes, kind="stable") if sizes[k] >= parameters.r_cn]
 
 
-def _far(surface: NDArray[np.float64], chains: Sequence[Chain], parameters: ChainParameters) -> NDArray[np.bool_]:
-    """Which points (N,) are beyond the reach of every chain."""
+def unexplained_messages(pieces: Sequence[NDArray[np.float64]]) -> list[str]:
+    """Return the warnings for pieces of unexplained surface.
+
+    A piece may be string that the model misses, or an object that a gripper can collide with. The user must know
+    about both.
+
+    Args:
+        pieces: (M, 3) points of each piece, metres, base frame, the largest piece first.
+
+    Returns:
+        One message for each of the first `MAX_LISTED_PIECES` pieces, and one with the number of the others.
+    """
+    messages = [
+        f"something of {_size(piece) * 1000:.0f} mm at {format_position(piece.mean(axis=0))} is above the table and in "
+        "no chain"
+        for piece in pieces[:MAX_LISTED_PIECES]
+    ]
+    if len(pieces) > MAX_LISTED_PIECES:
+        messages.append(f"and {len(pieces) - MAX_LISTED_PIECES} more such objects")
+    return messages
+
+
+def _is_far(surface: NDArray[np.float64], chains: Sequence[Chain], parameters: ChainParameters) -> NDArray[np.bool_]:
+    """Return (N,) whether each point is farther from every chain than that chain explains."""
     lines = [resample(close_polyline(chain.points, chain.closed), parameters.r) for chain in chains]
     reach = np.repeat([2 * max(chain.radius_m, parameters.r) for chain in chains], [len(line) for line in lines])
     distance, nearest = KDTree(np.vstack(lines)).query(surface, distance_upper_bound=float(reach.max()))
@@ -46,21 +79,6 @@ def _far(surface: NDArray[np.float64], chains: Sequence[Chain], parameters: Chai
     return far
 
 
-def unexplained_messages(pieces: Sequence[NDArray[np.float64]]) -> list[str]:
-    """In words, the `pieces` that the chains leave over, the largest first.
-
-    A model that leaves string out is a wrong model, and a grasp beside a thing that the model does not know may
-    collide with it: both must be told.
-    """
-    told = [
-        f"something of {_size(piece) * 1000:.0f} mm at {format_position(piece.mean(axis=0))} is above the table and in "
-        "no chain"
-        for piece in pieces[:MOST]
-    ]
-    if len(pieces) > MOST:
-        told.append(f"and {len(pieces) - MOST} more such things")
-    return told
-
-
 def _size(piece: NDArray[np.float64]) -> float:
+    """Return the diagonal of the piece's bounding box, metres."""
     return float(np.linalg.norm(np.ptp(piece, axis=0)))

@@ -1,1 +1,5 @@
-"""Geometry that several stages share: polylines, neighbourhoods, voxels, planar intersections, matching in graphs."""
+"""Geometry that several stages share.
+
+Points, polylines or graphs go in, as arrays.
+Arc lengths, neighbourhoods, voxels, planar intersections or matched pairs come out, as arrays.
+"""

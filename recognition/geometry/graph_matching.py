@@ -1,4 +1,4 @@
-"""Which of many couples of ends to take: each end in one at most, and the largest gain in sum."""
+"""Maximum weight matching of ends, and how certain each matched pair is."""
 
 import numpy as np
 import rustworkx
@@ -6,51 +6,59 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components
 
-FINEST = 1e-9
-"""The matching reckons in whole numbers, so that it is exact: gains in steps of this."""
-MOST_RIVALS = 300
-"""Ends that compete with one another, of which a margin is told. Each is a matching more; real scenes have tens."""
+GAIN_STEP = 1e-9
+"""Gains are rounded to whole multiples of this, because the matching is exact only on integers."""
+MAX_COMPETING_ENDS = 300
+"""Largest number of competing ends for which margins are computed. Each pair of them takes one more matching. Real
+scenes have tens of competing ends."""
 
 
 def maximum_weight_matching(a: NDArray[np.int64], b: NDArray[np.int64], gain: NDArray[np.float64]) -> NDArray[np.int64]:
-    """Which couples to take for the largest gain in sum: a matching of maximum weight.
+    """Return the pairs with the largest sum of gains, with each end in one pair at most.
 
     Args:
-        a, b: (M,) and (M,) the two ends of each couple there may be; no couple twice.
-        gain: (M,) of each, finite.
+        a: (M,) first end of each candidate pair. No pair may occur twice.
+        b: (M,) second end of each candidate pair.
+        gain: (M,) gain of each candidate pair, finite.
 
     Returns:
-        (K,) indices of couples, ascending.
+        (K,) indices of the matched pairs, ascending.
     """
     ends, nodes = np.unique(np.concatenate([a, b]), return_inverse=True)
     graph = rustworkx.PyGraph(multigraph=False)
     graph.add_nodes_from(ends.tolist())
     graph.add_edges_from(list(zip(*nodes.reshape(2, -1).tolist(), range(len(a)), strict=True)))
-    weights = np.rint(gain / FINEST).astype(np.int64).tolist()
-    taken = rustworkx.max_weight_matching(graph, weight_fn=weights.__getitem__)
-    return np.array(sorted(graph.get_edge_data(j, k) for j, k in taken), dtype=np.int64)
+    weights = np.rint(gain / GAIN_STEP).astype(np.int64).tolist()
+    matched = rustworkx.max_weight_matching(graph, weight_fn=weights.__getitem__)
+    return np.array(sorted(graph.get_edge_data(j, k) for j, k in matched), dtype=np.int64)
 
 
 def matching_margins(
-    taken: NDArray[np.int64], a: NDArray[np.int64], b: NDArray[np.int64], gain: NDArray[np.float64]
+    matched: NDArray[np.int64], a: NDArray[np.int64], b: NDArray[np.int64], gain: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """(K,) how much each of the couples `taken` is ahead of doing without it; 0 where too many compete to tell.
+    """Return for each matched pair how much less the best matching without it gains.
 
-    Ends that no couple links directly or through others don't compete: each such group is looked at by itself.
+    Two ends compete if pairs link them directly or through other ends. Each group of competing ends is computed alone.
 
     Args:
-        taken: (K,) the answer of `maximum_weight_matching` to the same a, b and gain.
+        matched: (K,) result of `maximum_weight_matching` for the same `a`, `b` and `gain`.
+        a: (M,) first end of each candidate pair.
+        b: (M,) second end of each candidate pair.
+        gain: (M,) gain of each candidate pair, finite.
+
+    Returns:
+        (K,) margins, not negative. 0 for the pairs of a group of more than `MAX_COMPETING_ENDS` ends.
     """
-    if len(taken) == 0:
+    if len(matched) == 0:
         return np.empty(0)
     count = int(max(a.max(), b.max())) + 1
-    _, group = connected_components(csr_array((np.ones(len(a)), (a, b)), shape=(count, count)), directed=False)
-    rivals = np.bincount(group)
-    margins = np.zeros(len(taken))
-    for place, couple in enumerate(taken):
-        number = group[a[couple]]
-        if rivals[number] <= MOST_RIVALS:
-            others = np.flatnonzero((group[a] == number) & (np.arange(len(a)) != couple))
+    _, group_of_end = connected_components(csr_array((np.ones(len(a)), (a, b)), shape=(count, count)), directed=False)
+    group_sizes = np.bincount(group_of_end)
+    margins = np.zeros(len(matched))
+    for k, pair in enumerate(matched):
+        group = group_of_end[a[pair]]
+        if group_sizes[group] <= MAX_COMPETING_ENDS:
+            others = np.flatnonzero((group_of_end[a] == group) & (np.arange(len(a)) != pair))
             without = others[maximum_weight_matching(a[others], b[others], gain[others])]
-            margins[place] = gain[taken[group[a[taken]] == number]].sum() - gain[without].sum()
+            margins[k] = gain[matched[group_of_end[a[matched]] == group]].sum() - gain[without].sum()
     return margins

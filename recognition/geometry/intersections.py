@@ -1,4 +1,4 @@
-"""Where strands cross one another, or themselves, as seen from above."""
+"""Intersections of polylines with each other and with themselves, in the projection onto the table."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -10,37 +10,42 @@ from scipy.spatial import KDTree
 
 from recognition.geometry.polyline import arc_length, close_polyline
 
-PARALLEL = 1e-6
-"""Sine of the angle under which links count as parallel: where such meet is rounding."""
-ROUNDING = 1e-9
-"""Share of a link within which rounding may put a crossing beyond its end."""
-SAME_PLACE_M = 1e-6
-"""Crossings closer than this along both strands are one, found in two links."""
+PARALLEL_SINE = 1e-6
+"""Links are parallel if the sine of the angle between them is at most this. Their intersection would be rounding."""
+ROUNDING_SHARE = 1e-9
+"""Share of the length of a link by which rounding may put an intersection beyond the end of the link."""
+SAME_POINT_M = 1e-6
+"""Intersections closer than this along both strands are one, found on two links. Metres."""
 
 
-class Line(Protocol):
-    """What can cross: strands and chains."""
+class Polyline(Protocol):
+    """Protocol of what can intersect: strands and chains."""
 
     @property
-    def points(self) -> NDArray[np.float64]: ...
+    def points(self) -> NDArray[np.float64]:
+        """(N, 3) points in order, metres."""
+        ...
+
     @property
-    def closed(self) -> bool: ...
+    def closed(self) -> bool:
+        """Whether the last point connects to the first."""
+        ...
 
 
 @dataclass(frozen=True, eq=False)
 class Intersection:
-    """Two strands crossing in the projection onto the table."""
+    """An intersection of two strands in the projection onto the table."""
 
     strands: tuple[int, int]
-    """Indices; the same twice for a strand that crosses itself."""
+    """Indices of the strands. The same index twice if the strand crosses itself."""
     s_m: tuple[float, float]
-    """Arc length along each."""
+    """Arc length along each strand, metres."""
     heights_m: tuple[float, float]
-    """z of each polyline there."""
+    """z of each polyline at the intersection, metres."""
     directions: tuple[NDArray[np.float64], NDArray[np.float64]]
-    """(2,) unit vectors of each in the table plane."""
+    """(2,) unit vector of each strand in the table plane."""
     xy: NDArray[np.float64]
-    """(2,)."""
+    """(2,) position of the intersection, metres."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,98 +53,98 @@ class _Links:
     """All links of all strands, one strand after the other."""
 
     start: NDArray[np.float64]
-    """(N, 3)"""
-    way: NDArray[np.float64]
-    """(N, 3) to its end."""
+    """(N, 3) first point, metres."""
+    vector: NDArray[np.float64]
+    """(N, 3) vector from the first point to the last, metres."""
     s: NDArray[np.float64]
-    """(N,) arc length at its start."""
+    """(N,) arc length at the first point, metres."""
     strand: NDArray[np.intp]
-    """(N,)"""
+    """(N,) index of the strand."""
     number: NDArray[np.intp]
-    """(N,) within its strand."""
+    """(N,) number of the link within its strand."""
 
 
-def find_intersections(strands: Sequence[Line]) -> list[Intersection]:
-    """Where the strands cross, in the order of the strands and along them."""
+def find_intersections(strands: Sequence[Polyline]) -> list[Intersection]:
+    """Return the intersections of the strands, in the order of the strands and along them."""
     lines = [close_polyline(strand.points, strand.closed) for strand in strands]
-    links = _links(lines)
-    m, n = _near(links)
-    u, v, w = links.way[m, :2], links.way[n, :2], links.start[n, :2] - links.start[m, :2]
-    determinant = _cross(u, v)
-    parallel = np.abs(determinant) <= PARALLEL * np.linalg.norm(u, axis=1) * np.linalg.norm(v, axis=1)
+    links = _collect_links(lines)
+    m, n = _nearby_pairs(links)
+    u, v, w = links.vector[m, :2], links.vector[n, :2], links.start[n, :2] - links.start[m, :2]
+    determinant = planar_cross(u, v)
+    parallel = np.abs(determinant) <= PARALLEL_SINE * np.linalg.norm(u, axis=1) * np.linalg.norm(v, axis=1)
     with np.errstate(divide="ignore", invalid="ignore"):
-        a, b = _cross(w, v) / determinant, _cross(w, u) / determinant
-        # A little beyond the links' ends, so that no crossing in a point of the chain falls between two of them.
-        hit = ~parallel & (np.abs(a - 0.5) <= 0.5 + ROUNDING) & (np.abs(b - 0.5) <= 0.5 + ROUNDING)
+        a, b = planar_cross(w, v) / determinant, planar_cross(w, u) / determinant
+        # A small margin beyond both ends of a link, so that no intersection falls between two links.
+        hit = ~parallel & (np.abs(a - 0.5) <= 0.5 + ROUNDING_SHARE) & (np.abs(b - 0.5) <= 0.5 + ROUNDING_SHARE)
     count = np.bincount(links.strand, minlength=len(lines))
     closed = np.array([strand.closed for strand in strands], dtype=bool)
-    of = links.strand[m]
-    apart = links.number[n] - links.number[m]
-    # Neighbouring links share a point and do not cross; in a closed strand also the last and the first.
-    neighbours = (apart == 1) | (closed[of] & (apart == count[of] - 1))
-    hit &= (of != links.strand[n]) | ~neighbours
-    round_ = [
+    strand_of_m = links.strand[m]
+    distance = links.number[n] - links.number[m]
+    # Neighbouring links share a point and do not intersect. In a closed strand, the last and the first are neighbours.
+    neighbours = (distance == 1) | (closed[strand_of_m] & (distance == count[strand_of_m] - 1))
+    hit &= (strand_of_m != links.strand[n]) | ~neighbours
+    periods = [
         float(arc_length(line)[-1]) if strand.closed else np.inf for line, strand in zip(lines, strands, strict=True)
     ]
     found: list[Intersection] = []
     for k in np.flatnonzero(hit):
-        meeting = _meeting(links, int(m[k]), int(n[k]), float(a[k]), float(b[k]))
-        if not any(_same(meeting, known, round_) for known in found):
-            found.append(meeting)
+        intersection = _intersect_links(links, int(m[k]), int(n[k]), float(a[k]), float(b[k]))
+        if not any(_is_same(intersection, known, periods) for known in found):
+            found.append(intersection)
     return found
 
 
-def _links(lines: Sequence[NDArray[np.float64]]) -> _Links:
+def planar_cross(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the cross products (...,) of the planar vectors `a` and `b` (..., 2)."""
+    return a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
+
+
+def _collect_links(lines: Sequence[NDArray[np.float64]]) -> _Links:
     counts = [len(line) - 1 for line in lines]
-    nothing = np.empty((0, 3))
+    empty = np.empty((0, 3))
     return _Links(
-        start=np.vstack([nothing, *(line[:-1] for line in lines)]),
-        way=np.vstack([nothing, *(np.diff(line, axis=0) for line in lines)]),
+        start=np.vstack([empty, *(line[:-1] for line in lines)]),
+        vector=np.vstack([empty, *(np.diff(line, axis=0) for line in lines)]),
         s=np.concatenate([[], *(arc_length(line)[:-1] for line in lines)]),
         strand=np.repeat(np.arange(len(lines)), counts),
         number=np.concatenate([np.empty(0, dtype=np.intp), *(np.arange(count) for count in counts)]),
     )
 
 
-def _near(links: _Links) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """(P,) and (P,) couples of links that are near enough to cross, in the order of the strands and along them."""
+def _nearby_pairs(links: _Links) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Return (P,) and (P,) pairs of links near enough to intersect, in the order of the strands and along them."""
     if len(links.start) == 0:
         return np.empty(0, dtype=np.intp), np.empty(0, dtype=np.intp)
-    middle = links.start[:, :2] + links.way[:, :2] / 2
-    longest = float(np.linalg.norm(links.way[:, :2], axis=1).max())
-    # Links that cross have their middles no farther apart than half of both.
-    m, n = np.sort(KDTree(middle).query_pairs(longest * (1 + 2 * ROUNDING), output_type="ndarray"), axis=1).T
+    middle = links.start[:, :2] + links.vector[:, :2] / 2
+    max_length = float(np.linalg.norm(links.vector[:, :2], axis=1).max())
+    # The middles of two links that intersect are at most half the sum of their lengths apart.
+    m, n = np.sort(KDTree(middle).query_pairs(max_length * (1 + 2 * ROUNDING_SHARE), output_type="ndarray"), axis=1).T
     order = np.lexsort((n, m, links.strand[n], links.strand[m]))
     return m[order], n[order]
 
 
-def _meeting(links: _Links, m: int, n: int, a: float, b: float) -> Intersection:
-    """Where link m, at the share a of its length, crosses link n at b."""
-    places = [links.start[k] + share * links.way[k] for k, share in ((m, a), (n, b))]
-    first, second = (links.way[k, :2] / np.linalg.norm(links.way[k, :2]) for k in (m, n))
-    along = [float(links.s[k] + share * np.linalg.norm(links.way[k])) for k, share in ((m, a), (n, b))]
+def _intersect_links(links: _Links, m: int, n: int, a: float, b: float) -> Intersection:
+    """Return the intersection of link m, at the share a of its length, with link n, at the share b."""
+    points = [links.start[k] + share * links.vector[k] for k, share in ((m, a), (n, b))]
+    first, second = (links.vector[k, :2] / np.linalg.norm(links.vector[k, :2]) for k in (m, n))
+    s = [float(links.s[k] + share * np.linalg.norm(links.vector[k])) for k, share in ((m, a), (n, b))]
     return Intersection(
         strands=(int(links.strand[m]), int(links.strand[n])),
-        s_m=(along[0], along[1]),
-        heights_m=(float(places[0][2]), float(places[1][2])),
+        s_m=(s[0], s[1]),
+        heights_m=(float(points[0][2]), float(points[1][2])),
         directions=(first, second),
-        xy=places[0][:2],
+        xy=points[0][:2],
     )
 
 
-def _same(one: Intersection, other: Intersection, round_: Sequence[float]) -> bool:
-    """Whether both are the same place of the same strands, of which the closed ones are `round_` long."""
+def _is_same(one: Intersection, other: Intersection, periods: Sequence[float]) -> bool:
+    """Return whether both are the same point of the same strands. `periods`: lengths of the strands, inf if open."""
     if one.strands != other.strands:
         return False
-    # A strand that crosses itself passes the place twice, in either order if it is closed.
+    # A strand that crosses itself passes the point twice, in either order if the strand is closed.
     orders = ((0, 1), (1, 0)) if one.strands[0] == one.strands[1] else ((0, 1),)
-    ways = [[abs(one.s_m[k] - other.s_m[order[k]]) for k in (0, 1)] for order in orders]
+    distances = [[abs(one.s_m[k] - other.s_m[order[k]]) for k in (0, 1)] for order in orders]
     return any(
-        all(min(way, round_[strand] - way) <= SAME_PLACE_M for way, strand in zip(pair, one.strands, strict=True))
-        for pair in ways
+        all(min(d, periods[strand] - d) <= SAME_POINT_M for d, strand in zip(pair, one.strands, strict=True))
+        for pair in distances
     )
-
-
-def _cross(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(P,) of plane vectors (P, 2)."""
-    return a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]

@@ -1,4 +1,4 @@
-"""Sums over neighbourhoods and groups of points, for all of them at once."""
+"""Sums and means over neighbourhoods and groups of points, for all of them at once."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -7,27 +7,43 @@ from scipy.spatial import KDTree
 
 
 def neighbour_pairs(points: NDArray[np.float64], radius: float) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """(P,) and (P,): both orders of each pair of points (N, 3) within `radius`, and each point with itself."""
+    """Return all pairs of points within `radius` of each other, in both orders, and each point with itself.
+
+    Args:
+        points: (N, 3) points, metres.
+        radius: Largest distance of a pair, metres.
+
+    Returns:
+        (P,) and (P,) indices of the first and of the second point of each pair.
+    """
     if len(points) == 0:
         return np.empty(0, dtype=np.intp), np.empty(0, dtype=np.intp)
     i, j = KDTree(points).query_pairs(radius, output_type="ndarray").T
-    itself = np.arange(len(points))
-    return np.concatenate([i, j, itself]), np.concatenate([j, i, itself])
+    own = np.arange(len(points))
+    return np.concatenate([i, j, own]), np.concatenate([j, i, own])
 
 
 def neighbour_matrix(centres: NDArray[np.float64], points: NDArray[np.float64], radius: float) -> csr_array:
-    """(M, N) matrix with a one where point j (of N) lies within `radius` of centre i (of M).
+    """Return the sparse matrix A that marks which points lie within `radius` of which centre.
 
-    `A @ values` then sums over the neighbourhoods, `A.sum(axis=1)` counts them. With `centres` being `points`
-    each point counts as its own neighbour.
+    `A @ values` sums over the neighbourhoods, and `A.sum(axis=1)` counts their points. If `centres` is `points`, each
+    point is its own neighbour.
+
+    Args:
+        centres: (M, 3) centres, metres.
+        points: (N, 3) points, metres.
+        radius: Radius of the neighbourhoods, metres.
+
+    Returns:
+        (M, N) matrix of ones and zeros.
     """
     if centres is points:
-        # Each pair is found once, and without its distance: half the time.
+        # This search finds each pair once and without its distance, which takes half the time.
         i, j = neighbour_pairs(points, radius)
     else:
         pairs = KDTree(centres).sparse_distance_matrix(KDTree(points), radius, output_type="ndarray")
         i, j = pairs["i"], pairs["j"]
-    # Of half the size, and so made into rows faster.
+    # Indices of half the size are converted to rows faster.
     i, j = i.astype(np.int32), j.astype(np.int32)
     return csr_array((np.ones(len(i)), (i, j)), shape=(len(centres), len(points)))
 
@@ -35,9 +51,16 @@ def neighbour_matrix(centres: NDArray[np.float64], points: NDArray[np.float64], 
 def neighbourhood_means(
     centres: NDArray[np.float64], points: NDArray[np.float64], values: NDArray[np.float64], radius: float
 ) -> NDArray[np.float64]:
-    """(M, K) means of `values` (N, K) over the `points` (N, 3) within `radius` of each centre (M, 3).
+    """Return the means of `values` over the points within `radius` of each centre.
 
-    NaN in the rows whose centre has no point near.
+    Args:
+        centres: (M, 3) centres, metres.
+        points: (N, 3) points, metres.
+        values: (N, K) values of the points.
+        radius: Radius of the neighbourhoods, metres.
+
+    Returns:
+        (M, K) means; NaN for a centre without a point within the radius.
     """
     A = neighbour_matrix(centres, points, radius)
     with np.errstate(invalid="ignore"):
@@ -45,7 +68,16 @@ def neighbourhood_means(
 
 
 def group_sums(group: NDArray[np.int64], values: NDArray[np.float64], count: int) -> NDArray[np.float64]:
-    """(count,) or (count, K) sums of `values` (P,) or (P, K) over the rows of each `group` (P,), 0 to count - 1."""
+    """Return the sums of `values` over the rows of each group.
+
+    Args:
+        group: (P,) group of each row, 0 to `count` - 1.
+        values: (P,) or (P, K) values.
+        count: Number of groups.
+
+    Returns:
+        (count,) or (count, K) sums; 0 for a group without rows.
+    """
     if values.ndim == 1:
         return np.bincount(group, values, count).astype(np.float64)
     return np.column_stack([group_sums(group, column, count) for column in values.T])

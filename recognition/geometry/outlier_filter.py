@@ -5,23 +5,33 @@ from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
 NEIGHBOURS = 8
-"""Neighbours, the point itself among them, whose mean distance is looked at."""
+"""Number of nearest points over which the mean distance is taken, with the point itself."""
 SURFACE_RATIO = 2.0
-"""Standard deviations above the mean at which a point of a measured surface is an outlier."""
+"""Standard deviations above the mean from which a point of a measured surface is an outlier."""
 LINE_RATIO = 6.0
-"""The same for a centre line cloud. It lies so evenly along its line that the points between two crossing
-strands, which show the intersection, would be taken for outliers by the usual 2."""
+"""Standard deviations above the mean from which a point of a centre line cloud is an outlier. Such a cloud lies evenly
+along its line. The usual 2 would remove the points between two crossing strands, which show the intersection."""
 
 
 def inlier_mask(points: NDArray[np.float64], ratio: float = SURFACE_RATIO) -> NDArray[np.bool_]:
-    """(N,) mask of the points (N, 3) whose neighbours are not unusually far (the filter of the paper's [11]).
+    """Return the mask of the points that are not unusually far from their neighbours.
 
-    A point is an outlier when the mean distance to its neighbours exceeds the cloud's mean of that by `ratio`
-    standard deviations. The paper gives no figures. Clouds too small for the statistic are kept whole.
+    A point is an outlier if the mean distance to its neighbours exceeds the average over the cloud by `ratio` standard
+    deviations. A cloud of `NEIGHBOURS` points or fewer is too small for the statistic and has no outliers.
+
+    Args:
+        points: (N, 3) points, metres.
+        ratio: Number of standard deviations.
+
+    Returns:
+        (N,) mask, True for the points to keep.
+
+    Source:
+        Section II.C, the filter of the paper's reference [11]. The paper gives no figures; those here are ours.
     """
     if len(points) <= NEIGHBOURS:
         return np.ones(len(points), dtype=bool)
-    # Open3D's filter has the same rule but takes points that coincide for outliers.
+    # Open3D's filter has the same rule but treats coincident points as outliers.
     distances, _ = KDTree(points).query(points, NEIGHBOURS)
     mean = distances.mean(axis=1)
     return mean <= mean.mean() + ratio * mean.std(ddof=1)

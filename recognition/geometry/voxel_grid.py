@@ -1,4 +1,4 @@
-"""Thinning clouds to one point a voxel."""
+"""Voxel grids: the voxel of each point, and one point per voxel."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -7,9 +7,16 @@ from recognition.geometry.neighbours import group_sums
 
 
 def voxel_indices(points: NDArray[np.float64], size: float) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """(N,) number of the voxel of edge `size` that each of the points (N, 3) is in, and (M,) how many each holds.
+    """Return the number of the voxel of each point, and the number of points in each voxel.
 
-    The grid begins at the cloud's lowest corner. Voxels are numbered in the order of x, y, z.
+    The grid begins at the lowest corner of the cloud. Only voxels with points are numbered, in the order of x, y, z.
+
+    Args:
+        points: (N, 3) points, metres.
+        size: Edge length of a voxel, metres.
+
+    Returns:
+        (N,) voxel of each point, and (M,) number of points in each voxel.
     """
     if len(points) == 0:
         return np.empty(0, dtype=np.intp), np.empty(0, dtype=np.intp)
@@ -23,7 +30,16 @@ def voxel_indices(points: NDArray[np.float64], size: float) -> tuple[NDArray[np.
 def voxel_means(
     points: NDArray[np.float64], size: float, values: NDArray[np.float64] | None = None
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Means (M, 3) of the points (N, 3) in each voxel of edge `size`, and those of `values` (N, K), (M, K)."""
+    """Return the mean of the points in each voxel, and the mean of their values.
+
+    Args:
+        points: (N, 3) points, metres.
+        size: Edge length of a voxel, metres.
+        values: (N, K) values of the points; None for no values (K = 0).
+
+    Returns:
+        (M, 3) mean points, metres, and (M, K) mean values, for the M voxels that have points.
+    """
     values = np.empty((len(points), 0)) if values is None else values
     if len(points) == 0:
         return points.reshape(0, 3), values

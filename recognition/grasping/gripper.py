@@ -1,4 +1,4 @@
-"""A parallel gripper as boxes, and the distance of a point from them during the approach."""
+"""Parallel gripper, modelled as boxes, and the distance of points from it during the approach."""
 
 import math
 from dataclasses import asdict, dataclass
@@ -6,16 +6,10 @@ from dataclasses import asdict, dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from recognition.errors import RecognitionError
+from recognition.errors import InvalidGripperError
 
-LARGEST_M = 0.5
-"""No gripper's part is larger: such a figure is in millimetres."""
-
-
-class InvalidGripperError(RecognitionError):
-    """A dimension of the gripper is not valid."""
-
-    slug = "invalid-gripper"
+MAX_DIMENSION_M = 0.5
+"""Maximum dimension of a gripper, metres: a larger value was probably given in millimetres."""
 
 
 @dataclass(frozen=True)
@@ -52,8 +46,10 @@ class Gripper:
                 raise InvalidGripperError(f"{name} is {value!r}; a length in metres is needed")
             if value < 0 or (value == 0 and name not in may_be_zero):
                 raise InvalidGripperError(f"{name} is {value:g} m; it must be positive")
-            if value > LARGEST_M:
-                raise InvalidGripperError(f"{name} is {value:g} m; up to {LARGEST_M:g} m is taken (metres, not mm)")
+            if value > MAX_DIMENSION_M:
+                raise InvalidGripperError(
+                    f"{name} is {value:g} m; the maximum is {MAX_DIMENSION_M:g} m (give metres, not mm)"
+                )
 
 
 def swept_distance(
@@ -63,24 +59,29 @@ def swept_distance(
     gripper: Gripper,
     closing: NDArray[np.bool_],
 ) -> NDArray[np.float64]:
-    """(N,) distances of `points` from what the gripper passes through on its way to the grasp, 0 inside.
+    """Return the distances of points from the volume that the gripper sweeps on its approach to a grasp.
+
+    The two fingers and the palm are boxes that extend without end against the approach.
 
     Args:
-        points: (N, 3), each in its grasp's frame (z = approach, origin on the string's centre line).
-        opening_m: (N,), between the fingers.
-        reach_m: (N,), how far the fingertips go beyond the origin.
-        gripper: whose two fingers and palm are boxes, drawn out against the approach without end.
-        closing: (N,), count the room between the fingers too, as for what must not be gripped along with the string.
+        points: (N, 3) metres, each in the frame of its grasp (z = approach, origin on the centre line of the string).
+        opening_m: (N,) opening between the fingers, metres.
+        reach_m: (N,) distance of the fingertips beyond the origin, metres.
+        gripper: Dimensions of the gripper.
+        closing: (N,) whether the space between the fingers counts too, as for points that must not be gripped.
+
+    Returns:
+        (N,) distances, metres; 0 inside the volume.
     """
     x, y, z = np.abs(points[:, 0]), np.abs(points[:, 1]), points[:, 2]
     inner = np.where(closing, 0.0, opening_m / 2)
     outer = opening_m / 2 + gripper.finger_thickness_m
-    fingers = _norm(np.maximum(inner - x, x - outer), y - gripper.finger_width_m / 2, z - reach_m)
+    fingers = _box_distance(np.maximum(inner - x, x - outer), y - gripper.finger_width_m / 2, z - reach_m)
     widest = gripper.stroke_m / 2 + gripper.finger_thickness_m
-    palm = _norm(x - widest, y - gripper.palm_width_m / 2, z - (reach_m - gripper.finger_depth_m))
+    palm = _box_distance(x - widest, y - gripper.palm_width_m / 2, z - (reach_m - gripper.finger_depth_m))
     return np.minimum(fingers, palm)
 
 
-def _norm(*beyond: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Length of what lies beyond a box, given for each axis and negative inside."""
-    return np.sqrt(sum(np.maximum(part, 0.0) ** 2 for part in beyond))
+def _box_distance(*outside: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the distance from a box, given how far a point is outside along each axis (negative inside)."""
+    return np.sqrt(sum(np.maximum(part, 0.0) ** 2 for part in outside))

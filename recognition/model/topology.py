@@ -4,29 +4,22 @@ P-data is a form that knot planners use. The paper (section I, its references [5
 "such as end, node and segment" whose relations are in a matrix. It leaves the matrix open; `PData` defines ours.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-if TYPE_CHECKING:  # the model's document holds what is made here
-    from recognition.model.model import Chain, Crossing, End, StrandPoint
+from recognition.errors import TopologyError
+from recognition.model.chains import Chain, Crossing, End, StrandPoint
 
 Role = Literal["over", "under"]
+"""Whether a chain passes a crossing over or under the other strand."""
 
 OVER, UNDER, JOINED = 1, -1, 2
-"""Entries of the matrix: at a crossing's over or under pass; at an end, or of a closed chain's segment with itself."""
-
-
-class TopologyError(ValueError):
-    """Chains and crossings contradict one another."""
-
-    slug = "topology"
+"""Entries of the matrix of `PData`: over pass of a crossing, under pass, and end of a chain."""
 
 
 @dataclass(frozen=True)
@@ -98,26 +91,32 @@ class PData:
     matrix: NDArray[np.int8]
     """(E, E) for E elements."""
 
-    def to_json(self) -> dict[str, Any]:
-        """Return `{"elements": [...], "matrix": [[...]]}`, with lengths rounded to a micrometre."""
-        elements = [{"id": number} | _element_json(element) for number, element in enumerate(self.elements)]
-        return {"elements": elements, "matrix": self.matrix.tolist()}
-
 
 def gauss_code(chains: Sequence[Chain], crossings: Sequence[Crossing]) -> list[list[list[Any]]]:
-    """For each chain the crossings that it meets, in order: `[crossing id, "over" or "under", sign]`.
+    """Return for each chain the crossings along it, in order.
+
+    Args:
+        chains: The chains, each with a different id.
+        crossings: The crossings of these chains, in any order.
+
+    Returns:
+        For each chain a list of `[crossing id, "over" or "under", sign]`.
 
     Raises:
-        TopologyError: a crossing names a chain that is not there.
+        TopologyError: A crossing refers to a chain that does not exist.
     """
-    return [[[x.id, role, x.sign] for _, role, x in met] for met in _passes(chains, crossings)]
+    return [[[crossing.id, role, crossing.sign] for _, role, crossing in along] for along in _passes(chains, crossings)]
 
 
 def p_data(chains: Sequence[Chain], crossings: Sequence[Crossing]) -> PData:
-    """The P-data of chains and their crossings.
+    """Return the P-data of the chains and their crossings.
+
+    Args:
+        chains: The chains, each with a different id.
+        crossings: The crossings of these chains, in any order.
 
     Raises:
-        TopologyError: a crossing names a chain that is not there.
+        TopologyError: A crossing refers to a chain that does not exist.
     """
     passes = _passes(chains, crossings)
     ends: list[Element] = []
@@ -127,58 +126,46 @@ def p_data(chains: Sequence[Chain], crossings: Sequence[Crossing]) -> PData:
                 EndElement(chain.id, "first", 0.0, chain.ends[0]),
                 EndElement(chain.id, "last", chain.length_m, chain.ends[1]),
             ]
-    met = {x.id: x for along in passes for _, _, x in along}
-    place = {number: len(ends) + k for k, number in enumerate(met)}
-    elements = [*ends, *(CrossingElement(x.id, x.sign, x.over, x.under) for x in met.values())]
-    links: list[tuple[int, int, int]] = []
+    passed = {crossing.id: crossing for along in passes for _, _, crossing in along}
+    element_index = {crossing_id: len(ends) + k for k, crossing_id in enumerate(passed)}
+    elements = [*ends, *(CrossingElement(x.id, x.sign, x.over, x.under) for x in passed.values())]
+    entries: list[tuple[int, int, int]] = []
     end = 0
     for chain, along in zip(chains, passes, strict=True):
-        stops = [(s, place[x.id], OVER if role == "over" else UNDER) for s, role, x in along]
+        stops = [(s, element_index[crossing.id], OVER if role == "over" else UNDER) for s, role, crossing in along]
         if not chain.closed:
             stops = [(0.0, end, JOINED), *stops, (chain.length_m, end + 1, JOINED)]
             end += 2
         elif stops:
             stops = [*stops, (stops[0][0] + chain.length_m, *stops[0][1:])]
         else:
-            links.append((len(elements), len(elements), JOINED))
+            entries.append((len(elements), len(elements), JOINED))
             elements.append(SegmentElement(chain.id, (0.0, chain.length_m)))
-        for (s, before, leaving), (t, after, arriving) in pairwise(stops):
+        for (s, previous, leaving), (t, following, arriving) in pairwise(stops):
             segment = len(elements)
-            links += [(before, segment, leaving), (segment, after, arriving)]
+            entries += [(previous, segment, leaving), (segment, following, arriving)]
             elements.append(SegmentElement(chain.id, (s, t)))
     matrix = np.zeros((len(elements), len(elements)), dtype=np.int8)
-    for i, j, how in links:
-        matrix[i, j] = how
+    for i, j, value in entries:
+        matrix[i, j] = value
     return PData(tuple(elements), matrix)
 
 
 def _passes(chains: Sequence[Chain], crossings: Sequence[Crossing]) -> list[list[tuple[float, Role, Crossing]]]:
-    """For each chain its passes through crossings, in order along it, whatever the crossings' order."""
+    """Return for each chain its passes through crossings along it, whatever the order of `crossings`."""
     passes: dict[int, list[tuple[float, Role, Crossing]]] = {chain.id: [] for chain in chains}
-    for x in crossings:
-        both: tuple[tuple[Role, StrandPoint], ...] = (("over", x.over), ("under", x.under))
-        for role, strand in both:
-            if strand.chain not in passes:
-                raise TopologyError(f"crossing {x.id} is of chain {strand.chain}, which is not in the model")
-            passes[strand.chain].append((strand.s_m, role, x))
+    for crossing in crossings:
+        positions: tuple[tuple[Role, StrandPoint], ...] = (("over", crossing.over), ("under", crossing.under))
+        for role, position in positions:
+            if position.chain not in passes:
+                raise TopologyError(
+                    f"crossing {crossing.id} refers to chain {position.chain}, which is not in the model"
+                )
+            passes[position.chain].append((position.s_m, role, crossing))
 
-    def order(entry: tuple[float, Role, Crossing]) -> tuple[float, Role, int, float]:
-        s, role, x = entry
-        other = x.under if role == "over" else x.over
+    def sort_key(entry: tuple[float, Role, Crossing]) -> tuple[float, Role, int, float]:
+        s, role, crossing = entry
+        other = crossing.under if role == "over" else crossing.over
         return s, role, other.chain, other.s_m
 
-    return [sorted(passes[chain.id], key=order) for chain in chains]
-
-
-def _element_json(element: Element) -> dict[str, Any]:
-    match element:
-        case EndElement():
-            s = round(element.s_m, 6)
-            return {"kind": "end", "chain": element.chain, "which": element.which, "s_m": s, "end": element.end}
-        case CrossingElement():
-            over, under = ({"chain": p.chain, "s_m": round(p.s_m, 6)} for p in (element.over, element.under))
-            return {
-                "kind": "crossing", "crossing": element.crossing, "sign": element.sign, "over": over, "under": under
-            }  # fmt: skip
-        case SegmentElement():
-            return {"kind": "segment", "chain": element.chain, "s_m": [round(s, 6) for s in element.s_m]}
+    return [sorted(passes[chain.id], key=sort_key) for chain in chains]

@@ -1,1 +1,10 @@
-"""From depth images to point clouds of what lies above the table, with normals, view by view."""
+"""Preprocessing of single views: from a depth image to the points of the strings, with normal vectors.
+
+A depth image with its camera pose, the scene and the parameters go in. A target cloud (points in the workspace and
+above the table) and a cloud with unit normal vectors come out, both in the base frame.
+"""
+
+from recognition.preprocessing.normals import NormalCloud, estimate_normals
+from recognition.preprocessing.target_cloud import DepthView, Scene, TargetCloud, deproject, preprocess
+
+__all__ = ["DepthView", "NormalCloud", "Scene", "TargetCloud", "deproject", "estimate_normals", "preprocess"]

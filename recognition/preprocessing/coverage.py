@@ -1,4 +1,4 @@
-"""Which part of the table the pictures show: a string that lies elsewhere is missed, and nothing else tells so."""
+"""Coverage of the table by the views: strings on a part of the table that too few views show may be missed."""
 
 from collections.abc import Collection, Iterable
 from dataclasses import dataclass
@@ -9,147 +9,178 @@ from numpy.typing import NDArray
 from recognition.preprocessing.target_cloud import Scene, TargetCloud
 from recognition.preprocessing.view_selection import MIN_POINTS, MIN_VIEWS
 
-Range = tuple[float, float]
+Interval = tuple[float, float]
 
-STEP_M = 0.01
-"""The table is looked at in squares of at most this side ..."""
-MOST_SQUARES = 120
-"""... but of a large workspace in this many each way: more than a centimetre is exact enough there."""
-NOTABLE_SHARE = 0.02
-"""Of the workspace. Less is a sliver along its edge: poses are not that exact, nor are squares of a centimetre."""
-BLOCKS = 20
-"""A rectangle that is in view throughout is looked for in so many steps each way."""
+MAX_SQUARE_M = 0.01
+"""Coverage is computed for squares of the table. Their side is at most this long ..."""
+MAX_SQUARES = 120
+"""... unless the workspace is large: it has at most this number of squares along x and y."""
+MIN_REPORTED_SHARE = 0.02
+"""Share of the workspace. A smaller uncovered part is a sliver at the border, within the accuracy of poses and squares
+of a centimetre."""
+RECTANGLE_STEPS = 20
+"""The search for a covered rectangle divides the workspace into this number of steps along x and y."""
 
 
 @dataclass(frozen=True, eq=False)
-class ImagedArea:
-    """One picture of the table."""
+class CameraFrustum:
+    """The part of space that one view shows, given by the camera model and the camera pose."""
 
     K: NDArray[np.float64]
     """(3, 3) pinhole matrix, pixels."""
     width: int
+    """Width of the image, pixels."""
     height: int
+    """Height of the image, pixels."""
     T_base_camera: NDArray[np.float64]
+    """(4, 4) camera pose in the base frame, metres."""
 
 
 @dataclass(frozen=True, eq=False)
 class Coverage:
-    """How many pictures show each square of the table in the workspace."""
+    """Number of views that show each square of the table in the workspace."""
 
-    x_m: Range
-    y_m: Range
-    """The workspace, base frame."""
-    pictures: NDArray[np.int64]
-    """(M, N): its M by N squares along x and y."""
-
-    @property
-    def in_view(self) -> NDArray[np.bool_]:
-        """(M, N): which squares are in as many pictures as a string needs."""
-        return self.pictures >= MIN_VIEWS
+    x_m: Interval
+    """Extent of the workspace along x in the base frame, metres."""
+    y_m: Interval
+    """Extent of the workspace along y in the base frame, metres."""
+    view_count: NDArray[np.int64]
+    """(M, N) number of views for each of M by N squares along x and y."""
 
     @property
-    def share(self) -> float:
-        """How much of the table is in as many pictures, 0 to 1."""
-        return float(self.in_view.mean())
+    def is_covered(self) -> NDArray[np.bool_]:
+        """(M, N) mask of the squares that are in at least `MIN_VIEWS` views."""
+        return self.view_count >= MIN_VIEWS
+
+    @property
+    def covered_share(self) -> float:
+        """Share of the table in the workspace that is covered, 0 to 1."""
+        return float(self.is_covered.mean())
 
 
-def table_coverage(looks: Iterable[ImagedArea], x_m: Range, y_m: Range, table_z_m: float) -> Coverage:
-    """How many of `looks` have each square of the table z = `table_z_m` within `x_m` and `y_m` in the picture.
+def table_coverage(frustums: Iterable[CameraFrustum], x_m: Interval, y_m: Interval, table_z_m: float) -> Coverage:
+    """Return the number of views that show each square of the table.
 
-    That is where the square's middle lies in front of the camera and within the image. What hides it there, and
-    whether the camera measures at that distance, is not asked.
+    A view shows a square if the centre of the square is in front of the camera and projects into the image. Occlusion
+    and the depth range of the camera are not checked.
+
+    Args:
+        frustums: Camera model and pose of each view.
+        x_m: Extent of the workspace along x in the base frame, metres.
+        y_m: Extent of the workspace along y in the base frame, metres.
+        table_z_m: Height of the table plane in the base frame, metres.
+
+    Returns:
+        The coverage of the table in the workspace.
     """
-    x, y = _middles(x_m), _middles(y_m)
-    pictures = np.zeros((len(x), len(y)), dtype=np.int64)
-    for look in looks:
-        # A picture of a plane is a projective map, and each of its three parts is one of x plus one of y.
-        R, t = look.T_base_camera[:3, :3], look.T_base_camera[:3, 3]
-        of_x, of_y, rest = (look.K @ R.T @ np.column_stack([np.eye(3, 2), np.array([0.0, 0.0, table_z_m]) - t])).T
-        u, v, w = (np.add.outer(of_x[k] * x + rest[k], of_y[k] * y) for k in range(3))
-        pictures += (w > 0) & (u >= 0) & (u <= (look.width - 1) * w) & (v >= 0) & (v <= (look.height - 1) * w)
-    return Coverage(x_m, y_m, pictures)
+    x, y = _square_centres(x_m), _square_centres(y_m)
+    view_count = np.zeros((len(x), len(y)), dtype=np.int64)
+    for frustum in frustums:
+        # The image of a plane is a homography. Each homogeneous coordinate is a term in x plus a term in y.
+        R, t = frustum.T_base_camera[:3, :3], frustum.T_base_camera[:3, 3]
+        H = frustum.K @ R.T @ np.column_stack([np.eye(3, 2), np.array([0.0, 0.0, table_z_m]) - t])
+        H_x, H_y, H_1 = H.T
+        u, v, w = (np.add.outer(H_x[k] * x + H_1[k], H_y[k] * y) for k in range(3))
+        view_count += (w > 0) & (u >= 0) & (u <= (frustum.width - 1) * w) & (v >= 0) & (v <= (frustum.height - 1) * w)
+    return Coverage(x_m, y_m, view_count)
 
 
 def coverage_message(coverage: Coverage) -> str | None:
-    """In words, how much of the table is in too few pictures, and where; None where that is next to nothing."""
-    missing = float((~coverage.in_view).mean())
-    if missing <= NOTABLE_SHARE:
+    """Return a message that names the part of the table that too few views show.
+
+    Args:
+        coverage: Coverage of the table in the workspace.
+
+    Returns:
+        The message, or None if at most `MIN_REPORTED_SHARE` of the table is not covered.
+    """
+    share = float((~coverage.is_covered).mean())
+    if share <= MIN_REPORTED_SHARE:
         return None
-    area = 1e4 * missing * (coverage.x_m[1] - coverage.x_m[0]) * (coverage.y_m[1] - coverage.y_m[0])
+    area_cm2 = 1e4 * share * (coverage.x_m[1] - coverage.x_m[0]) * (coverage.y_m[1] - coverage.y_m[0])
     return (
-        f"{100 * missing:.0f} % of the table in the workspace ({area:.0f} cm2) is in fewer than {MIN_VIEWS} pictures, "
-        f"and strings there may be missed or cut short; {_where(coverage)}"
+        f"{100 * share:.0f} % of the table in the workspace ({area_cm2:.0f} cm2) is in fewer than {MIN_VIEWS} views, "
+        f"and strings there may be missed or cut short; {_describe_extent(coverage)}"
     )
 
 
 def coverage_warnings(targets: Iterable[TargetCloud], used: Collection[int], scene: Scene) -> list[str]:
-    """The warning of a scan, if any: of its `targets`, the views with the indices in `used` made the model.
+    """Return the warning about the part of the table that too few views of a scan show.
 
-    A view that looked at the table and had no string in its picture counts as well: it would have shown one.
+    A view that measured the table but saw no string counts as well, because it would have shown a string.
+
+    Args:
+        targets: Target clouds of all views.
+        used: Indices of the views that made the model.
+        scene: Height of the table and workspace in the base frame.
+
+    Returns:
+        One message, or none if the table is covered or the scene has no workspace.
     """
     if scene.workspace_m is None:
         return []
-    looks = []
+    frustums = []
     for target in targets:
-        saw_no_string = target.in_workspace >= MIN_POINTS > len(target.points)
-        if target.image is not None and (target.view in used or saw_no_string):
+        saw_only_table = target.n_in_workspace >= MIN_POINTS > len(target.points)
+        if target.image is not None and (target.view in used or saw_only_table):
             height, width = target.image.depth.shape
-            looks.append(ImagedArea(target.image.K, width, height, target.T_base_camera))
+            frustums.append(CameraFrustum(target.image.K, width, height, target.T_base_camera))
     x_m, y_m, _ = scene.workspace_m
-    said = coverage_message(table_coverage(looks, x_m, y_m, scene.table_z_m))
-    return [] if said is None else [said]
+    message = coverage_message(table_coverage(frustums, x_m, y_m, scene.table_z_m))
+    return [] if message is None else [message]
 
 
-def _middles(side_m: Range) -> NDArray[np.float64]:
-    edges = np.linspace(*side_m, _squares(side_m) + 1)
+def _square_centres(extent_m: Interval) -> NDArray[np.float64]:
+    edges = np.linspace(*extent_m, _square_count(extent_m) + 1)
     return (edges[:-1] + edges[1:]) / 2
 
 
-def _squares(side_m: Range) -> int:
-    return int(np.clip(np.ceil((side_m[1] - side_m[0]) / STEP_M - 1e-9), 1, MOST_SQUARES))
+def _square_count(extent_m: Interval) -> int:
+    return int(np.clip(np.ceil((extent_m[1] - extent_m[0]) / MAX_SQUARE_M - 1e-9), 1, MAX_SQUARES))
 
 
-def _where(coverage: Coverage) -> str:
-    in_view = coverage.in_view
-    if not in_view.any():
-        return "that is all of it"
-    rows, columns = np.nonzero(~in_view)
+def _describe_extent(coverage: Coverage) -> str:
+    """Name the box around the uncovered part if it is small, else the largest covered rectangle."""
+    is_covered = coverage.is_covered
+    if not is_covered.any():
+        return "this part is the whole table in the workspace"
+    rows, columns = np.nonzero(~is_covered)
     box = (int(rows.min()), int(rows.max()) + 1), (int(columns.min()), int(columns.max()) + 1)
-    if np.ptp(box[0]) * np.ptp(box[1]) <= in_view.size / 2:
-        return f"that is at {_told(coverage, *box)}"
-    rectangle = _rectangle(in_view)
+    if np.ptp(box[0]) * np.ptp(box[1]) <= is_covered.size / 2:
+        return f"this part lies within {_format_box(coverage, *box)}"
+    rectangle = _largest_covered_rectangle(is_covered)
     if rectangle is None:
-        return "that is here and there"
-    return f"wholly in view is {_told(coverage, *rectangle)}"
+        return "this part is scattered over the table"
+    return f"the largest covered rectangle is {_format_box(coverage, *rectangle)}"
 
 
-def _rectangle(in_view: NDArray[np.bool_]) -> tuple[tuple[int, int], tuple[int, int]] | None:
-    """About the largest rectangle of squares, from and to along x and y, that is in view throughout."""
-    # Sums over all rectangles that begin at the corner: any other's is four of them.
-    sums = np.zeros((in_view.shape[0] + 1, in_view.shape[1] + 1), dtype=np.int64)
-    sums[1:, 1:] = in_view.cumsum(axis=0).cumsum(axis=1)
-    (x0, x1), (y0, y1) = (_pairs(size) for size in in_view.shape)
-    inside = sums[np.ix_(x1, y1)] - sums[np.ix_(x0, y1)] - sums[np.ix_(x1, y0)] + sums[np.ix_(x0, y0)]
+def _largest_covered_rectangle(is_covered: NDArray[np.bool_]) -> tuple[tuple[int, int], tuple[int, int]] | None:
+    """Return first and end indices along x and y of about the largest rectangle in which all squares are covered."""
+    # Summed-area table: four of its entries give the sum over any rectangle.
+    sums = np.zeros((is_covered.shape[0] + 1, is_covered.shape[1] + 1), dtype=np.int64)
+    sums[1:, 1:] = is_covered.cumsum(axis=0).cumsum(axis=1)
+    (x0, x1), (y0, y1) = (_intervals(size) for size in is_covered.shape)
+    covered = sums[np.ix_(x1, y1)] - sums[np.ix_(x0, y1)] - sums[np.ix_(x1, y0)] + sums[np.ix_(x0, y0)]
     area = np.outer(x1 - x0, y1 - y0)
-    i, j = np.unravel_index((area * (inside == area)).argmax(), area.shape)
-    if inside[i, j] < area[i, j]:
+    i, j = np.unravel_index((area * (covered == area)).argmax(), area.shape)
+    if covered[i, j] < area[i, j]:
         return None
     return (int(x0[i]), int(x1[i])), (int(y0[j]), int(y1[j]))
 
 
-def _pairs(size: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Where stretches of `size` squares begin and end."""
-    steps = np.unique(np.linspace(0, size, BLOCKS + 1).astype(np.int64))
+def _intervals(size: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return the first and end indices of all intervals of `size` squares, in coarse steps."""
+    steps = np.unique(np.linspace(0, size, RECTANGLE_STEPS + 1).astype(np.int64))
     first, last = np.triu_indices(len(steps), 1)
     return steps[first], steps[last]
 
 
-def _told(coverage: Coverage, rows: tuple[int, int], columns: tuple[int, int]) -> str:
-    words = []
+def _format_box(coverage: Coverage, rows: tuple[int, int], columns: tuple[int, int]) -> str:
+    parts = []
     for name, (low, high), count, ends in (
-        ("x", coverage.x_m, coverage.pictures.shape[0], rows),
-        ("y", coverage.y_m, coverage.pictures.shape[1], columns),
+        ("x", coverage.x_m, coverage.view_count.shape[0], rows),
+        ("y", coverage.y_m, coverage.view_count.shape[1], columns),
     ):
         a, b = (low + end / count * (high - low) for end in ends)
-        words.append(f"{name} {a:.2f} to {b:.2f} m")
-    return ", ".join(words)
+        parts.append(f"{name} {a:.2f} to {b:.2f} m")
+    return ", ".join(parts)

@@ -1,4 +1,4 @@
-"""The table plane as each view sees it, used to correct the view's height and tilt."""
+"""Alignment of a view to the table plane: corrects the height and the tilt of its camera pose."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -6,52 +6,66 @@ from numpy.typing import NDArray
 from calibration.geometry.transforms import from_rotation_vector
 from recognition.parameters import ChainParameters
 
-PASSES_M = (0.006, 0.003, 0.002)
-"""Distances from the plane within which points count as the table's, pass by pass."""
-MAX_HEIGHT_M = 0.004
-"""A larger offset is not a pose's error: what is seen there is not the table."""
+INLIER_DISTANCES_M = (0.006, 0.003, 0.002)
+"""Maximum distance of inliers from the plane, for each pass of the fit."""
+MAX_HEIGHT_ERROR_M = 0.004
+"""Camera poses are not off by more in height. A plane with a larger offset is not the table."""
 MAX_TILT_RAD = 0.02
-"""The same for the slope."""
-MIN_SHARE = 0.2
-"""Share of the view's points in the workspace that must lie on the plane."""
+"""Camera poses are not off by more in tilt. A plane with a larger slope is not the table."""
+MIN_INLIER_SHARE = 0.2
+"""Share of the points of the view in the workspace that must be inliers of the plane."""
+MIN_INLIERS = 100
+"""Number of inliers that the plane needs."""
 MIN_SPREAD_M = 0.02
-"""Least standard deviation of the table's points in each direction: a narrow strip tells no tilt."""
-SAMPLE = 10_000
-"""Points are thinned evenly to about this many: a plane needs no more."""
+"""Standard deviation that the inliers need in each direction. A narrow strip does not determine the tilt."""
+SAMPLE_SIZE = 10_000
+"""Points are subsampled evenly to about this number, which is enough for a plane."""
 
 
 def table_alignment(points: NDArray[np.float64], table_z_m: float, parameters: ChainParameters) -> NDArray[np.float64]:
-    """(4, 4) correction in the base frame that brings the table seen in `points` (N, 3) to z = `table_z_m`.
+    """Return the correction that moves the table plane seen in one view to its nominal height and tilt.
 
-    Every view sees the table before the threshold on z_w takes it away, and the table's height and tilt are known:
-    three of the six errors of a view's pose are thereby measured without any other view. The identity where the
-    table is not seen well enough to tell. Not in the paper, whose threshold needs it all the same: at 5 mm a
-    string of 4.2 mm radius shows 3.4 mm, and poses are off by one.
+    Each view sees the table before the height threshold removes it. The nominal height and tilt of the table give three
+    of the six degrees of freedom of the pose error without any other view. The height threshold of the paper needs this
+    correction: of a string with a radius of 4.2 mm, 3.4 mm are above a threshold of 5 mm, and poses are off by 1 mm.
+
+    Args:
+        points: (N, 3) points of the view in the workspace, base frame, metres.
+        table_z_m: Nominal height of the table plane in the base frame, metres.
+        parameters: Radii and thresholds; z_t is used.
+
+    Returns:
+        (4, 4) transform in the base frame, metres. The identity if too little of the table is visible, or if the
+        correction exceeds what a pose error can be.
+
+    Source:
+        Ours.
     """
-    points = points[:: max(len(points) // SAMPLE, 1)]
-    near = points[np.abs(points[:, 2] - table_z_m) < MAX_HEIGHT_M + PASSES_M[0]]
-    # Lower than the string's underside only: the string itself must not pull the plane up.
+    points = points[:: max(len(points) // SAMPLE_SIZE, 1)]
+    near = points[np.abs(points[:, 2] - table_z_m) < MAX_HEIGHT_ERROR_M + INLIER_DISTANCES_M[0]]
+    # Points of a string above z_t would pull the plane up.
     near = near[near[:, 2] < table_z_m + parameters.z_t]
-    if len(near) < max(MIN_SHARE * len(points), 100):
+    min_inliers = max(MIN_INLIER_SHARE * len(points), MIN_INLIERS)
+    if len(near) < min_inliers:
         return np.eye(4)
     centre = near.mean(axis=0)
     A = np.column_stack([near[:, :2] - centre[:2], np.ones(len(near))])
     plane = np.array([0.0, 0.0, np.median(near[:, 2])])
-    on_plane = np.ones(len(near), dtype=bool)
-    for width in PASSES_M:
-        on_plane = np.abs(near[:, 2] - A @ plane) < width
-        if on_plane.sum() < max(MIN_SHARE * len(points), 100):
+    is_inlier = np.ones(len(near), dtype=bool)
+    for distance_m in INLIER_DISTANCES_M:
+        is_inlier = np.abs(near[:, 2] - A @ plane) < distance_m
+        if is_inlier.sum() < min_inliers:
             return np.eye(4)
-        A_on = A[on_plane]
-        plane = np.linalg.lstsq(A_on.T @ A_on, A_on.T @ near[on_plane, 2], rcond=None)[0]
+        A_inliers = A[is_inlier]
+        plane = np.linalg.lstsq(A_inliers.T @ A_inliers, A_inliers.T @ near[is_inlier, 2], rcond=None)[0]
     slope_x, slope_y, height = plane
-    spread = np.linalg.eigvalsh(np.cov(near[on_plane, :2].T)) ** 0.5
-    too_far = abs(height - table_z_m) > MAX_HEIGHT_M or np.hypot(slope_x, slope_y) > MAX_TILT_RAD
-    if too_far or spread[0] < MIN_SPREAD_M:
+    spread = np.linalg.eigvalsh(np.cov(near[is_inlier, :2].T)) ** 0.5
+    is_too_far = abs(height - table_z_m) > MAX_HEIGHT_ERROR_M or np.hypot(slope_x, slope_y) > MAX_TILT_RAD
+    if is_too_far or spread[0] < MIN_SPREAD_M:
         return np.eye(4)
     normal = np.array([-slope_x, -slope_y, 1.0]) / np.sqrt(1 + slope_x**2 + slope_y**2)
     pivot = np.array([centre[0], centre[1], height])
-    # The smallest rotation that makes the plane's normal vertical, about the table's middle.
+    # The smallest rotation that makes the normal of the plane vertical, about the centre of the inliers.
     T = from_rotation_vector((0, 0, 0), np.cross(normal, (0, 0, 1)))
     T[:3, 3] = (centre[0], centre[1], table_z_m) - T[:3, :3] @ pivot
     return T

@@ -1,4 +1,4 @@
-"""From depth images to target point clouds: deprojection, workspace and height threshold (sections II.A, II.B)."""
+"""Target point cloud of a view: deprojection, workspace and height threshold (sections II.A, II.B)."""
 
 from dataclasses import dataclass
 from typing import Protocol
@@ -7,15 +7,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.geometry.transforms import transform_points
-from recognition.errors import RecognitionError
+from recognition.errors import InvalidSceneError
 from recognition.parameters import ChainParameters
 from recognition.preprocessing.flying_pixels import is_on_surface
-from recognition.preprocessing.table_plane import SAMPLE, table_alignment
+from recognition.preprocessing.table_plane import SAMPLE_SIZE, table_alignment
 
-MARGIN_M = 0.01
-"""How far below the workspace's floor the table's own surface may scatter and still counts as seen."""
-REACH_M = 100.0
-"""Points farther than this from the base frame's origin are no arm's, and no workspace reaches them."""
+FLOOR_MARGIN_M = 0.01
+"""Points of the table scatter by noise. Down to this depth below the floor of the workspace they count as inside."""
+MAX_REACH_M = 100.0
+"""Limit of a scene without a workspace, on each axis of the base frame. No arm reaches farther."""
 
 
 class DepthView(Protocol):
@@ -47,12 +47,6 @@ class DepthView(Protocol):
         ...
 
 
-class InvalidSceneError(RecognitionError):
-    """The table height or the workspace is not valid."""
-
-    slug = "invalid-scene"
-
-
 @dataclass(frozen=True)
 class Scene:
     """The table and the workspace, in the base frame.
@@ -77,66 +71,101 @@ class Scene:
                 f"workspace_m is {self.workspace_m!r}; [[x0, x1], [y0, y1], [z0, z1]] with x0 < x1 and so on is needed"
             )
 
+    def is_near_border(self, point: NDArray[np.float64], margin_m: float) -> bool:
+        """Return whether a point is outside the workspace or near its border. The floor does not count as border.
+
+        Args:
+            point: (3,) position in the base frame, metres.
+            margin_m: Distance to the sides or the top of the workspace, metres, within which a point is near.
+
+        Returns:
+            True if the point is near. Always False in a scene without a workspace.
+        """
+        if self.workspace_m is None:
+            return False
+        low, high = np.asarray(self.workspace_m, dtype=np.float64).T
+        return bool((point[:2] < low[:2] + margin_m).any() or (point > high - margin_m).any())
+
 
 @dataclass(frozen=True, eq=False)
 class TargetCloud:
-    """The target point cloud of one view."""
+    """The target point cloud of one view: points in the workspace that are higher than z_t above the table."""
 
     view: int
-    """The view's index."""
+    """Index of the view."""
     points: NDArray[np.float64]
-    """(N, 3) points of string height, base frame by the hand-eye pose, levelled."""
+    """(N, 3) points in the base frame, metres."""
     T_base_camera: NDArray[np.float64]
-    """(4, 4) where the camera was, levelled."""
-    T_levelling: NDArray[np.float64]
-    """(4, 4) correction that brought the table this view sees to its known height and tilt."""
-    measured: int
-    """Pixels with a depth."""
-    in_workspace: int
-    """Of these, points in the workspace, the table's among them (in large images counted on a sample)."""
-    constant: bool
-    """Every measured pixel has the same depth, as from a broken sensor."""
+    """(4, 4) camera pose after the alignment to the table plane, metres."""
+    T_table_alignment: NDArray[np.float64]
+    """(4, 4) correction in the base frame that aligns the view to the table plane, metres."""
+    n_measured: int
+    """Number of pixels with a depth."""
+    n_in_workspace: int
+    """Number of measured pixels in the workspace, including the table. Large images are counted by a sample."""
+    constant_depth: bool
+    """Whether all measured pixels, at least two, have the same depth. A defective sensor reports such images."""
     image: DepthView | None = None
-    """Where it comes from."""
+    """The view itself. None if not known."""
 
 
 def preprocess(view: DepthView, parameters: ChainParameters, scene: Scene) -> TargetCloud:
-    """The points of one view that lie higher than z_t above the table, within the workspace.
+    """Return the points of one view that are in the workspace and higher than z_t above the table.
 
-    The view is levelled first (`recognition.preprocessing.table_plane`), on a sample of its points. Then the height of
-    every pixel decides, and what is left is freed of rims (`recognition.preprocessing.flying_pixels`). Points of height
-    are all that is kept: the paper removes "floor and experimental equipment" by the threshold on z_w alone.
+    A sample of the points aligns the view to the table plane first. Then the height threshold selects pixels, and the
+    filter of flying pixels removes those at depth discontinuities.
+
+    Args:
+        view: Depth image with its camera pose.
+        parameters: Radii and thresholds.
+        scene: Height of the table and workspace in the base frame.
+
+    Returns:
+        The target cloud. It may be empty.
+
+    Source:
+        Sections II.A and II.B. The paper removes "floor and experimental equipment" by the threshold on z_w alone; the
+        alignment to the table plane and the filter of flying pixels are ours.
     """
     depth = view.depth
-    step = int(np.ceil(np.sqrt(max(depth.size / SAMPLE, 1.0))))
+    step = int(np.ceil(np.sqrt(max(depth.size / SAMPLE_SIZE, 1.0))))
     rows, columns = (a.ravel() for a in np.mgrid[step // 2 : depth.shape[0] : step, step // 2 : depth.shape[1] : step])
-    taken = depth[rows, columns] > 0
-    sample = deproject(view, rows[taken], columns[taken])
-    sample = sample[_inside(sample, scene)]
-    T_levelling = table_alignment(sample, scene.table_z_m, parameters)
-    T_base_camera = T_levelling @ view.T_base_camera
+    measured = depth[rows, columns] > 0
+    sample = deproject(view, rows[measured], columns[measured])
+    sample = sample[_is_in_workspace(sample, scene)]
+    T_table_alignment = table_alignment(sample, scene.table_z_m, parameters)
+    T_base_camera = T_table_alignment @ view.T_base_camera
 
-    rows, columns = _above(view, T_base_camera, scene.table_z_m + parameters.z_t)
-    points = transform_points(T_levelling, deproject(view, rows, columns))
-    kept = _inside(points, scene)
+    rows, columns = _pixels_above(view, T_base_camera, scene.table_z_m + parameters.z_t)
+    points = transform_points(T_table_alignment, deproject(view, rows, columns))
+    kept = _is_in_workspace(points, scene)
     kept[kept] = is_on_surface(view, rows[kept], columns[kept], parameters)
-    measured = int(np.count_nonzero(depth))
+    n_measured = int(np.count_nonzero(depth))
     return TargetCloud(
         view=view.index,
         points=points[kept],
         T_base_camera=T_base_camera,
-        T_levelling=T_levelling,
-        measured=measured,
-        in_workspace=min(len(sample) * step**2, measured),
-        constant=measured > 1 and int(depth.max()) == int(depth[depth > 0].min()),
+        T_table_alignment=T_table_alignment,
+        n_measured=n_measured,
+        n_in_workspace=min(len(sample) * step**2, n_measured),
+        constant_depth=n_measured > 1 and int(depth.max()) == int(depth[depth > 0].min()),
         image=view,
     )
 
 
 def deproject(view: DepthView, rows: NDArray[np.intp], columns: NDArray[np.intp]) -> NDArray[np.float64]:
-    """(N, 3) base coordinates of the given pixels (N,), metres, by the pinhole model.
+    """Return the base coordinates of pixels by the pinhole model: `depth (R K^-1) (u, v, 1) + t`.
 
-    `depth (R K^-1) (u, v, 1) + t`, with T_base_camera = (R, t).
+    Args:
+        view: Depth image with its camera pose `T_base_camera = (R, t)`.
+        rows: (N,) rows v of the pixels.
+        columns: (N,) columns u of the pixels.
+
+    Returns:
+        (N, 3) points in the base frame, metres. A pixel without a depth gives the position of the camera.
+
+    Source:
+        Section II.A.
     """
     pixels = np.column_stack([columns, rows, np.ones(len(rows))])
     z = view.depth[rows, columns] * view.depth_unit_m
@@ -144,25 +173,23 @@ def deproject(view: DepthView, rows: NDArray[np.intp], columns: NDArray[np.intp]
     return (T[:3, :3] @ np.linalg.inv(view.K) @ (z[:, None] * pixels).T).T + T[:3, 3]
 
 
-def _above(
+def _pixels_above(
     view: DepthView, T_base_camera: NDArray[np.float64], height_m: float
 ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Rows and columns (N,) of the measured pixels that are higher than `height_m` in the base frame.
-
-    A tenth of a micrometre, which single precision leaves, decides nothing, and a megapixel takes half the time.
-    """
+    """Return the rows and columns (N,) of the measured pixels that are higher than `height_m` in the base frame."""
     rows, columns = (np.arange(n) for n in view.depth.shape)
     a, b, c = (T_base_camera[2, :3] @ np.linalg.inv(view.K)) * view.depth_unit_m
+    # Single precision rounds heights by a tenth of a micrometre and halves the time for a megapixel.
     with np.errstate(over="ignore", invalid="ignore"):
         heights = np.add.outer((b * rows + c).astype(np.float32), (a * columns).astype(np.float32))
         heights *= view.depth
-        above = heights > np.float32(height_m - T_base_camera[2, 3])
-    v, u = np.nonzero(above & (view.depth > 0))
+        is_above = heights > np.float32(height_m - T_base_camera[2, 3])
+    v, u = np.nonzero(is_above & (view.depth > 0))
     return v, u
 
 
-def _inside(points: NDArray[np.float64], scene: Scene) -> NDArray[np.bool_]:
-    """(N,) which of the points (N, 3) are in the workspace, the table's own surface counted in."""
-    box = np.array([[-REACH_M, REACH_M]] * 3 if scene.workspace_m is None else scene.workspace_m)
-    box[2, 0] -= MARGIN_M
+def _is_in_workspace(points: NDArray[np.float64], scene: Scene) -> NDArray[np.bool_]:
+    """Return which points (N, 3) are in the workspace, which begins `FLOOR_MARGIN_M` below its floor."""
+    box = np.array([[-MAX_REACH_M, MAX_REACH_M]] * 3 if scene.workspace_m is None else scene.workspace_m)
+    box[2, 0] -= FLOOR_MARGIN_M
     return np.all((points >= box[:, 0]) & (points <= box[:, 1]), axis=1)

@@ -1,81 +1,110 @@
-"""Which views recognition can use, and why not the others."""
+"""Selection of the views that recognition can use, with a reason for each excluded view."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 from recognition.errors import InsufficientViewsError, NoDepthError, TooCrowdedError
 from recognition.model.model import ViewQuality
 from recognition.preprocessing.target_cloud import TargetCloud
 
 MIN_VIEWS = 2
-"""One view sees one side of a string and nothing under a crossing; two are the least that can be merged."""
+"""Number of views that recognition needs. One view shows one side of a string and nothing under a crossing."""
 CROWDED_SHARE = 0.8
-"""A larger share of a view's points above the table, and it is the table itself that stands too high."""
+"""If a larger share of the points of a view is above the table, the nominal height of the table is too low."""
 MIN_POINTS = 50
-"""Fewer points of string height than this are noise."""
+"""Fewer points above the height threshold are noise."""
 
 
-def select_views(
-    targets: Sequence[TargetCloud],
-) -> tuple[list[TargetCloud], tuple[ViewQuality, ...], str | None]:
-    """The views that see a string, the others with the reason, and why there is no string when there is none.
+@dataclass(frozen=True, eq=False)
+class ViewSelection:
+    """The views that recognition uses and those that it excludes."""
+
+    used: Sequence[TargetCloud]
+    """Views that see a string; none if there is no string."""
+    excluded: tuple[ViewQuality, ...]
+    """The other views, each with the reason."""
+    no_string_reason: str | None
+    """Why there is no string. None if there is one."""
+
+
+def select_views(targets: Sequence[TargetCloud]) -> ViewSelection:
+    """Select the views that see a string.
+
+    Args:
+        targets: Target clouds of all views.
+
+    Returns:
+        The used views, the excluded views, and the reason if there is no string.
 
     Raises:
-        InsufficientViewsError: fewer than two views were given, fewer than two saw the workspace, or the string
-            is in one alone.
-        NoDepthError: no view measured anything in the workspace.
-        TooCrowdedError: most views see little else than points above the table.
+        InsufficientViewsError: Fewer than two views were given, fewer than two measured anything in the workspace, or
+            only one view sees a string.
+        NoDepthError: No view measured anything in the workspace.
+        TooCrowdedError: In most views, nearly all points are above the table.
     """
     if len(targets) < MIN_VIEWS:
         raise InsufficientViewsError(
             f"{len(targets)} view{'s' * (len(targets) != 1)} given; at least {MIN_VIEWS} are needed"
         )
     reasons = {target.view: exclusion_reason(target) for target in targets}
-    left_out = tuple(
+    excluded = tuple(
         ViewQuality(target.view, False, reason, len(target.points))
         for target in targets
         if (reason := reasons[target.view]) is not None
     )
-    looking = [target for target in targets if target.in_workspace >= MIN_POINTS and not _broken(target)]
-    if not looking:
-        said = "; ".join(f"view {view}: {reason}" for view, reason in reasons.items())
+    measuring = [target for target in targets if target.n_in_workspace >= MIN_POINTS and not _is_sensor_stuck(target)]
+    if not measuring:
+        details = "; ".join(f"view {view}: {reason}" for view, reason in reasons.items())
         raise NoDepthError(
-            f"no view measured anything in the workspace ({said}). Check the camera, the table height and the workspace"
+            f"no view measured anything in the workspace ({details}). "
+            "Check the camera, the table height and the workspace"
         )
-    if len(looking) < MIN_VIEWS:
+    if len(measuring) < MIN_VIEWS:
         raise InsufficientViewsError(
-            f"only view {looking[0].view} measured anything in the workspace; at least {MIN_VIEWS} are needed"
+            f"only view {measuring[0].view} measured anything in the workspace; at least {MIN_VIEWS} are needed"
         )
-    seen = [target for target in targets if reasons[target.view] is None]
-    crowded = [target for target in seen if len(target.points) > CROWDED_SHARE * target.in_workspace]
-    if len(crowded) > len(seen) / 2:
-        share = len(crowded[0].points) / crowded[0].in_workspace
+    used = [target for target in targets if reasons[target.view] is None]
+    crowded = [target for target in used if len(target.points) > CROWDED_SHARE * target.n_in_workspace]
+    if len(crowded) > len(used) / 2:
+        share = len(crowded[0].points) / crowded[0].n_in_workspace
         raise TooCrowdedError(
-            f"{share:.0%} of what view {crowded[0].view} measured in the workspace is above the table, and it is not "
-            "alone: check the table's height and the workspace"
+            f"{share:.0%} of what view {crowded[0].view} measured in the workspace is above the table, and most other "
+            "views show the same: check the table height and the workspace"
         )
-    if len(seen) >= MIN_VIEWS:
-        return seen, left_out, None
-    if seen:
+    if len(used) >= MIN_VIEWS:
+        return ViewSelection(used, excluded, None)
+    if used:
         raise InsufficientViewsError(
-            f"only view {seen[0].view} sees anything above the table, the other {len(targets) - 1} do not: "
+            f"only view {used[0].view} sees anything above the table, the other {len(targets) - 1} do not: "
             "the views do not agree, so no model is made"
         )
-    return [], left_out, "no string of this radius in view: nothing in the workspace is as high above the table as z_t"
+    return ViewSelection(
+        (),
+        excluded,
+        "no string of this radius in view: nothing in the workspace is higher above the table than the threshold z_t",
+    )
 
 
 def exclusion_reason(target: TargetCloud) -> str | None:
-    """Why this view cannot be used whatever the others show, or None."""
-    if target.measured == 0:
+    """Return why a view cannot be used, whatever the other views show.
+
+    Args:
+        target: Target cloud of the view.
+
+    Returns:
+        The reason, or None if the view can be used.
+    """
+    if target.n_measured == 0:
         return "no pixel has a depth"
-    if target.in_workspace < MIN_POINTS:
+    if target.n_in_workspace < MIN_POINTS:
         return "nothing measured in the workspace"
-    if _broken(target):
-        return "every pixel has the same depth, and not the table's: not a picture of anything"
+    if _is_sensor_stuck(target):
+        return "every pixel has the same depth, and it is not the depth of the table: check the camera"
     if len(target.points) < MIN_POINTS:
-        return f"only {len(target.points)} points are so high above the table as to be of a string (z_t)"
+        return f"only {len(target.points)} points are higher above the table than the threshold z_t"
     return None
 
 
-def _broken(target: TargetCloud) -> bool:
-    """One depth all over, as from a stuck sensor. An empty table seen straight from above is no such thing."""
-    return target.constant and len(target.points) >= MIN_POINTS
+def _is_sensor_stuck(target: TargetCloud) -> bool:
+    """Return whether all pixels have the same depth. An empty table seen from straight above does not count."""
+    return target.constant_depth and len(target.points) >= MIN_POINTS

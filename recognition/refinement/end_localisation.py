@@ -1,56 +1,71 @@
-"""Where a string really ends: the farthest surface that lies about the continued centre line."""
+"""Localisation of a string's end: the farthest surface about the extrapolated centre line."""
 
 import numpy as np
 from numpy.typing import NDArray
 
-from recognition.geometry.parabola import fit_end_parabola
-from recognition.geometry.polyline import arc_length
-
-LOOKED_AT = 4.0
-"""Length of string, in radii, from which an end is continued."""
-FARTHEST = 3.0
-"""How far ahead, in radii, a line may be continued."""
-EDGE_PERCENTILE = 95.0
-"""Of the surface's places along the last 2 r of the axis, the one taken for the end: the rest is depth noise.
-Measured on simulated and foreign scans: within half a millimetre of the true end, without a bias."""
-WIDEST_HOLE = 0.5
-"""A hole in the surface along the axis longer than this, in radii, is the end: what follows is another thing."""
+from recognition.geometry.polyline import arc_length, fit_end_parabola
 
 Points = NDArray[np.float64]
 
+END_FIT_RADII = 4.0
+"""Length of string, in radii, from which an end is extrapolated."""
+MAX_EXTENSION_RADII = 3.0
+"""Maximum length by which a line is extended, in radii."""
+EDGE_PERCENTILE = 95.0
+"""Percentile of the surface along the last 2 r of the axis that is taken for the end. The rest is depth noise.
+
+Measured on simulated scans and scans from other sources: within half a millimetre of the true end, without a bias.
+"""
+MAX_HOLE_RADII = 0.5
+"""A longer hole in the surface along the axis, in radii, is the end. The surface after it belongs to another object."""
+MIN_END_POINTS = 5
+"""Minimum number of surface points about the end. With fewer, the line is not changed."""
+
 
 def localise_end(line: Points, surface: Points, normals: Points, r: float) -> Points:
-    """`line` (N, 3) with its first point moved to the string's end, points added or taken away as needed.
+    """Return the line with its first point moved to the end of the string.
 
-    The line is continued by the parabola through its last 4 r, and goes as far as surface (M, 3) with normals
-    (M, 3) lies about it at its radius. Points near the old end are disturbed by what lies beside it and count less.
-    The spacing stays about the same.
+    The line is extrapolated by the parabola through its last 4 r, as far as there is surface about it at its radius.
+    Points are added or removed. The spacing stays about the same.
+
+    Args:
+        line: (N, 3) centre line, metres, base frame.
+        surface: (M, 3) surface points, metres, base frame.
+        normals: (M, 3) outward unit normals.
+        r: Radius of the string, metres.
+
+    Returns:
+        (K, 3) the line from its end, metres, base frame. It is not changed if there is hardly any surface about its
+        end, or if fewer than three points would be left.
+
+    Source:
+        Ours.
     """
     s = arc_length(line)
-    terms = fit_end_parabola(line, LOOKED_AT * r, r)
+    terms = fit_end_parabola(line, END_FIT_RADII * r, r)
     direction = -terms[1] / max(float(np.linalg.norm(terms[1])), 1e-12)
-    # Bends are known from the string's last centimetre only: they are not carried on for more than r.
-    near = np.linalg.norm(surface - terms[0], axis=1) < (FARTHEST + 2) * r
-    offset, normal = surface[near] - terms[0], normals[near]
+    is_near = np.linalg.norm(surface - terms[0], axis=1) < (MAX_EXTENSION_RADII + 2) * r
+    offset, normal = surface[is_near] - terms[0], normals[is_near]
     along = offset @ direction
+    # The bend is known from about a centimetre of string only, so it is not extrapolated by more than r.
     bend = terms[2] - (terms[2] @ direction) * direction
     across = offset - along[:, None] * direction - bend * np.minimum(along, r)[:, None] ** 2
     distance = np.linalg.norm(across, axis=1)
-    around = (distance > 0.6 * r) & (distance < 1.35 * r) & ((across * normal).sum(axis=1) > 0.6 * distance)
-    places = np.sort(along[around & (along > -2 * r) & (along < FARTHEST * r)])
+    is_around = (distance > 0.6 * r) & (distance < 1.35 * r) & ((across * normal).sum(axis=1) > 0.6 * distance)
+    seen = np.sort(along[is_around & (along > -2 * r) & (along < MAX_EXTENSION_RADII * r)])
     spacing = float(np.median(np.diff(s)))
-    if len(places) < 5 or spacing <= 0:
+    if len(seen) < MIN_END_POINTS or spacing <= 0:
         return line
-    holes = np.flatnonzero(np.diff(places) > WIDEST_HOLE * r)
+    holes = np.flatnonzero(np.diff(seen) > MAX_HOLE_RADII * r)
     if len(holes):
-        places = places[: holes[0] + 1]
-    last = places[places > places[-1] - 2 * r]
-    reach = float(np.percentile(last, EDGE_PERCENTILE))
-    kept = line[s > max(-reach, 0.0) + 0.5 * spacing]
-    # From the parabola's place at the end to the first point kept, in even steps.
-    count = max(int(np.ceil((s[len(line) - len(kept)] + reach) / spacing - 0.5)), 1) if len(kept) else 1
-    at = -reach + spacing * np.arange(count)
-    added = terms[0] + at[:, None] * terms[1] + np.maximum(at, -r)[:, None] ** 2 * terms[2]
+        seen = seen[: holes[0] + 1]
+    last = seen[seen > seen[-1] - 2 * r]
+    end = float(np.percentile(last, EDGE_PERCENTILE))
+    kept = line[s > max(-end, 0.0) + 0.5 * spacing]
+    # The added points lead from the end, along the parabola, to the first point that is kept, in even steps.
+    count = max(int(np.ceil((s[len(line) - len(kept)] + end) / spacing - 0.5)), 1) if len(kept) else 1
+    added_s = -end + spacing * np.arange(count)
+    added = terms[0] + added_s[:, None] * terms[1] + np.maximum(added_s, -r)[:, None] ** 2 * terms[2]
     moved = np.vstack([added, kept])
-    # What has no length left is no string's line: it is for others to say so.
+    # A line without length is not a string. The string classifier decides that, not this function.
     return moved if len(moved) > 2 else line

@@ -1,4 +1,4 @@
-"""Strands whose ends lie over one another are one: two strings are never in the same place."""
+"""Merging of strands whose ends overlap: two strings never occupy the same space."""
 
 from collections.abc import Sequence
 
@@ -7,59 +7,70 @@ from numpy.typing import NDArray
 
 from recognition.geometry.polyline import arc_length
 from recognition.parameters import ChainParameters
-from recognition.strand import Strand, join, strand_ends
-from recognition.tracing.end_pairing import SHORTEST_RING
+from recognition.strand import Strand, join_strands, strand_ends
+from recognition.tracing.end_pairing import MIN_RING_RADII
 
-OPPOSITE = -0.7
-"""Inner product of the directions of two ends that face one another, at most."""
-ASIDE_SHARE = 1.0
-"""Ends that meet are no farther aside of one another than this share of r; strings side by side are 2 r apart."""
-LEAST_OVERLAP = 0.5
-"""Length, in radii, by which they reach beyond one another; ends are known to a fifth of a radius or so."""
-MOST_OVERLAP = 8.0
-"""Both ends are continued by a few radii at most."""
-CUT_SHARE = 1.0
-"""So much more than half the overlap is taken off each, as a share of r: near an end a line is known worst."""
+MAX_FACING_COSINE = -0.7
+"""Maximum inner product of the directions of two ends that face each other."""
+MAX_ASIDE_RADII = 1.0
+"""Maximum distance across the string between overlapping ends, in radii. Strings side by side are 2 r apart."""
+MIN_OVERLAP_RADII = 0.5
+"""Minimum length of the overlap, in radii. Ends are known to about a fifth of a radius."""
+MAX_OVERLAP_RADII = 8.0
+"""Maximum length of the overlap, in radii. Both ends are extended by a few radii at most."""
+EXTRA_CUT_RADII = 1.0
+"""Length, in radii, that is cut from each end in addition to half the overlap. A line is known worst near its end."""
 
 
 def merge_overlapping_ends(strands: Sequence[Strand], parameters: ChainParameters) -> list[Strand] | None:
-    """The strands, brought to their true ends before, with those joined that reach over one another; None if none do.
+    """Return the strands after those with overlapping ends are joined.
 
-    Where noise left a hole in a string's nodes, its two parts are both continued over the surface in between.
+    If noise left a hole in the nodes of a string, its two parts are both extended over the surface in between.
+
+    Args:
+        strands: Strands with localised ends.
+        parameters: Radius r, and the radii for joining strands.
+
+    Returns:
+        The strands after joining, or None if no ends overlap.
+
+    Source:
+        Ours. It stands for the reconnection of close ends (section III.E.1).
     """
     ends = strand_ends(strands, parameters)
     if len(ends) < 2:
         return None
     points, directions = (np.array(values) for values in zip(*((e.point, e.direction) for e in ends), strict=True))
     lengths = np.array([arc_length(strands[end.strand].points)[-1] for end in ends])
-    way = points[None] - points[:, None]
-    overlap = -np.einsum("jkx,jx->jk", way, directions)
-    aside = np.linalg.norm(way + overlap[:, :, None] * directions[:, None], axis=2)
-    own = np.array([[a.strand == b.strand for b in ends] for a in ends])
+    offset = points[None] - points[:, None]
+    overlap = -np.einsum("jkx,jx->jk", offset, directions)
+    aside = np.linalg.norm(offset + overlap[:, :, None] * directions[:, None], axis=2)
+    same_strand = np.array([[a.strand == b.strand for b in ends] for a in ends])
     r = parameters.r
-    meet = (overlap > LEAST_OVERLAP * r) & (overlap < MOST_OVERLAP * r) & (aside < ASIDE_SHARE * r)
-    meet &= meet.T & (directions @ directions.T < OPPOSITE) & ~(own & (lengths < SHORTEST_RING * r)[:, None])
-    j, k = np.nonzero(np.triu(meet, 1))
-    couples: list[tuple[int, int]] = []
+    overlaps = (overlap > MIN_OVERLAP_RADII * r) & (overlap < MAX_OVERLAP_RADII * r) & (aside < MAX_ASIDE_RADII * r)
+    overlaps &= overlaps.T & (directions @ directions.T < MAX_FACING_COSINE)
+    overlaps &= ~(same_strand & (lengths < MIN_RING_RADII * r)[:, None])
+    j, k = np.nonzero(np.triu(overlaps, 1))
+    pairs: list[tuple[int, int]] = []
     for n in np.argsort(aside[j, k], kind="stable"):
-        couple = (int(j[n]), int(k[n]))
-        if not any(set(couple) & set(other) for other in couples):
-            couples.append(couple)
-    if not couples:
+        pair = (int(j[n]), int(k[n]))
+        if not any(set(pair) & set(other) for other in pairs):
+            pairs.append(pair)
+    if not pairs:
         return None
-    shorter = list(strands)
-    for couple in couples:
-        for number in couple:
+    shortened = list(strands)
+    for pair in pairs:
+        for number in pair:
             end = ends[number]
-            cut = overlap[couple] / 2 + CUT_SHARE * r
-            shorter[end.strand] = _cut(shorter[end.strand], end.at_start, float(cut))
-    return join(shorter, strand_ends(shorter, parameters), couples, parameters)
+            cut = overlap[pair] / 2 + EXTRA_CUT_RADII * r
+            shortened[end.strand] = _shorten(shortened[end.strand], end.at_start, float(cut))
+    return join_strands(shortened, strand_ends(shortened, parameters), pairs, parameters)
 
 
-def _cut(strand: Strand, at_start: bool, length: float) -> Strand:
-    """The strand without its first or last `length`, but for two points at least."""
+def _shorten(strand: Strand, at_start: bool, length: float) -> Strand:
+    """Remove the first or last `length` metres of a strand. At least two points stay."""
     s = arc_length(strand.points)
     from_end = s if at_start else s[-1] - s
-    kept: NDArray[np.bool_] = from_end > length
-    kept[np.argsort(from_end)[-2:]] = True
-    return Strand(strand.points[kept], strand.bridged[kept], strand.closed)
+    keep: NDArray[np.bool_] = from_end > length
+    keep[np.argsort(from_end)[-2:]] = True
+    return Strand(strand.points[keep], strand.bridged[keep], strand.closed)

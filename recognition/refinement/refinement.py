@@ -1,4 +1,4 @@
-"""Refinement: the centre line fitted so that the measured surface lies one radius from it."""
+"""Refinement: centre lines fitted so that the measured surface is one radius away from them."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -8,190 +8,238 @@ from numpy.typing import NDArray
 
 from recognition.geometry.polyline import arc_length, close_polyline, points_at
 from recognition.parameters import ChainParameters
-from recognition.refinement.cross_section import measure_cross_sections
+from recognition.refinement.cross_section import CrossSections, measure_cross_sections
 from recognition.refinement.end_localisation import localise_end
 from recognition.refinement.end_merging import merge_overlapping_ends
 from recognition.refinement.tube_fit import Assignment, TubeFit
 from recognition.strand import Strand
 
-STEP_SHARE = 0.7
-"""Distance of the fitted points as a share of r."""
-FIRST_LOOK = 2
-"""Of so many surface points one is used for the first fit."""
-STEPS = (2, 1)
-"""Gauss-Newton steps of the first fit: after so many the surface is assigned to the lines anew."""
-LAST_STEPS = (2,)
-"""The same of the second fit, which begins near its end: the last step moves a line by micrometres."""
-RADIUS_TIE_SHARE = 0.3
-"""One sigma by which a string's radius may differ from the one told, as a share of it."""
-SAME_RADIUS = 0.12
-"""A measured radius within this share of the told one does not contradict it, and the told one holds, ..."""
-SAME_AS_SCATTER = 0.8
-"""... nor one within this share of the surface's scatter: where that is a quarter of the radius, radii come out a
-sixth off, and lines with them."""
+Points = NDArray[np.float64]
+
+STEP_RADII = 0.7
+"""Distance of the fitted points, in radii."""
+SAMPLE_STRIDE = 2
+"""Every second surface point is used for the first fit. It is enough to bring the lines near and to measure radii."""
+FIRST_FIT_STEPS = (2, 1)
+"""Number of Gauss-Newton steps of the first fit. The surface is assigned to the lines again before each group."""
+LAST_FIT_STEPS = (2,)
+"""Number of steps of the last fit. It starts near its solution: the last step moves a line by micrometres."""
+RADIUS_SIGMA_SHARE = 0.3
+"""One sigma of the difference between a string's radius and the expected r, as a share of r."""
+MAX_DEVIATION_SHARE = 0.12
+"""A measured radius that differs from r by at most this share of r does not contradict r, and r is used."""
+MAX_DEVIATION_SCATTERS = 0.8
+"""The same limit as a share of the surface scatter; the larger of the two limits applies.
+
+Where the scatter is a quarter of the radius, measured radii are a sixth off, and the lines with them.
+"""
 RESTING_PERCENTILE = 20.0
-"""Of the heights of a string's points, the one taken for where it rests on the table."""
-RESTING_AGREES = 0.2
-"""Share by which the radius from the height above the table may exceed that of the fitted tube."""
-LEAST_SHARE = 0.4
-"""A string of less than this share of the told radius can't be told from noise with what that radius sets."""
-BORNE_SHARE = 0.1
-"""A point of a line with less than this share of the usual surface is not seen but bridged."""
-MOST_JOINS = 3
-"""Times that strands are joined where their ends meet: all that do are joined at once, so one is enough."""
-OVERLAP = 8
-"""Points by which a closed strand is continued beyond its seam, so that it is fitted there like elsewhere."""
+"""Percentile of the heights of a string's points that is taken for the part that rests on the table."""
+MAX_RESTING_EXCESS_SHARE = 0.2
+"""Share by which the radius from the height above the table may exceed the radius of the fitted tube."""
+MIN_RADIUS_SHARE = 0.4
+"""Minimum radius, as a share of r. With the limits that r sets, a thinner string cannot be distinguished from noise."""
+MIN_SUPPORT_SHARE = 0.1
+"""A point of a line with less than this share of the median support was not seen. It is bridged."""
+MAX_MERGES = 3
+"""Maximum number of times that overlapping ends are merged. All of them are merged at once, so one is enough."""
+SEAM_OVERLAP = 8
+"""Number of points by which a closed strand overlaps itself, so that its seam is fitted like any other part."""
 
 
 @dataclass(frozen=True, eq=False)
 class FittedStrand:
-    """A strand whose tube fits the surface."""
+    """A strand whose tube was fitted to the surface."""
 
-    points: NDArray[np.float64]
-    """(N, 3), `STEP_SHARE` r apart."""
+    points: Points
+    """(N, 3) points about `STEP_RADII` r apart, metres, base frame."""
     closed: bool
+    """Whether the last point connects to the first."""
     bridged: NDArray[np.bool_]
-    """(N,) points at which no surface bears the line."""
+    """(N,) mask of the points that no surface supports."""
     support: NDArray[np.float64]
-    """(N,) weight of the surface points that bear each."""
+    """(N,) weight of the surface points that support each point."""
     radius_m: float
-    """Of the tube."""
+    """Radius of the tube, metres: r, or the measured radius if it contradicts r."""
     measured_radius_m: float
-    """By its height where it rests on the table, else that fits the surface best."""
+    """Radius from the height where the strand rests on the table, otherwise from the first tube fit, metres."""
     out_of_round_m: float
-    """Standard deviation of its mean profile about the tube: noise averages out, an edge stays."""
+    """Standard deviation of the mean profile about the tube, without the part from noise, metres."""
     squareness: float
-    """How much of a square bar's profile is in its own: 0 for a tube, 1 for a bar with sharp edges."""
+    """Share of a square bar's profile in the strand's profile: 0 for a tube, 1 for a bar with sharp edges."""
     squareness_sigma: float
-    """One sigma of it; infinite where nothing can be told."""
+    """One sigma of the squareness; infinite if it cannot be measured."""
 
 
 @dataclass(frozen=True, eq=False)
 class Refinement:
-    """All strands of a scene, fitted."""
+    """All fitted strands of a scene."""
 
     strands: list[FittedStrand]
+    """Fitted strands."""
     owner: NDArray[np.int64]
-    """(M,) for each surface point the strand on whose tube it lies, -1 for none."""
+    """(M,) index of the strand on whose tube each surface point lies, -1 for none."""
     scatter_m: float
-    """One sigma of the surface's distance from the tubes."""
+    """One sigma of the distance of the surface from the tubes, metres."""
 
 
 def refine(
     strands: Sequence[Strand],
-    surface: NDArray[np.float64],
-    normals: NDArray[np.float64],
+    surface: Points,
+    normals: Points,
     parameters: ChainParameters,
     table_z_m: float = 0.0,
-    joins: int = MOST_JOINS,
+    max_merges: int = MAX_MERGES,
 ) -> Refinement:
-    """Strands fitted to the `surface` (M, 3) with outward `normals` (M, 3), above a table at `table_z_m`.
+    """Return the strands fitted to the surface, with radii, localised ends and cross-sections.
 
-    The means of eqs. (2) and (3) are drawn to where most of the surface was seen: upwards, away from the hidden
-    underside, and inwards in bends. Here each centre line is a polyline whose points minimise the squared distance
-    of the surface from the tube about it (robust weights), with a price on bending. Points that lie on no tube, as
-    those of other things, count nothing.
+    Each centre line is a polyline. Its points minimise the squared distance of the surface from the tube, with robust
+    weights and a bending penalty. Points that lie on no tube, such as those of other objects, have no weight.
 
-    Strands whose ends turn out to lie over one another are joined and fitted anew, at most `joins` times.
+    Args:
+        strands: Traced strands. Strands of one point are dropped.
+        surface: (M, 3) registered surface points, metres, base frame.
+        normals: (M, 3) outward unit normals.
+        parameters: Radius r, and the radii for joining strands.
+        table_z_m: Height of the table, metres.
+        max_merges: Number of times that overlapping ends may still be merged.
 
-    Each string's radius is measured along (`_measured_radii`); where it does not contradict the told one, the told
-    one is used.
+    Returns:
+        The fitted strands, the strand of each surface point, and the scatter of the surface. There are no strands if
+        there is no surface.
+
+    Source:
+        Ours. It replaces the means of eqs. (2) and (3). These are drawn to where most of the surface was seen: upwards,
+        away from the hidden underside, and inwards in bends.
     """
     r = parameters.r
     strands = [strand for strand in strands if len(strand.points) > 1]
     if not strands or len(surface) == 0:
         return Refinement([], np.full(len(surface), -1), 0.0)
-    # A part of the surface is enough to bring the lines near and to measure radii.
-    fit = TubeFit([_even(strand, r) for strand in strands], r, surface[::FIRST_LOOK], normals[::FIRST_LOOK])
-    scatter = _settle(fit, STEPS, RADIUS_TIE_SHARE * r).sigma
-    measured = _measured_radii(fit, table_z_m)
-    contradicts = np.abs(measured - r) > max(SAME_RADIUS * r, SAME_AS_SCATTER * scatter)
-    radii = np.where(contradicts, measured, r)
-    lines = [fit.points[fit.line(k)] for k in range(len(strands))]
-    fit = TubeFit(lines, r, surface, normals)
-    fit.radii = radii
+
+    first_fit, scatter_m = _fit_to_sample(strands, surface, normals, r)
+    measured_radii = _measure_radii(first_fit, table_z_m)
+    radii = _select_radii(measured_radii, scatter_m, r)
+    lines = _localise_ends(strands, first_fit.lines, radii, surface, normals, r)
+
+    merged = merge_overlapping_ends(_replace_lines(strands, lines), parameters) if max_merges else None
+    if merged is not None:
+        return refine(merged, surface, normals, parameters, table_z_m, max_merges - 1)
+
+    last_fit = TubeFit(lines, r, surface, normals, radii)
+    assigned = _iterate(last_fit, LAST_FIT_STEPS, None)
+    cross_sections = measure_cross_sections(last_fit, assigned)
+    fitted = _collect_strands(strands, last_fit, assigned, measured_radii, cross_sections)
+    return Refinement(fitted, last_fit.owners(assigned), assigned.sigma)
+
+
+def _fit_to_sample(strands: Sequence[Strand], surface: Points, normals: Points, r: float) -> tuple[TubeFit, float]:
+    """Return a fit of lines and radii to a part of the surface, and one sigma of its residuals, metres."""
+    lines = [_resample_evenly(strand, r) for strand in strands]
+    fit = TubeFit(lines, r, surface[::SAMPLE_STRIDE], normals[::SAMPLE_STRIDE])
+    assigned = _iterate(fit, FIRST_FIT_STEPS, RADIUS_SIGMA_SHARE * r)
+    return fit, assigned.sigma
+
+
+def _measure_radii(fit: TubeFit, table_z_m: float) -> NDArray[np.float64]:
+    """Return (K,) the radius of each line's string, metres.
+
+    A string rests on the table somewhere, and there its top is 2 r above the table. The fit knows the top best: flying
+    pixels at the rims, and noise along the line of sight, make the fitted radius up to a tenth too large or too small.
+    No string is thicker than it is high. A string that is much thinner than high rests on something else, and there the
+    fitted radius counts.
+    """
+    measured = fit.radii.copy()
+    for k, (line, radius) in enumerate(zip(fit.lines, fit.radii, strict=True)):
+        top = line[:, 2] + radius - table_z_m
+        resting = float(np.percentile(top, RESTING_PERCENTILE)) / 2
+        if resting < radius * (1 + MAX_RESTING_EXCESS_SHARE):
+            measured[k] = resting
+    # If the table height is wrong, the heights give no radius.
+    return np.where(measured > MIN_RADIUS_SHARE * fit.r, measured, fit.radii)
+
+
+def _select_radii(measured: NDArray[np.float64], scatter_m: float, r: float) -> NDArray[np.float64]:
+    """Return (K,) the measured radii where they contradict r, and r elsewhere, metres."""
+    contradicts = np.abs(measured - r) > max(MAX_DEVIATION_SHARE * r, MAX_DEVIATION_SCATTERS * scatter_m)
+    return np.where(contradicts, measured, r)
+
+
+def _localise_ends(
+    strands: Sequence[Strand],
+    lines: Sequence[Points],
+    radii: NDArray[np.float64],
+    surface: Points,
+    normals: Points,
+    r: float,
+) -> list[Points]:
+    """Return the lines, with both ends of open strands moved to the ends of their strings."""
+    fit = TubeFit(lines, r, surface, normals, radii)
     owner = fit.owners(fit.assign()) if len(lines) > 1 else np.zeros(len(surface), dtype=np.int64)
+    localised = list(lines)
     for k, strand in enumerate(strands):
         if not strand.closed:
-            # What lies about another string is not this one's end.
-            own = (owner == k) | (owner < 0)
-            lines[k] = _to_both_ends(lines[k], surface[own], normals[own], radii[k])
-    brought = [
+            # Surface on the tube of another strand does not show where this one ends.
+            is_own = (owner == k) | (owner < 0)
+            line = localise_end(lines[k], surface[is_own], normals[is_own], radii[k])
+            localised[k] = localise_end(line[::-1], surface[is_own], normals[is_own], radii[k])[::-1]
+    return localised
+
+
+def _replace_lines(strands: Sequence[Strand], lines: Sequence[Points]) -> list[Strand]:
+    """Return the strands after the lines of open strands are replaced by fitted lines. Closed strands stay."""
+    return [
         strand if strand.closed else Strand(line, np.zeros(len(line), dtype=bool))
         for strand, line in zip(strands, lines, strict=True)
     ]
-    joined = merge_overlapping_ends(brought, parameters) if joins else None
-    if joined is not None:
-        return refine(joined, surface, normals, parameters, table_z_m, joins - 1)
-    fit = TubeFit(lines, r, surface, normals)
-    fit.radii = radii
-    assigned = _settle(fit, LAST_STEPS, None)
-    support = fit.support(assigned)
-    shape = measure_cross_sections(fit, assigned)
-    fitted = [
-        FittedStrand(
-            *_once(strand, fit.points[rows], support[rows]),
-            float(fit.radii[k]),
-            float(measured[k]),
-            float(shape.out_of_round_m[k]),
-            float(shape.squareness[k]),
-            float(shape.squareness_sigma[k]),
-        )
-        for k, strand in enumerate(strands)
-        for rows in [fit.line(k)]
-    ]
-    return Refinement(fitted, fit.owners(assigned), assigned.sigma)
 
 
-def _measured_radii(fit: TubeFit, table_z_m: float) -> NDArray[np.float64]:
-    """(K,) radius of each line's string, metres.
-
-    A string rests on the table somewhere, and there its top is 2 r above it. The top is what the fit knows best:
-    flying pixels at the rims, and noise along the line of sight, make the fitted radius itself up to a tenth too
-    large or too small. No string is thicker than it is high; one that is much thinner rests on something else, and
-    there the fit's counts.
-    """
-    measured = fit.radii.copy()
-    for k, radius in enumerate(fit.radii):
-        top = fit.points[fit.line(k), 2] + radius - table_z_m
-        resting = float(np.percentile(top, RESTING_PERCENTILE)) / 2
-        if resting < radius * (1 + RESTING_AGREES):
-            measured[k] = resting
-    # Where the table is not where it is said to be, heights say nothing.
-    return np.where(measured > LEAST_SHARE * fit.r, measured, fit.radii)
-
-
-def _settle(fit: TubeFit, rounds: Sequence[int], radius_tie: float | None) -> Assignment:
+def _iterate(fit: TubeFit, groups: Sequence[int], radius_sigma: float | None) -> Assignment:
+    """Run groups of Gauss-Newton steps, and return the last assignment of the surface."""
     assigned = None
-    for steps in rounds:
+    for n_steps in groups:
         assigned = fit.assign()
-        for _ in range(steps):
-            fit.step(assigned, radius_tie)
-            assigned = fit.follow(assigned)
+        for _ in range(n_steps):
+            fit.step(assigned, radius_sigma)
+            assigned = fit.update_assignment(assigned)
     return assigned or fit.assign()
 
 
-def _to_both_ends(
-    line: NDArray[np.float64], surface: NDArray[np.float64], normals: NDArray[np.float64], r: float
-) -> NDArray[np.float64]:
-    line = localise_end(line, surface, normals, r)
-    return localise_end(line[::-1], surface, normals, r)[::-1]
-
-
-def _even(strand: Strand, r: float) -> NDArray[np.float64]:
-    """The strand's line in even steps; a closed one goes round and `OVERLAP` points on."""
+def _resample_evenly(strand: Strand, r: float) -> Points:
+    """Return the strand's line in even steps. A closed line overlaps itself by `SEAM_OVERLAP` points."""
     points = close_polyline(strand.points, strand.closed)
     length = float(arc_length(points)[-1])
-    line = points_at(points, np.linspace(0.0, length, max(round(length / (STEP_SHARE * r)), 2) + 1))
-    return np.vstack([line, line[1 : OVERLAP + 1]]) if strand.closed else line
+    line = points_at(points, np.linspace(0.0, length, max(round(length / (STEP_RADII * r)), 2) + 1))
+    return np.vstack([line, line[1 : SEAM_OVERLAP + 1]]) if strand.closed else line
 
 
-def _once(
-    strand: Strand, line: NDArray[np.float64], support: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], bool, NDArray[np.bool_], NDArray[np.float64]]:
-    """The fitted points, whether they go round, which are bridged, and their support; once round if closed."""
-    if strand.closed:
-        # Cut in the middle of the overlap, where neither end of the fitted line is near.
-        once = slice(OVERLAP // 2, len(line) - 1 - OVERLAP + OVERLAP // 2)
-        line, support = line[once], support[once]
-    return line, strand.closed, support < BORNE_SHARE * np.median(support), support
+def _collect_strands(
+    strands: Sequence[Strand],
+    fit: TubeFit,
+    assigned: Assignment,
+    measured_radii: NDArray[np.float64],
+    cross_sections: CrossSections,
+) -> list[FittedStrand]:
+    """Return the fitted strands. The self-overlap of closed strands is removed."""
+    all_support = fit.support(assigned)
+    fitted = []
+    for k, strand in enumerate(strands):
+        points, support = fit.points[fit.rows(k)], all_support[fit.rows(k)]
+        if strand.closed:
+            # The cut is in the middle of the overlap, far from both ends of the fitted line.
+            once = slice(SEAM_OVERLAP // 2, len(points) - 1 - SEAM_OVERLAP + SEAM_OVERLAP // 2)
+            points, support = points[once], support[once]
+        fitted.append(
+            FittedStrand(
+                points=points,
+                closed=strand.closed,
+                bridged=support < MIN_SUPPORT_SHARE * np.median(support),
+                support=support,
+                radius_m=float(fit.radii[k]),
+                measured_radius_m=float(measured_radii[k]),
+                out_of_round_m=float(cross_sections.out_of_round_m[k]),
+                squareness=float(cross_sections.squareness[k]),
+                squareness_sigma=float(cross_sections.squareness_sigma[k]),
+            )
+        )
+    return fitted

@@ -1,4 +1,4 @@
-"""Tubes fitted to a measured surface: lines of points and a radius each, by robust least squares."""
+"""Tube fit: centre lines and radii fitted to a measured surface by robust least squares."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -13,38 +13,38 @@ from recognition.geometry.neighbours import group_sums
 
 Points = NDArray[np.float64]
 
-BEND_SHARE = 1 / 38
-"""One sigma of the second difference of neighbouring points, as a share of r: how much a string may bend."""
-NEAR_SHARE = 0.6
-"""A surface point farther than this share of r from a tube is not of it."""
-SAME_SIDE = 0.5
-"""Least cosine between a point's normal and its direction from the centre line."""
-BEYOND_SHARE = 0.35
-"""How far beyond a line's end, as a share of r, surface still counts as beside it."""
-CUT_SIGMAS = 3.0
-"""Residuals beyond this many sigma count nothing (Tukey)."""
-SIGMA_FLOOR = 0.03
-"""Residuals are never taken to be smaller than this share of r: the lines themselves begin a tenth of r off."""
-BANDS = 6
-"""Off-diagonals of the points' normal matrix: bending couples the coordinates of points two apart."""
-CANDIDATES = 4
-"""Nearest links looked at for each surface point: at a crossing, both strands must be among them."""
+BEND_SIGMA_RADII = 1 / 38
+"""One sigma of the second difference of neighbouring points, in radii: how much a string may bend."""
+MAX_RESIDUAL_RADII = 0.6
+"""A surface point farther from a tube than this, in radii, does not belong to it."""
+MIN_NORMAL_COSINE = 0.5
+"""Minimum cosine between the normal of a point and its direction from the centre line."""
+MAX_BEYOND_END_RADII = 0.35
+"""Distance beyond the end of a line, in radii, up to which surface still counts as beside it."""
+TUKEY_SIGMAS = 3.0
+"""Residuals beyond this number of sigmas have no weight (Tukey)."""
+MIN_SIGMA_RADII = 0.03
+"""Lower limit of the sigma of the residuals, in radii. At the start, the lines themselves are a tenth of r off."""
+N_BANDS = 6
+"""Number of off-diagonals of the points' normal matrix: the bending penalty couples points two apart."""
+MAX_CANDIDATES = 4
+"""Number of nearest links that are examined for each surface point. At a crossing, both strands must be among them."""
 
 
 @dataclass(frozen=True, eq=False)
 class Assignment:
-    """Surface points and the links of the lines that they lie over."""
+    """Surface points, and the links of the lines to which they belong."""
 
     point: NDArray[np.int64]
-    """(K,) which surface point."""
+    """(K,) index of the surface point."""
     link: NDArray[np.int64]
-    """(K,) first point of the link."""
-    share: NDArray[np.float64]
-    """(K,) where on the link the foot is, 0 to 1."""
+    """(K,) index of the first point of the link."""
+    fraction: NDArray[np.float64]
+    """(K,) position of the foot point on the link, 0 to 1."""
     outward: Points
-    """(K, 3) unit vectors from the foot."""
+    """(K, 3) unit vectors from the foot point to the surface point."""
     residual: NDArray[np.float64]
-    """(K,) distance from the foot less the radius."""
+    """(K,) distance from the foot point minus the radius, metres."""
     weight: NDArray[np.float64]
     """(K,) Tukey weight, 0 to 1."""
     sigma: float
@@ -52,139 +52,166 @@ class Assignment:
 
 
 class TubeFit:
-    """Lines and radii that are moved to fit a surface, step by step.
+    """Centre lines and radii that are fitted to a surface step by step.
 
-    All lines lie in one array, one after the other.
+    The points of all lines are in one array, one line after the other.
+
+    Args:
+        lines: (N_k, 3) points of each line, metres, base frame.
+        r: Expected radius, metres. It is the unit of all limits.
+        surface: (M, 3) surface points, metres, base frame.
+        normals: (M, 3) outward unit normals.
+        radii: (K,) radius of each line, metres; None for r.
+
+    Source:
+        Ours. It replaces the means of eqs. (2) and (3).
     """
 
-    def __init__(self, lines: Sequence[Points], r: float, surface: Points, normals: Points) -> None:
+    def __init__(
+        self,
+        lines: Sequence[Points],
+        r: float,
+        surface: Points,
+        normals: Points,
+        radii: NDArray[np.float64] | None = None,
+    ) -> None:
         self.r, self.surface, self.normals = r, surface, normals
         self.points = np.vstack(lines)
         lengths = [len(line) for line in lines]
         self.starts = np.concatenate([[0], np.cumsum(lengths)])
-        self.strand = np.repeat(np.arange(len(lines)), lengths)
-        self.radii = np.full(len(lines), r)
+        self.line_of_point = np.repeat(np.arange(len(lines)), lengths)
+        self.radii = np.full(len(lines), r) if radii is None else radii
         self._is_link = np.ones(len(self.points), dtype=bool)
         self._is_link[self.starts[1:] - 1] = False
-        self._bending = _bending(self.starts, r)
+        self._bending = _bending_matrix(self.starts, r)
 
-    def line(self, number: int) -> slice:
-        """Rows of one line's points."""
+    @property
+    def lines(self) -> list[Points]:
+        """(N_k, 3) points of each line, metres, base frame."""
+        return [self.points[self.rows(number)] for number in range(len(self.radii))]
+
+    def rows(self, number: int) -> slice:
+        """Return the rows of `points` that belong to one line."""
         return slice(int(self.starts[number]), int(self.starts[number + 1]))
 
     def assign(self) -> Assignment:
-        """Each surface point to the link whose tube it lies on best, by distance and normal."""
+        """Return the assignment of each surface point to the link whose tube fits it best in distance and normal."""
         links = np.flatnonzero(self._is_link)
         tree = KDTree((self.points[links] + self.points[links + 1]) / 2)
-        count = min(CANDIDATES, len(links))
-        reach = float(self.radii.max()) + NEAR_SHARE * self.r + self.r
-        near = tree.query(self.surface, count, distance_upper_bound=reach)[1].reshape(len(self.surface), count)
-        point, candidate = np.nonzero(near < len(links))
-        found = self._over(point, links[near[point, candidate]])
-        cosine = np.vecdot(found.outward, self.normals[found.point])
-        badness = np.abs(found.residual) + 0.5 * self.r * (1 - cosine)
-        # The best of each point's candidates is the first in this order.
-        order = np.lexsort((badness, found.point))
-        order = order[np.diff(found.point[order], prepend=-1) > 0]
-        return self._over(found.point[order], found.link[order])
+        count = min(MAX_CANDIDATES, len(links))
+        max_distance = float(self.radii.max()) + MAX_RESIDUAL_RADII * self.r + self.r
+        nearest = tree.query(self.surface, count, distance_upper_bound=max_distance)[1]
+        nearest = nearest.reshape(len(self.surface), count)
+        point, candidate = np.nonzero(nearest < len(links))
+        candidates = self._project(point, links[nearest[point, candidate]])
+        cosine = np.vecdot(candidates.outward, self.normals[candidates.point])
+        cost = np.abs(candidates.residual) + 0.5 * self.r * (1 - cosine)
+        # In this order, the first candidate of each point is its best.
+        order = np.lexsort((cost, candidates.point))
+        order = order[np.diff(candidates.point[order], prepend=-1) > 0]
+        return self._project(candidates.point[order], candidates.link[order])
 
-    def follow(self, assigned: Assignment) -> Assignment:
-        """The same points after a step: each may have slid to the next link."""
-        on = np.where(assigned.share >= 1, 1, np.where(assigned.share <= 0, -1, 0))
-        link = np.clip(assigned.link + on, 0, len(self.points) - 1)
-        same = self._is_link[link] & (self.strand[link] == self.strand[assigned.link])
-        return self._over(assigned.point, np.where(same, link, assigned.link))
+    def update_assignment(self, assigned: Assignment) -> Assignment:
+        """Return the assignment of the same points after a step. A point may move to the next link of its line."""
+        shift = np.where(assigned.fraction >= 1, 1, np.where(assigned.fraction <= 0, -1, 0))
+        link = np.clip(assigned.link + shift, 0, len(self.points) - 1)
+        is_same_line = self._is_link[link] & (self.line_of_point[link] == self.line_of_point[assigned.link])
+        return self._project(assigned.point, np.where(is_same_line, link, assigned.link))
 
-    def step(self, assigned: Assignment, radius_tie: float | None) -> None:
-        """One Gauss-Newton step of all points, and of the radii, tied to r by `radius_tie` (one sigma, metres).
+    def step(self, assigned: Assignment, radius_sigma: float | None) -> None:
+        """Move all points, and the radii, by one Gauss-Newton step.
 
-        The points' normal matrix is banded. The radii border it with a column each, and since the lines do not meet
-        in it, all these columns fit in one. Without a tie the radii stay.
+        The normal matrix of the points is banded. The radii add one border column each. These columns fit in one,
+        because no two lines share a row.
+
+        Args:
+            assigned: Current assignment of the surface.
+            radius_sigma: One sigma of the prior that ties the radii to r, metres. With None the radii stay.
         """
         weight = assigned.weight / assigned.sigma**2
-        J = self._slopes(assigned)
+        J = self._jacobian(assigned)
         gradient = J.T @ (weight * assigned.residual) + self._bending @ self.points.ravel()
         border = -(J.T @ weight)
         A = csr_array(J.T @ (weight[:, None] * J)) + self._bending
         size = self.points.size
-        bands = np.zeros((BANDS + 1, size))
-        for away in range(min(BANDS + 1, size)):
-            bands[BANDS - away, away:] = A.diagonal(away)
-        # Nothing measured holds the points along their line, nor those that no surface bears: they stay.
-        hold = 3 * float(bands[BANDS].mean())
-        bands[BANDS] += 1e-3 * hold
+        bands = np.zeros((N_BANDS + 1, size))
+        for offset in range(min(N_BANDS + 1, size)):
+            bands[N_BANDS - offset, offset:] = A.diagonal(offset)
+        # No measurement holds points along their line, or points without surface. This term keeps them in position.
+        hold = 3 * float(bands[N_BANDS].mean())
+        bands[N_BANDS] += 1e-3 * hold
         t = self._tangents()
         for p in range(3):
             for q in range(p, 3):
-                bands[BANDS - (q - p), q::3] += hold * t[:, p] * t[:, q]
+                bands[N_BANDS - (q - p), q::3] += hold * t[:, p] * t[:, q]
         solved = solveh_banded(bands, np.column_stack([gradient, border]))
         change = np.zeros(len(self.radii))
-        line, owner = np.repeat(self.strand, 3), self.strand[assigned.link]
-        if radius_tie is not None:
-            # The radii come first, by the points' Schur complement.
-            pull = group_sums(owner, -weight * assigned.residual, len(change)) + (self.radii - self.r) / radius_tie**2
+        line_of_row, owner = np.repeat(self.line_of_point, 3), self.line_of_point[assigned.link]
+        if radius_sigma is not None:
+            # The Schur complement of the points gives the radii first.
+            pull = group_sums(owner, -weight * assigned.residual, len(change)) + (self.radii - self.r) / radius_sigma**2
             stiffness = (
                 group_sums(owner, weight, len(change))
-                + radius_tie**-2
-                - group_sums(line, border * solved[:, 1], len(change))
+                + radius_sigma**-2
+                - group_sums(line_of_row, border * solved[:, 1], len(change))
             )
-            change = (group_sums(line, border * solved[:, 0], len(change)) - pull) / stiffness
+            change = (group_sums(line_of_row, border * solved[:, 0], len(change)) - pull) / stiffness
             change = np.clip(self.radii + change, 0.4 * self.r, 2.5 * self.r) - self.radii
         self.radii = self.radii + change
-        self.points = self.points - (solved[:, 0] + solved[:, 1] * change[line]).reshape(-1, 3)
+        self.points = self.points - (solved[:, 0] + solved[:, 1] * change[line_of_row]).reshape(-1, 3)
 
     def support(self, assigned: Assignment) -> NDArray[np.float64]:
-        """(N,) weight of the surface points that bear each point of the lines."""
+        """Return (N,) the weight of the surface points that support each point of the lines."""
         count = len(self.points)
-        start = group_sums(assigned.link, assigned.weight * (1 - assigned.share), count)
-        return start + group_sums(assigned.link + 1, assigned.weight * assigned.share, count)
+        start = group_sums(assigned.link, assigned.weight * (1 - assigned.fraction), count)
+        return start + group_sums(assigned.link + 1, assigned.weight * assigned.fraction, count)
 
     def owners(self, assigned: Assignment) -> NDArray[np.int64]:
-        """(M,) for each surface point the number of the line on whose tube it lies, -1 for none."""
+        """Return (M,) the index of the line on whose tube each surface point lies, -1 for none."""
         owner = np.full(len(self.surface), -1)
-        owner[assigned.point] = self.strand[assigned.link]
+        owner[assigned.point] = self.line_of_point[assigned.link]
         return owner
 
-    def _over(self, point: NDArray[np.int64], link: NDArray[np.int64]) -> Assignment:
-        """Where the surface points lie over their links; those that lie on no tube are left out."""
+    def _project(self, point: NDArray[np.int64], link: NDArray[np.int64]) -> Assignment:
+        """Project surface points onto their links, and exclude points that lie on no tube."""
         start = self.points[link]
-        way = self.points[link + 1] - start
+        vector = self.points[link + 1] - start
         offset = self.surface[point] - start
-        square = np.maximum(np.vecdot(way, way), 1e-18)
-        along = np.vecdot(offset, way) / square
-        share = np.clip(along, 0.0, 1.0)
-        outward = offset - share[:, None] * way
+        square = np.maximum(np.vecdot(vector, vector), 1e-18)
+        along = np.vecdot(offset, vector) / square
+        fraction = np.clip(along, 0.0, 1.0)
+        outward = offset - fraction[:, None] * vector
         distance = np.sqrt(np.vecdot(outward, outward))
         outward /= np.maximum(distance, 1e-12)[:, None]
-        residual = distance - self.radii[self.strand[link]]
-        beside = np.abs(along - share) * np.sqrt(square) <= BEYOND_SHARE * self.r
-        on = (np.abs(residual) < NEAR_SHARE * self.r) & beside
-        on &= np.vecdot(outward, self.normals[point]) > SAME_SIDE
-        residual = residual[on]
-        sigma = max(1.4826 * float(np.median(np.abs(residual))), SIGMA_FLOOR * self.r) if len(residual) else self.r
-        weight = np.maximum(1 - (residual / (CUT_SIGMAS * sigma)) ** 2, 0.0) ** 2
-        return Assignment(point[on], link[on], share[on], outward[on], residual, weight, sigma)
+        residual = distance - self.radii[self.line_of_point[link]]
+        is_beside = np.abs(along - fraction) * np.sqrt(square) <= MAX_BEYOND_END_RADII * self.r
+        is_on = (np.abs(residual) < MAX_RESIDUAL_RADII * self.r) & is_beside
+        is_on &= np.vecdot(outward, self.normals[point]) > MIN_NORMAL_COSINE
+        residual = residual[is_on]
+        sigma = max(1.4826 * float(np.median(np.abs(residual))), MIN_SIGMA_RADII * self.r) if len(residual) else self.r
+        weight = np.maximum(1 - (residual / (TUKEY_SIGMAS * sigma)) ** 2, 0.0) ** 2
+        return Assignment(point[is_on], link[is_on], fraction[is_on], outward[is_on], residual, weight, sigma)
 
     def _tangents(self) -> Points:
-        """(N, 3) unit vectors along the lines."""
-        ahead = np.where(np.append(self._is_link[:-1], False), 1, 0) + np.arange(len(self.points))
-        behind = np.arange(len(self.points)) - np.where(np.insert(self._is_link[:-1], 0, False), 1, 0)
-        way = self.points[ahead] - self.points[behind]
-        return way / np.maximum(np.linalg.norm(way, axis=1, keepdims=True), 1e-12)
+        """Return (N, 3) unit vectors along the lines."""
+        after = np.where(np.append(self._is_link[:-1], False), 1, 0) + np.arange(len(self.points))
+        before = np.arange(len(self.points)) - np.where(np.insert(self._is_link[:-1], 0, False), 1, 0)
+        vector = self.points[after] - self.points[before]
+        return vector / np.maximum(np.linalg.norm(vector, axis=1, keepdims=True), 1e-12)
 
-    def _slopes(self, assigned: Assignment) -> csr_array:
-        """(K, 3N) derivative of the residuals by the points' coordinates."""
-        shares = np.column_stack([1 - assigned.share, assigned.share])
+    def _jacobian(self, assigned: Assignment) -> csr_array:
+        """Return (K, 3N) the derivative of the residuals by the points' coordinates."""
+        shares = np.column_stack([1 - assigned.fraction, assigned.fraction])
         values = -(shares[:, :, None] * assigned.outward[:, None, :]).ravel()
         columns = (3 * assigned.link[:, None] + np.arange(6)).ravel()
         starts = 6 * np.arange(len(assigned.link) + 1)
         return csr_array((values, columns, starts), shape=(len(assigned.link), 3 * len(self.points)))
 
 
-def _bending(starts: NDArray[np.int64], r: float) -> csr_array:
-    """(3N, 3N) price of the second differences within each line, as a quadratic form."""
+def _bending_matrix(starts: NDArray[np.int64], r: float) -> csr_array:
+    """Return (3N, 3N) the bending penalty of the second differences within each line, as a quadratic form."""
     count = int(starts[-1])
     inner = np.setdiff1d(np.arange(count), np.concatenate([starts[:-1], starts[1:] - 1]))
     columns = (inner[:, None] + (-1, 0, 1)).ravel()
     D = csr_array((np.tile((1.0, -2.0, 1.0), len(inner)), columns, 3 * np.arange(len(inner) + 1)), (len(inner), count))
-    return csr_array(kron(D.T @ D, eye_array(3)) * (BEND_SHARE * r) ** -2.0)
+    return csr_array(kron(D.T @ D, eye_array(3)) * (BEND_SIGMA_RADII * r) ** -2.0)

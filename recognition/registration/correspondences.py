@@ -1,4 +1,4 @@
-"""Where two views show the same piece of surface."""
+"""Correspondences: points of two views on the same piece of surface."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -9,75 +9,98 @@ from numpy.typing import NDArray
 from recognition.parameters import ChainParameters
 from recognition.preprocessing.normals import NormalCloud
 
-ANCHORS = 400
-"""Points of a view that look for their like in each other view: enough to place it, whatever its string's length."""
-REACH_SHARE = 1.0
-"""How far they look, as a share of r, ..."""
+MAX_ANCHORS = 400
+"""Points of a view that are searched in each other view. They suffice to register it, however long its string is."""
+MAX_DISTANCE_RADII = 1.0
+"""Maximum distance between two corresponding points, in radii r."""
 MIN_COSINE = 0.7
-"""... and the least cosine of the angle between the two normals: what lies back to back is not the same surface."""
-FULL_PARTNERS = 7
-"""With more views to compare with than these, each is asked for fewer points, ..."""
+"""Minimum cosine of the angle between the two normals. Surfaces that lie back to back are not the same surface."""
+MAX_FULL_SEARCHES = 7
+"""With more other views than this, fewer points are searched in each of them. Time then grows with the number of views
+and not with its square."""
 MIN_ANCHORS = 60
-"""... but so many at least: time then grows with the number of views and not with its square."""
+"""Points that are searched in each other view even if there are many views."""
 MIN_PAIRS = 20
-"""Fewer than this between two views decide nothing."""
+"""Two views with fewer pairs of points than this do not overlap enough to constrain their poses."""
 
 
 @dataclass(frozen=True, eq=False)
 class Correspondences:
-    """Points of two views that lie on the same piece of surface."""
+    """Pairs of points of two views that lie on the same piece of surface."""
 
-    first: int
-    """Index of the view whose points looked for their like."""
-    second: int
-    """Index of the view in which they found it."""
-    at_first: NDArray[np.intp]
-    """(M,) which points of the first view's cloud."""
-    at_second: NDArray[np.intp]
-    """(M,) which of the second's they found."""
-    distance: NDArray[np.float64]
-    """(M,) how far they had to go, metres."""
-    cosine: NDArray[np.float64]
-    """(M,) of the angle between the two normals."""
-    looked: int
-    """How many points looked."""
+    source_view: int
+    """Index of the view whose points were searched."""
+    target_view: int
+    """Index of the view in which they were searched."""
+    source_indices: NDArray[np.intp]
+    """(M,) indices into the points of the source view's cloud."""
+    target_indices: NDArray[np.intp]
+    """(M,) indices into the points of the target view's cloud."""
+    distances: NDArray[np.float64]
+    """(M,) distance between the two points of each pair, metres."""
+    cosines: NDArray[np.float64]
+    """(M,) cosine of the angle between the two normals of each pair."""
+    n_searched: int
+    """Number of source points that were searched, with or without success."""
 
 
-def anchor_points(cloud: NormalCloud, count: int = ANCHORS) -> NDArray[np.intp]:
-    """(M,) which points of the cloud look: at most `count`, evenly spread, as its voxels come in order of place."""
-    return np.arange(0, len(cloud.points), max(-(-len(cloud.points) // count), 1))
+def anchor_points(cloud: NormalCloud, max_anchors: int = MAX_ANCHORS) -> NDArray[np.intp]:
+    """Return the indices (M,) of at most `max_anchors` points of the cloud, evenly spread.
+
+    Points come in the order of their voxels, so that a constant stride spreads them over the surface.
+    """
+    return np.arange(0, len(cloud.points), max(-(-len(cloud.points) // max_anchors), 1))
 
 
 def find_correspondences(
     cloud: NormalCloud,
     others: Sequence[NormalCloud],
     parameters: ChainParameters,
-    reach: float = REACH_SHARE,
+    max_distance_radii: float = MAX_DISTANCE_RADII,
     min_cosine: float = MIN_COSINE,
-    count: int = ANCHORS,
+    max_anchors: int = MAX_ANCHORS,
     T: NDArray[np.float64] | None = None,
     T_others: Sequence[NDArray[np.float64]] | None = None,
 ) -> list[Correspondences]:
-    """The overlaps of `cloud` with each of the other views; those with too few pairs to decide anything are left out.
+    """Return the correspondences of `cloud` with each of the other views that it overlaps.
 
-    Clouds are looked at as moved by `T` (4, 4) and `T_others` where these are given.
+    Args:
+        cloud: The source view.
+        others: The target views.
+        parameters: Parameters of the method, for the radius r.
+        max_distance_radii: Maximum distance between two corresponding points, in radii r.
+        min_cosine: Minimum cosine of the angle between their normals.
+        max_anchors: Maximum number of points that are searched in each other view.
+        T: (4, 4) moves the source view, base to base. None leaves it where it is.
+        T_others: A transform (4, 4) for each target view. None leaves them where they are.
+
+    Returns:
+        One item for each target view with at least `MIN_PAIRS` pairs, in the order of `others`.
     """
-    chosen = anchor_points(cloud, max(count * FULL_PARTNERS // max(len(others), FULL_PARTNERS), MIN_ANCHORS))
+    chosen = anchor_points(
+        cloud, max(max_anchors * MAX_FULL_SEARCHES // max(len(others), MAX_FULL_SEARCHES), MIN_ANCHORS)
+    )
     T = np.eye(4) if T is None else T
     points, normals = cloud.points[chosen] @ T[:3, :3].T + T[:3, 3], cloud.normals[chosen] @ T[:3, :3].T
     found = []
     for k, other in enumerate(others):
-        # The other's tree stays where it was built: the points are brought there.
+        # The points are moved to the other view's tree: moving that view would need a new tree.
         R, t = (np.eye(3), np.zeros(3)) if T_others is None else (T_others[k][:3, :3], T_others[k][:3, 3])
-        distance, nearest = other.tree.query((points - t) @ R, distance_upper_bound=reach * parameters.r)
-        nearest, near = np.asarray(nearest), np.flatnonzero(distance < np.inf)
-        cosine = np.einsum("ij,ij->i", normals[near] @ R, other.normals[nearest[near]])
-        alike = cosine > min_cosine
-        near = near[alike]
+        distances, nearest = other.tree.query((points - t) @ R, distance_upper_bound=max_distance_radii * parameters.r)
+        nearest, near = np.asarray(nearest), np.flatnonzero(distances < np.inf)
+        cosines = np.einsum("ij,ij->i", normals[near] @ R, other.normals[nearest[near]])
+        is_aligned = cosines > min_cosine
+        near = near[is_aligned]
         if len(near) >= MIN_PAIRS:
             found.append(
                 Correspondences(
-                    cloud.view, other.view, chosen[near], nearest[near], distance[near], cosine[alike], len(chosen)
+                    source_view=cloud.view,
+                    target_view=other.view,
+                    source_indices=chosen[near],
+                    target_indices=nearest[near],
+                    distances=distances[near],
+                    cosines=cosines[is_aligned],
+                    n_searched=len(chosen),
                 )
             )
     return found

@@ -1,4 +1,4 @@
-"""What one scan tells of the hand-eye calibration's error, which all its views share."""
+"""Estimate of the hand-eye error from one scan. All views of the scan share this error."""
 
 from dataclasses import dataclass
 
@@ -11,27 +11,40 @@ from recognition.registration.pose_prior import PoseSigmas
 
 @dataclass(frozen=True, eq=False)
 class HandEyeErrorEstimate:
-    """The likelihood of the calibration's error `c` (6,), a rotation vector and a translation in the camera's frame,
-    `T_flange_camera_true = T_flange_camera @ from_rotation_vector(c[3:], c[:3])`; radians and metres.
+    """Gaussian likelihood of the hand-eye error `c` (6,), in information form.
 
-    What is known of it beforehand is not in it, so that scans can be put together. Strings constrain little: in some
-    directions there may be next to no information.
+    `c` is a rotation vector and a translation in the camera frame, radians and metres:
+    `T_flange_camera_true = T_flange_camera @ from_rotation_vector(c[3:], c[:3])`.
+
+    The prior is not included, so that the estimates of several scans can be added. Strings constrain the error weakly:
+    in some directions there may be almost no information.
     """
 
     information: NDArray[np.float64]
-    """(6, 6) inverse covariance, whatever the robot's errors and the disparity offset are."""
+    """(6, 6) inverse covariance of c, marginalised over the robot errors and the disparity offset."""
     vector: NDArray[np.float64]
-    """(6,) `information @ c` at the likeliest c."""
-    likeliest: NDArray[np.float64]
-    """(6,) c with what is known beforehand: what the registered poses were corrected by."""
+    """(6,) information vector: `information @ c` at the most likely c."""
+    posterior_mean: NDArray[np.float64]
+    """(6,) the most probable c with the prior included. The registered poses were corrected by it."""
 
 
 def estimate_hand_eye_error(alignment: Alignment, sigmas: PoseSigmas) -> HandEyeErrorEstimate | None:
-    """What `alignment`, which was made with `sigmas`, tells; None where no surface held it."""
-    information = alignment.calibration_information
-    if information is None:
+    """Return the hand-eye error that the surfaces of the views show, without the prior.
+
+    Args:
+        alignment: The solution for all poses.
+        sigmas: The prior with which `alignment` was computed.
+
+    Returns:
+        The estimate; None if no surface constrained the poses.
+    """
+    posterior_information = alignment.hand_eye_information
+    if posterior_information is None:
         return None
-    # Beforehand the error is most likely nought, so that all of the vector is the views'.
-    vector = information @ alignment.calibration
-    told = information - np.diag(np.repeat([sigmas.hand_eye_rad, sigmas.hand_eye_m], 3) ** -2.0)
-    return HandEyeErrorEstimate((told + told.T) / 2, vector, alignment.calibration)
+    # The prior's mean is zero, so that the whole information vector is from the views.
+    vector = posterior_information @ alignment.hand_eye_error
+    prior_information = np.diag(np.repeat([sigmas.hand_eye_rad, sigmas.hand_eye_m], 3) ** -2.0)
+    information = posterior_information - prior_information
+    return HandEyeErrorEstimate(
+        information=(information + information.T) / 2, vector=vector, posterior_mean=alignment.hand_eye_error
+    )

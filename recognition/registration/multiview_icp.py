@@ -1,140 +1,180 @@
-"""The joint least squares of all views: surfaces brought together, poses held by what is known of them."""
+"""Joint ICP of all views: least squares over all overlapping surfaces, with a prior of the poses."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
+from calibration.geometry.se3 import pose_from_twist
 from recognition.parameters import ChainParameters
 from recognition.preprocessing.normals import NormalCloud
-from recognition.registration.correspondences import ANCHORS, Correspondences, anchor_points, find_correspondences
-from recognition.registration.pose_prior import COMMON, PosePrior
+from recognition.registration.correspondences import MAX_ANCHORS, Correspondences, anchor_points, find_correspondences
+from recognition.registration.pose_prior import N_SHARED, PosePrior
 
-TUKEY = 4.685
-"""Residuals of more than this many sigma have no say (95 % efficiency where errors are normal)."""
-SIGMA_FLOOR_M = 0.0001
-"""Residuals are never taken to be smaller than this."""
+
+class SearchSettings(NamedTuple):
+    """How correspondences are searched in a pass, as in `find_correspondences`."""
+
+    max_distance_radii: float
+    """Maximum distance between two corresponding points, in radii r."""
+    min_cosine: float
+    """Minimum cosine of the angle between their normals."""
+    max_anchors: int
+    """Maximum number of points of a view that are searched in each other view."""
+
+
+TUKEY_CONSTANT = 4.685
+"""Residuals beyond this number of sigmas have no weight (95 % efficiency for normal errors)."""
+MIN_SIGMA_M = 0.0001
+"""Minimum standard deviation of the residuals."""
 INDEPENDENT_SHARE = 0.05
-"""Depth errors are correlated over neighbouring pixels: of a hundred points of a view five speak for themselves.
-Measured on simulated scans, so that the errors of registered poses spread as their covariance says."""
-COARSE = (0.7, 0.7, 150)
-"""Reach of the search for pairs as a share of r, least cosine of their normals and number of anchors, while views
-still move. The pairs that were found as the views arrived are the first of all."""
-MAX_COARSE = 6
-FINE = (0.35, 0.8, ANCHORS)
-"""The same for the last pass: a pair that is still far apart when all has settled is not the same surface."""
-SETTLED_M = 0.0004
-"""Points have moved less than this since the pass before, on average, and the poses have settled."""
-ITERATIONS = 2
-"""Reweightings in a pass."""
+"""Share of a view's points whose errors count as independent, because depth errors are correlated over neighbouring
+pixels. Measured on simulated scans: with it, the errors of registered poses spread as their covariance predicts."""
+COARSE_SEARCH = SearchSettings(max_distance_radii=0.7, min_cosine=0.7, max_anchors=150)
+"""Search while the views still move. The first pass uses the correspondences found as the views arrived."""
+MAX_COARSE_PASSES = 6
+"""Maximum number of coarse passes after the first."""
+FINE_SEARCH = SearchSettings(max_distance_radii=0.35, min_cosine=0.8, max_anchors=MAX_ANCHORS)
+"""Search of the last pass. Points that are still far apart after convergence are not on the same surface."""
+CONVERGED_M = 0.0004
+"""The poses have converged if a pass moves the points by less than this on average."""
+N_REWEIGHTINGS = 2
+"""Iterations of reweighted least squares in a pass."""
 
 
 @dataclass(frozen=True, eq=False)
 class Alignment:
-    """The most probable poses."""
+    """The most probable poses of V views."""
 
     twists: NDArray[np.float64]
-    """(V, 6) correction of each view about the centre: rotation vector, translation."""
+    """(V, 6) correction of each view about the centre: rotation vector and translation, radians and metres."""
     covariance: NDArray[np.float64]
-    """(6 V, 6 V) of the twists."""
-    calibration: NDArray[np.float64]
-    """(6,) the hand-eye calibration's error that the views have in common, in the camera's frame."""
-    calibration_information: NDArray[np.float64] | None
-    """(6, 6) inverse covariance of it, what was known beforehand included; None where the poses are as told."""
-    robot: NDArray[np.float64]
-    """(V,) the robot's error in each view, in sigmas (of its six directions together)."""
+    """(6 V, 6 V) covariance of the twists."""
+    hand_eye_error: NDArray[np.float64]
+    """(6,) hand-eye error that all views share, a twist in the camera frame, radians and metres."""
+    hand_eye_information: NDArray[np.float64] | None
+    """(6, 6) inverse covariance of the hand-eye error, prior included; None if the poses are the given poses."""
+    robot_errors: NDArray[np.float64]
+    """(V,) robot error of each view in sigmas: the length over its six directions."""
 
 
 @dataclass(frozen=True, eq=False)
-class _Rows:
-    """Linearised distances of all pairs: `residual + J (x_first - x_second)`, one overlap after the other."""
+class _LinearResiduals:
+    """Linearised distances of all pairs of points, overlap by overlap: `residual + J (x_source - x_target)`."""
 
-    views: tuple[tuple[int, int, slice], ...]
-    """First and second view of each overlap, by position, and its rows."""
+    overlaps: tuple[tuple[int, int, slice], ...]
+    """Position of source and target view of each overlap in the list of clouds, and its rows."""
     J: NDArray[np.float64]
-    """(M, 6)"""
+    """(M, 6) derivative with respect to the twist of the source view."""
     residual: NDArray[np.float64]
-    """(M,)"""
+    """(M,) distances at a state of zero, metres."""
     share: NDArray[np.float64]
-    """(M,) how much of the row's information counts."""
+    """(M,) share of a row's information that counts."""
 
-    def at(self, state: NDArray[np.float64]) -> NDArray[np.float64]:
-        """(M,) signed distances where the views stand in `state`, metres."""
-        twists = state[:-COMMON].reshape(-1, 6)
-        changes = [self.J[part] @ (twists[i] - twists[j]) for i, j, part in self.views]
+    def evaluate(self, state: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the signed distances (M,) at `state`, metres."""
+        twists = _view_twists(state)
+        changes = [self.J[rows] @ (twists[i] - twists[j]) for i, j, rows in self.overlaps]
         return self.residual + np.concatenate(changes)
 
 
 def align_views(
     clouds: Sequence[NormalCloud],
-    first_pairs: Sequence[Correspondences],
+    correspondences: Sequence[Correspondences],
     centre: NDArray[np.float64],
     prior: PosePrior,
     parameters: ChainParameters,
 ) -> Alignment:
-    """Minimises the distances of all overlapping pairs of views at once, and the prior's cost.
+    """Return the poses that minimise the distances between all overlapping views and the prior.
 
-    Distances are along the mean of a pair's two normals, which is exact on a cylinder however far its points have
-    slid along it or round it; weights are Tukey's. Where no surface holds a view (along a straight string) the
-    prior does. A result that does not bring the surfaces closer than the poses as told is not taken.
+    Distances are measured along the mean normal of a pair of points. This is exact on a cylinder, however far the
+    points have slid along it or around it. Weights are Tukey's. Where no surface constrains a view (along a straight
+    string), the prior does. The result is discarded if it does not bring the surfaces closer than the given poses.
+
+    Args:
+        clouds: The V views at their given poses.
+        correspondences: The overlaps with which the first pass begins.
+        centre: (3,) point about which the corrections rotate, metres, base frame.
+        prior: Prior of the poses, about the same centre.
+        parameters: Parameters of the method, for the radius r.
+
+    Returns:
+        The corrections with their covariance.
+
+    Source:
+        Ours, in place of the pairwise ICP of section II.E.
     """
-    told = np.zeros(len(prior.gradient))
+    given_state = np.zeros(len(prior.gradient))
     state = np.asarray(-np.linalg.solve(prior.information, prior.gradient), dtype=np.float64)
     information = prior.information
-    measured = False
-    pairs = list(first_pairs)
-    if pairs:
-        first_rows = _rows(clouds, pairs, told, centre)
-        before, (state, information) = told, _fit(first_rows, state, prior)
-        for _ in range(MAX_COARSE):
-            if _moved(clouds, state - before, centre) < SETTLED_M:
+    is_improved = False
+    current = list(correspondences)
+    if current:
+        given_residuals = _linearise(clouds, current, given_state, centre)
+        previous, (state, information) = given_state, _solve_reweighted(given_residuals, state, prior)
+        for _ in range(MAX_COARSE_PASSES):
+            if _mean_displacement(clouds, state - previous, centre) < CONVERGED_M:
                 break
-            pairs = _pairs(clouds, state, centre, parameters, COARSE) or pairs
-            before, (state, information) = state, _fit(_rows(clouds, pairs, state, centre), state, prior)
-        pairs = _pairs(clouds, state, centre, parameters, FINE) or pairs
-        rows = _rows(clouds, pairs, state, centre)
-        state, information = _fit(rows, state, prior)
-        looked = sum(pair.looked for pair in first_pairs)
-        by_pose = _misfit(first_rows, told, first_pairs, looked, parameters)
-        measured = _misfit(rows, state, pairs, looked, parameters) <= by_pose
-        if not measured:
-            state, information = told, prior.information
+            current = _search_all(clouds, state, centre, parameters, COARSE_SEARCH) or current
+            residuals = _linearise(clouds, current, state, centre)
+            previous, (state, information) = state, _solve_reweighted(residuals, state, prior)
+        current = _search_all(clouds, state, centre, parameters, FINE_SEARCH) or current
+        residuals = _linearise(clouds, current, state, centre)
+        state, information = _solve_reweighted(residuals, state, prior)
+        n_searched = sum(overlap.n_searched for overlap in correspondences)
+        given_distance = _mean_surface_distance(given_residuals, given_state, correspondences, n_searched, parameters)
+        distance = _mean_surface_distance(residuals, state, current, n_searched, parameters)
+        is_improved = distance <= given_distance
+        if not is_improved:
+            state, information = given_state, prior.information
     return Alignment(
-        twists=state[:-COMMON].reshape(-1, 6),
-        covariance=np.asarray(np.linalg.inv(information)[:-COMMON, :-COMMON], dtype=np.float64),
-        calibration=state[-COMMON:-1],
-        calibration_information=_of_the_calibration(information) if measured else None,
-        robot=np.array([float(np.linalg.norm(D @ state + d)) for D, d in prior.robot]),
+        twists=_view_twists(state),
+        covariance=np.asarray(np.linalg.inv(information)[:-N_SHARED, :-N_SHARED], dtype=np.float64),
+        hand_eye_error=state[-N_SHARED:-1],
+        hand_eye_information=_marginal_hand_eye_information(information) if is_improved else None,
+        robot_errors=np.array([float(np.linalg.norm(D @ state + d)) for D, d in prior.robot_errors]),
     )
 
 
-def corrections(state: NDArray[np.float64], centre: NDArray[np.float64]) -> list[NDArray[np.float64]]:
-    """The correction (4, 4) of each view: it turns about the centre and moves it, by the twist (6,) in `state`."""
-    twists = state.reshape(-1, 6)
-    T = np.tile(np.eye(4), (len(twists), 1, 1))
-    T[:, :3, :3] = Rotation.from_rotvec(twists[:, :3]).as_matrix()
+def correction_transforms(twists: NDArray[np.float64], centre: NDArray[np.float64]) -> list[NDArray[np.float64]]:
+    """Return the corrections of V views as transforms.
+
+    Args:
+        twists: (V, 6) rotation vectors about the centre and translations, radians and metres.
+        centre: (3,) metres, base frame.
+
+    Returns:
+        V transforms (4, 4), base to base.
+    """
+    T = pose_from_twist(twists)
     T[:, :3, 3] = centre + twists[:, 3:] - T[:, :3, :3] @ centre
     return list(T)
 
 
-def _of_the_calibration(information: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(6, 6) information of the calibration's error, whatever the rest of the state is."""
-    own = np.arange(len(information) - COMMON, len(information) - 1)
+def _view_twists(state: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the twists (V, 6) of the views in the state."""
+    return state[:-N_SHARED].reshape(-1, 6)
+
+
+def _marginal_hand_eye_information(information: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the information (6, 6) of the hand-eye error, marginalised over the rest of the state."""
+    own = np.arange(len(information) - N_SHARED, len(information) - 1)
     rest = np.delete(np.arange(len(information)), own)
     between = information[np.ix_(rest, own)]
     return information[np.ix_(own, own)] - between.T @ np.linalg.solve(information[np.ix_(rest, rest)], between)
 
 
-def _pairs(
+def _search_all(
     clouds: Sequence[NormalCloud],
     state: NDArray[np.float64],
     centre: NDArray[np.float64],
     parameters: ChainParameters,
-    search: tuple[float, float, int],
+    search: SearchSettings,
 ) -> list[Correspondences]:
-    T = corrections(state[:-COMMON], centre)
+    """Return the correspondences of each view with all views before it, at `state`."""
+    T = correction_transforms(_view_twists(state), centre)
     return [
         overlap
         for k in range(1, len(clouds))
@@ -142,83 +182,94 @@ def _pairs(
     ]
 
 
-def _rows(
+def _linearise(
     clouds: Sequence[NormalCloud],
-    pairs: Sequence[Correspondences],
+    correspondences: Sequence[Correspondences],
     state: NDArray[np.float64],
     centre: NDArray[np.float64],
-) -> _Rows:
-    """The pairs' distances and how they change, the views standing where `state` has them."""
-    T = corrections(state[:-COMMON], centre)
+) -> _LinearResiduals:
+    """Return the distances of all pairs of points, linearised at `state`."""
+    T = correction_transforms(_view_twists(state), centre)
     moved = [
         np.hstack([cloud.points @ A[:3, :3].T + (A[:3, 3] - centre), cloud.normals @ A[:3, :3].T])
         for cloud, A in zip(clouds, T, strict=True)
     ]
     position = {cloud.view: k for k, cloud in enumerate(clouds)}
-    ends = np.cumsum([0, *(len(pair.at_first) for pair in pairs)])
-    views = tuple(
-        (position[pair.first], position[pair.second], slice(int(a), int(b)))
-        for pair, a, b in zip(pairs, ends[:-1], ends[1:], strict=True)
+    row_ends = np.cumsum([0, *(len(overlap.source_indices) for overlap in correspondences)])
+    overlaps = tuple(
+        (position[overlap.source_view], position[overlap.target_view], slice(int(first), int(end)))
+        for overlap, first, end in zip(correspondences, row_ends[:-1], row_ends[1:], strict=True)
     )
-    a = np.vstack([moved[i][pair.at_first] for (i, _, _), pair in zip(views, pairs, strict=True)])
-    b = np.vstack([moved[j][pair.at_second] for (_, j, _), pair in zip(views, pairs, strict=True)])
-    normal = a[:, 3:] + b[:, 3:]
+    paired = list(zip(overlaps, correspondences, strict=True))
+    source = np.vstack([moved[i][overlap.source_indices] for (i, _, _), overlap in paired])
+    target = np.vstack([moved[j][overlap.target_indices] for (_, j, _), overlap in paired])
+    normal = source[:, 3:] + target[:, 3:]
     normal /= np.linalg.norm(normal, axis=1, keepdims=True)
-    (x, y, z), (n_x, n_y, n_z) = (a[:, :3] + b[:, :3]).T / 2, normal.T
+    (x, y, z), (n_x, n_y, n_z) = (source[:, :3] + target[:, :3]).T / 2, normal.T
     J = np.column_stack([y * n_z - z * n_y, z * n_x - x * n_z, x * n_y - y * n_x, normal])
-    # A view's errors are in its pairs with every other one: told V - 1 times, they count 2 / V each.
+    # A view's errors enter its pairs with each of the V - 1 other views, so that each counts 2 / V.
     shares = [
-        min(INDEPENDENT_SHARE * len(clouds[i].points) / pair.looked, 1.0) * 2 / len(clouds)
-        for (i, _, _), pair in zip(views, pairs, strict=True)
+        min(INDEPENDENT_SHARE * len(clouds[i].points) / overlap.n_searched, 1.0) * 2 / len(clouds)
+        for (i, _, _), overlap in paired
     ]
-    here = _Rows(views, J, np.zeros(len(J)), np.repeat(shares, np.diff(ends)))
-    residual = np.einsum("ij,ij->i", a[:, :3] - b[:, :3], normal) - here.at(state)
-    return _Rows(views, J, residual, here.share)
+    share = np.repeat(shares, np.diff(row_ends))
+    change = _LinearResiduals(overlaps, J, np.zeros(len(J)), share).evaluate(state)
+    residual = np.einsum("ij,ij->i", source[:, :3] - target[:, :3], normal) - change
+    return _LinearResiduals(overlaps, J, residual, share)
 
 
-def _fit(rows: _Rows, state: NDArray[np.float64], prior: PosePrior) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """State and its information by iteratively reweighted least squares on fixed pairs."""
+def _solve_reweighted(
+    residuals: _LinearResiduals, state: NDArray[np.float64], prior: PosePrior
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the state and its information by iteratively reweighted least squares on fixed pairs."""
     information = prior.information
-    for _ in range(ITERATIONS):
-        residual = rows.at(state)
-        sigma = max(1.4826 * float(np.median(np.abs(residual))), SIGMA_FLOOR_M)
-        weight = np.clip(1 - (residual / (TUKEY * sigma)) ** 2, 0, 1) ** 2 * (rows.share / sigma**2)
-        weighted = rows.J * weight[:, None]
-        towards = weighted * residual[:, None]
+    for _ in range(N_REWEIGHTINGS):
+        distance = residuals.evaluate(state)
+        sigma = max(1.4826 * float(np.median(np.abs(distance))), MIN_SIGMA_M)
+        weight = np.clip(1 - (distance / (TUKEY_CONSTANT * sigma)) ** 2, 0, 1) ** 2 * (residuals.share / sigma**2)
+        weighted_J = residuals.J * weight[:, None]
+        row_gradients = weighted_J * distance[:, None]
         information, gradient = prior.information.copy(), prior.gradient + prior.information @ state
-        for i, j, part in rows.views:
-            first, second = slice(6 * i, 6 * i + 6), slice(6 * j, 6 * j + 6)
-            H, g = weighted[part].T @ rows.J[part], towards[part].sum(axis=0)
-            information[first, first] += H
-            information[second, second] += H
-            information[first, second] -= H
-            information[second, first] -= H
-            gradient[first] += g
-            gradient[second] -= g
+        for i, j, rows in residuals.overlaps:
+            source, target = slice(6 * i, 6 * i + 6), slice(6 * j, 6 * j + 6)
+            H, g = weighted_J[rows].T @ residuals.J[rows], row_gradients[rows].sum(axis=0)
+            information[source, source] += H
+            information[target, target] += H
+            information[source, target] -= H
+            information[target, source] -= H
+            gradient[source] += g
+            gradient[target] -= g
         state = np.asarray(state - np.linalg.solve(information, gradient), dtype=np.float64)
     return state, information
 
 
-def _misfit(
-    rows: _Rows, state: NDArray[np.float64], pairs: Sequence[Correspondences], looked: int, parameters: ChainParameters
+def _mean_surface_distance(
+    residuals: _LinearResiduals,
+    state: NDArray[np.float64],
+    correspondences: Sequence[Correspondences],
+    n_searched: int,
+    parameters: ChainParameters,
 ) -> float:
-    """How far the surfaces are apart, metres: the mean over all that `looked`, `FINE`'s reach where nothing was near.
+    """Return the mean distance between the surfaces over `n_searched` points, metres.
 
-    Only pairs as the last pass takes them count, and `looked` is that of the overlaps with which all began: so a view
-    wins nothing by leaving the others.
+    A point without a pair counts with the maximum distance of the fine search, and only pairs that the fine search
+    accepts count as pairs. `n_searched` is that of the first overlaps, so that a view gains nothing by moving away.
     """
-    reach = FINE[0] * parameters.r
-    near = np.concatenate([(pair.distance < reach) & (pair.cosine > FINE[1]) for pair in pairs])
-    closer = float(np.maximum(reach - np.abs(rows.at(state)), 0)[near].sum())
-    return reach - closer / looked
+    max_distance = FINE_SEARCH.max_distance_radii * parameters.r
+    is_accepted = np.concatenate(
+        [(overlap.distances < max_distance) & (overlap.cosines > FINE_SEARCH.min_cosine) for overlap in correspondences]
+    )
+    margin = float(np.maximum(max_distance - np.abs(residuals.evaluate(state)), 0)[is_accepted].sum())
+    return max_distance - margin / n_searched
 
 
-def _moved(clouds: Sequence[NormalCloud], change: NDArray[np.float64], centre: NDArray[np.float64]) -> float:
-    """Mean distance by which a change of state moves the views' points."""
+def _mean_displacement(
+    clouds: Sequence[NormalCloud], change: NDArray[np.float64], centre: NDArray[np.float64]
+) -> float:
+    """Return the mean distance by which a change of the state moves the points of the views, metres."""
     distances = []
     for k, cloud in enumerate(clouds):
-        some = cloud.points[anchor_points(cloud, 50)] - centre
-        distances.append(
-            np.linalg.norm(np.cross(change[6 * k : 6 * k + 3], some) + change[6 * k + 3 : 6 * k + 6], axis=1)
-        )
+        offsets = cloud.points[anchor_points(cloud, 50)] - centre
+        rotation, translation = change[6 * k : 6 * k + 3], change[6 * k + 3 : 6 * k + 6]
+        distances.append(np.linalg.norm(np.cross(rotation, offsets) + translation, axis=1))
     return float(np.concatenate(distances).mean())

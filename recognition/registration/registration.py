@@ -1,10 +1,10 @@
-"""Bringing the views together: all at once, starting from and held by the hand-eye poses (section II.E).
+"""Joint registration of all views at once, with the hand-eye poses as start and prior (section II.E).
 
-In place of the paper's ICP of one cloud after the other, which slides along the string, piles up errors and makes
-the first view's pose error everybody's.
+The paper registers one cloud after the other by ICP. That slides along the string, accumulates errors and passes the
+pose error of the first view on to all others.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 
 import numpy as np
@@ -18,100 +18,107 @@ from recognition.registration.correspondences import Correspondences, find_corre
 from recognition.registration.free_space_check import find_inconsistent_views
 from recognition.registration.fusion import merge_clouds
 from recognition.registration.hand_eye_error import HandEyeErrorEstimate, estimate_hand_eye_error
-from recognition.registration.multiview_icp import Alignment, align_views, corrections
+from recognition.registration.multiview_icp import Alignment, align_views, correction_transforms
 from recognition.registration.pose_prior import PoseSigmas, pose_prior
 from recognition.registration.view_fitness import evaluate_fitness
 
-DRIFT_SIGMA = 5.0
-"""Length, in sigmas of its six directions, from which on a common error of all views is a calibration's that has
-drifted: chance exceeds it once in three thousand scans."""
-USUAL_SPREAD = 1.6
-"""Root mean square of the robot's errors in the views, in sigmas of all six directions together, as it comes out where
-the sigmas are right: part of each error cannot be told from the data and stays nought."""
-LOOSE_SPREAD = 1.3
-"""Times the usual from which on the sigmas are too small for this robot and its calibration."""
+MAX_HAND_EYE_ERROR_SIGMA = 5.0
+"""Maximum length of the hand-eye error, in sigmas of its six directions. A longer error means that the calibration has
+drifted: by chance it occurs once in three thousand scans."""
+EXPECTED_ROBOT_RMS = 1.6
+"""Root mean square of the robot errors of the views if the sigmas are right, in sigmas of all six directions together.
+The data do not constrain part of each error, which stays zero."""
+MAX_ROBOT_RMS_RATIO = 1.3
+"""Maximum ratio of the robot errors to the expected ones. Beyond it, the sigmas are too small for this robot and its
+calibration."""
 
 
 @dataclass(frozen=True, eq=False)
 class Registration:
-    """The combined point cloud with normal vectors."""
+    """The merged cloud of all views, with the corrected poses and their covariance."""
 
     points: NDArray[np.float64]
-    """(N, 3), base frame, outliers removed, at most one a voxel."""
+    """(N, 3) metres, base frame, without outliers, at most one point in each voxel."""
     normals: NDArray[np.float64]
     """(N, 3), unit length."""
     clouds: tuple[NormalCloud, ...]
-    """Each used view's points as registered."""
+    """The points of each used view as registered."""
     views: tuple[ViewQuality, ...]
-    """How each view fitted and how far it was corrected; of those left out, why."""
+    """Fitness and correction of each used view, and the reason of each excluded view, by index."""
     centre: NDArray[np.float64]
-    """(3,) the point about which corrections turn."""
+    """(3,) point about which the corrections rotate, metres, base frame."""
     covariance: NDArray[np.float64]
-    """(6 V, 6 V) of the errors left in the poses of `clouds`: for each a rotation vector and a translation about
-    `centre`, radians and metres."""
+    """(6 V, 6 V) covariance of the remaining pose errors of `clouds`: a rotation vector and a translation about
+    `centre` for each, radians and metres."""
     warnings: tuple[str, ...] = ()
-    """What the poses tell of the cell."""
+    """Warnings about the calibration."""
     hand_eye_error: HandEyeErrorEstimate | None = None
-    """What the views tell of the calibration's error; None where their surfaces tell nothing."""
+    """The hand-eye error that the views show; None if their surfaces do not constrain it."""
 
 
 def register(
     clouds: Sequence[NormalCloud],
     parameters: ChainParameters,
-    pairs: Sequence[Correspondences] | None = None,
+    correspondences: Sequence[Correspondences] | None = None,
     sigmas: PoseSigmas | None = None,
 ) -> Registration:
-    """Brings the views to where they fit one another and the told poses best, and merges them.
+    """Align all views to each other and to the given poses, and merge them into one cloud.
 
-    `pairs` are the overlaps of each view with those before it (`find_correspondences`), where they were looked for as
-    the views arrived. A view that contradicts the others is left out and the rest are registered anew.
+    A view that contradicts the others is excluded, and the others are aligned again.
+
+    Args:
+        clouds: Points with normals of each view, in the base frame at its given pose.
+        parameters: Parameters of the method, for the radius r.
+        correspondences: Overlaps of each view with those before it, as `find_correspondences` found them when the views
+            arrived. None searches them here.
+        sigmas: Standard deviations of the pose errors. None takes the defaults.
+
+    Returns:
+        The merged cloud, the views as registered and their quality.
 
     Raises:
-        ContradictingViewsError: no majority of the views shows the same scene.
-        TooCrowdedError: the views together have more points than strings have.
+        ContradictingViewsError: No majority of the views shows the same scene.
+        TooCrowdedError: The views together have more points than strings have.
+
+    Source:
+        Section II.E; the joint least squares, the prior and the checks are ours.
     """
     sigmas = sigmas or PoseSigmas()
     clouds = sorted(clouds, key=lambda cloud: cloud.view)
-    if pairs is None:
-        pairs = [
-            overlap for k, cloud in enumerate(clouds) for overlap in find_correspondences(cloud, clouds[:k], parameters)
-        ]
+    if correspondences is None:
+        correspondences = _find_all_correspondences(clouds, parameters)
     centre = np.vstack([cloud.points for cloud in clouds]).mean(axis=0)
-    alignment, placed = _aligned(clouds, pairs, centre, parameters, sigmas)
-    reasons = find_inconsistent_views(placed, alignment.robot, parameters)
-    used = clouds
+
+    alignment, registered = _align(clouds, correspondences, centre, parameters, sigmas)
+
+    reasons = find_inconsistent_views(registered, alignment.robot_errors, parameters)
+    used = [cloud for cloud in clouds if cloud.view not in reasons]
     if reasons:
-        used = [cloud for cloud in clouds if cloud.view not in reasons]
-        pairs = [pair for pair in pairs if pair.first not in reasons and pair.second not in reasons]
-        alignment, placed = _aligned(used, pairs, centre, parameters, sigmas)
-    warnings = _drift(alignment.calibration, sigmas)
-    spread = float(np.sqrt(np.mean(alignment.robot**2))) / USUAL_SPREAD
-    if spread > LOOSE_SPREAD:
-        # The views tell that the robot is worse than assumed: what is known beforehand counts less.
-        looser = replace(sigmas, **{name: spread * value for name, value in asdict(sigmas).items()})
-        alignment, placed = _aligned(used, pairs, centre, parameters, looser)
-        sigmas = looser
-    points, normals = merge_clouds(placed, parameters)
-    views = evaluate_fitness(used, placed, parameters)
-    views += [
-        ViewQuality(cloud.view, False, reasons[cloud.view], len(cloud.points))
-        for cloud in clouds
-        if cloud.view in reasons
-    ]
+        correspondences = _exclude_views(correspondences, reasons)
+        alignment, registered = _align(used, correspondences, centre, parameters, sigmas)
+    warnings = _drift_warnings(alignment.hand_eye_error, sigmas)
+
+    looser_sigmas = _loosen_sigmas(sigmas, alignment.robot_errors)
+    if looser_sigmas is not None:
+        sigmas = looser_sigmas
+        alignment, registered = _align(used, correspondences, centre, parameters, sigmas)
+
+    points, normals = merge_clouds(registered, parameters)
+    qualities = evaluate_fitness(used, registered, parameters) + _excluded_qualities(clouds, reasons)
     return Registration(
-        points,
-        normals,
-        tuple(placed),
-        tuple(sorted(views, key=lambda view: view.index)),
-        centre,
-        alignment.covariance,
-        tuple(warnings),
-        estimate_hand_eye_error(alignment, sigmas),
+        points=points,
+        normals=normals,
+        clouds=tuple(registered),
+        views=tuple(sorted(qualities, key=lambda view: view.index)),
+        centre=centre,
+        covariance=alignment.covariance,
+        warnings=tuple(warnings),
+        hand_eye_error=estimate_hand_eye_error(alignment, sigmas),
     )
 
 
 def transform_cloud(cloud: NormalCloud, T: NDArray[np.float64]) -> NormalCloud:
-    """`cloud` with all that belongs to it moved by `T` (4, 4)."""
+    """Return `cloud` with its points, normals and poses moved by `T` (4, 4), base to base."""
     return replace(
         cloud,
         points=transform_points(T, cloud.points),
@@ -121,29 +128,65 @@ def transform_cloud(cloud: NormalCloud, T: NDArray[np.float64]) -> NormalCloud:
     )
 
 
-def _aligned(
+def _find_all_correspondences(clouds: Sequence[NormalCloud], parameters: ChainParameters) -> list[Correspondences]:
+    """Return the correspondences of each view with the views before it."""
+    return [
+        overlap for k, cloud in enumerate(clouds) for overlap in find_correspondences(cloud, clouds[:k], parameters)
+    ]
+
+
+def _align(
     clouds: Sequence[NormalCloud],
-    pairs: Sequence[Correspondences],
+    correspondences: Sequence[Correspondences],
     centre: NDArray[np.float64],
     parameters: ChainParameters,
     sigmas: PoseSigmas,
 ) -> tuple[Alignment, list[NormalCloud]]:
-    alignment = align_views(clouds, pairs, centre, pose_prior(clouds, centre, sigmas), parameters)
-    placed = [
-        transform_cloud(cloud, T)
-        for cloud, T in zip(clouds, corrections(alignment.twists.ravel(), centre), strict=True)
+    """Return the most probable poses, and the clouds moved to them."""
+    alignment = align_views(clouds, correspondences, centre, pose_prior(clouds, centre, sigmas), parameters)
+    corrections = correction_transforms(alignment.twists, centre)
+    return alignment, [transform_cloud(cloud, T) for cloud, T in zip(clouds, corrections, strict=True)]
+
+
+def _exclude_views(correspondences: Sequence[Correspondences], reasons: Mapping[int, str]) -> list[Correspondences]:
+    """Return the correspondences between views that are not excluded."""
+    return [
+        overlap
+        for overlap in correspondences
+        if overlap.source_view not in reasons and overlap.target_view not in reasons
     ]
-    return alignment, placed
 
 
-def _drift(calibration: NDArray[np.float64], sigmas: PoseSigmas) -> list[str]:
-    """A warning when the hand-eye calibration is farther off than a calibration is."""
-    turn, shift = calibration[:3], calibration[3:]
-    length = float(np.hypot(np.linalg.norm(turn) / sigmas.hand_eye_rad, np.linalg.norm(shift) / sigmas.hand_eye_m))
-    if length <= DRIFT_SIGMA:
+def _loosen_sigmas(sigmas: PoseSigmas, robot_errors: NDArray[np.float64]) -> PoseSigmas | None:
+    """Return larger sigmas if the views show a robot that is worse than assumed, else None.
+
+    All sigmas grow by the same factor, so that the whole prior counts less against the surfaces.
+    """
+    ratio = float(np.sqrt(np.mean(robot_errors**2))) / EXPECTED_ROBOT_RMS
+    if ratio <= MAX_ROBOT_RMS_RATIO:
+        return None
+    return replace(sigmas, **{name: ratio * value for name, value in asdict(sigmas).items()})
+
+
+def _excluded_qualities(clouds: Sequence[NormalCloud], reasons: Mapping[int, str]) -> list[ViewQuality]:
+    """Return the quality of each excluded view: its reason."""
+    return [
+        ViewQuality(index=cloud.view, used=False, reason=reasons[cloud.view], points=len(cloud.points))
+        for cloud in clouds
+        if cloud.view in reasons
+    ]
+
+
+def _drift_warnings(hand_eye_error: NDArray[np.float64], sigmas: PoseSigmas) -> list[str]:
+    """Return a warning if the hand-eye error is larger than that of a good calibration."""
+    rotation, translation = hand_eye_error[:3], hand_eye_error[3:]
+    length = float(
+        np.hypot(np.linalg.norm(rotation) / sigmas.hand_eye_rad, np.linalg.norm(translation) / sigmas.hand_eye_m)
+    )
+    if length <= MAX_HAND_EYE_ERROR_SIGMA:
         return []
     return [
-        f"the calibration has drifted: the views agree best with the camera {np.linalg.norm(shift) * 1000:.1f} mm and "
-        f"{np.degrees(np.linalg.norm(turn)):.2f} degrees from where the hand-eye calibration puts it, {length:.0f} "
-        "sigma of a good one; calibrate anew"
+        f"the calibration has drifted: the views agree best with the camera {np.linalg.norm(translation) * 1000:.1f} "
+        f"mm and {np.degrees(np.linalg.norm(rotation)):.2f} degrees from its calibrated pose, {length:.0f} sigma of a "
+        "good calibration; calibrate again"
     ]

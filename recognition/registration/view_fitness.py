@@ -1,4 +1,4 @@
-"""How each view fits the others, as registered."""
+"""Fitness of each registered view: how well its points lie on the surfaces of the other views."""
 
 from collections.abc import Sequence
 
@@ -11,58 +11,71 @@ from recognition.parameters import ChainParameters
 from recognition.preprocessing.normals import NormalCloud
 from recognition.registration.correspondences import MIN_COSINE, anchor_points
 
-JUDGED = 60
-"""Points of each view by which its fitness is judged."""
-PARTNERS = 7
-"""Other views in which they are looked for; of more, so many evenly spread: time then grows with the number of views
-and not with its square."""
+MAX_FITNESS_POINTS = 60
+"""Maximum number of points of each view that measure its fitness, evenly spread."""
+MAX_PARTNERS = 7
+"""Maximum number of other views with which a view is compared, evenly spread over all. Time then grows with the number
+of views and not with its square."""
 
 
 def evaluate_fitness(
-    clouds: Sequence[NormalCloud], placed: Sequence[NormalCloud], parameters: ChainParameters
+    clouds: Sequence[NormalCloud], registered: Sequence[NormalCloud], parameters: ChainParameters
 ) -> list[ViewQuality]:
-    """For each view, how its anchors lie on the other views' surfaces, and how far it was moved.
+    """Return the fitness of each registered view and the size of its correction.
 
-    `clouds` are the views as they came and `placed` as registered. An anchor fits where another view has a point
-    within r whose normal is alike; how far it is from the nearest such is measured along the mean of both normals.
+    An anchor point fits if another view has a point within r of it, with a similar normal. Its distance from the
+    nearest such point is measured along the mean of both normals.
+
+    Args:
+        clouds: The views before registration.
+        registered: The same views as registered.
+        parameters: Parameters of the method, for the radius r.
+
+    Returns:
+        One item for each view, in the order of `registered`.
     """
-    # The clouds' trees stay where they were built: anchors are brought there.
-    back = [cloud.T_correction @ inverse(there.T_correction) for cloud, there in zip(clouds, placed, strict=True)]
+    # Anchor points are moved to the trees of the unregistered clouds: these trees exist already.
+    T_unregistered = [
+        cloud.T_correction @ inverse(moved.T_correction) for cloud, moved in zip(clouds, registered, strict=True)
+    ]
     qualities = []
-    for k, view in enumerate(placed):
-        own = anchor_points(view, JUDGED)
-        points, normals = view.points[own], view.normals[own]
-        distance, apart = np.full(len(own), np.inf), np.zeros(len(own))
-        for j in _partners(k, len(placed)):
-            found, nearest = clouds[j].tree.query(transform_points(back[j], points), distance_upper_bound=parameters.r)
-            near = np.flatnonzero(np.asarray(found) < distance)
-            other = np.asarray(nearest)[near]
-            there = placed[j].normals[other]
-            alike = np.vecdot(normals[near], there) > MIN_COSINE
-            near, other, there = near[alike], other[alike], there[alike]
-            normal = normals[near] + there
-            way = points[near] - placed[j].points[other]
-            distance[near] = np.asarray(found)[near]
-            apart[near] = np.vecdot(way, normal) / np.sqrt(np.vecdot(normal, normal))
-        qualities.append(_quality(view, apart[np.isfinite(distance)], len(own)))
+    for k, view in enumerate(registered):
+        anchors = anchor_points(view, MAX_FITNESS_POINTS)
+        points, normals = view.points[anchors], view.normals[anchors]
+        nearest_distance, residual = np.full(len(anchors), np.inf), np.zeros(len(anchors))
+        for j in _partners(k, len(registered)):
+            distance, nearest = clouds[j].tree.query(
+                transform_points(T_unregistered[j], points), distance_upper_bound=parameters.r
+            )
+            nearer = np.flatnonzero(np.asarray(distance) < nearest_distance)
+            partner = np.asarray(nearest)[nearer]
+            partner_normals = registered[j].normals[partner]
+            is_aligned = np.vecdot(normals[nearer], partner_normals) > MIN_COSINE
+            nearer, partner, partner_normals = nearer[is_aligned], partner[is_aligned], partner_normals[is_aligned]
+            normal = normals[nearer] + partner_normals
+            offset = points[nearer] - registered[j].points[partner]
+            nearest_distance[nearer] = np.asarray(distance)[nearer]
+            residual[nearer] = np.vecdot(offset, normal) / np.sqrt(np.vecdot(normal, normal))
+        qualities.append(_view_quality(view, residual[np.isfinite(nearest_distance)], len(anchors)))
     return qualities
 
 
-def _partners(view: int, count: int) -> list[int]:
-    """Up to `PARTNERS` of the other views, evenly spread."""
-    others = [k for k in range(count) if k != view]
-    return [others[int(k)] for k in np.linspace(0, len(others) - 1, min(PARTNERS, len(others)))]
+def _partners(view: int, n_views: int) -> list[int]:
+    """Return up to `MAX_PARTNERS` of the other views, evenly spread."""
+    others = [k for k in range(n_views) if k != view]
+    return [others[int(k)] for k in np.linspace(0, len(others) - 1, min(MAX_PARTNERS, len(others)))]
 
 
-def _quality(view: NormalCloud, apart: NDArray[np.float64], looked: int) -> ViewQuality:
-    middle = view.points.mean(axis=0)
+def _view_quality(view: NormalCloud, residuals: NDArray[np.float64], n_anchors: int) -> ViewQuality:
+    """Return the quality of a view from the residuals of the anchor points that fit."""
+    mean_point = view.points.mean(axis=0)
     return ViewQuality(
         index=view.view,
         used=True,
         reason=None,
         points=len(view.points),
-        fitness=len(apart) / looked,
-        rms_m=float(np.sqrt(np.mean(apart**2))) if len(apart) else None,
-        correction_m=float(np.linalg.norm(middle - transform_points(inverse(view.T_correction), middle))),
+        fitness=len(residuals) / n_anchors,
+        rms_m=float(np.sqrt(np.mean(residuals**2))) if len(residuals) else None,
+        correction_m=float(np.linalg.norm(mean_point - transform_points(inverse(view.T_correction), mean_point))),
         correction_rad=rotation_angle(view.T_correction),
     )

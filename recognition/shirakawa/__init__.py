@@ -1,1 +1,28 @@
-"""The methods of the paper: from centre points to linked segments, and from these to strands and chains."""
+"""The methods of the paper: the matching method (section II.G) and the enhanced matching method (section III).
+
+Points of the centre line go in, with the registered views and the scene. Segments of linked points, strands across the
+intersections, and the chains of the model come out.
+"""
+
+from recognition.shirakawa.chains import StrandAssembly, assemble_chains
+from recognition.shirakawa.end_extension import extend_ends
+from recognition.shirakawa.enhanced_matching import EnhancedMatching, match_enhanced, thin
+from recognition.shirakawa.matching import match_points
+from recognition.shirakawa.reconstruction import Reconstruction, reconstruct
+from recognition.shirakawa.segments import ConnectedStrands, LinkedSegments, connect_segments, link_segments
+
+__all__ = [
+    "ConnectedStrands",
+    "EnhancedMatching",
+    "LinkedSegments",
+    "Reconstruction",
+    "StrandAssembly",
+    "assemble_chains",
+    "connect_segments",
+    "extend_ends",
+    "link_segments",
+    "match_enhanced",
+    "match_points",
+    "reconstruct",
+    "thin",
+]

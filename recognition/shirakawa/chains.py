@@ -1,47 +1,75 @@
-"""From strands to the chains of the model."""
+"""Chains of the model from strands, with the uncertainty of each point."""
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import KDTree
 
+from recognition.geometry.neighbours import neighbourhood_means
 from recognition.geometry.polyline import arc_length
 from recognition.messages import format_position
-from recognition.model.chain_order import canonical_order
-from recognition.model.model import Chain
+from recognition.model.chains import Chain, canonical_order
 from recognition.parameters import ChainParameters
 from recognition.preprocessing.normals import NormalCloud
 from recognition.preprocessing.target_cloud import Scene
 from recognition.shirakawa.end_extension import classify_ends
-from recognition.shirakawa.evidence import point_uncertainty
 from recognition.strand import Strand
 
-SHARP_RAD = np.radians(75)
-"""A turn beyond this over r_f to either side is not a string's."""
+MIN_SIGMA_M = 0.0002
+"""Lower limit of sigma, metres: the error of the hand-eye calibration is common to all views."""
+
+
+@dataclass(frozen=True, eq=False)
+class StrandAssembly:
+    """Chains of the paper's methods, with the strands that they were made of."""
+
+    strands: Sequence[Strand]
+    """Strands in the order and direction of the chains."""
+    chains: tuple[Chain, ...]
+    """One chain for each strand, the longest first."""
+    warnings: Sequence[str] = ()
+    """What was excluded."""
+    ambiguities: Sequence[str] = ()
+    """None: these methods do not assess whether a strand is a string."""
 
 
 def assemble_chains(
     strands: Sequence[Strand],
-    single: NDArray[np.float64],
+    unaveraged: NDArray[np.float64],
     clouds: Sequence[NormalCloud],
     scene: Scene,
     parameters: ChainParameters,
-) -> tuple[list[Strand], tuple[Chain, ...], list[str]]:
-    """The strands in the model's order and direction, the chains made of them, and what was left out, in words.
+) -> StrandAssembly:
+    """Make the chains of the model from strands, in its order and direction.
 
-    The longest chain comes first. Strands shorter than r_cn, an intersection's extent, are an
-    intersection's remains or noise, and are left out.
+    The longest chain comes first. Strands shorter than r_cn, the extent of an intersection, are remains of an
+    intersection or noise. They are excluded.
+
+    Args:
+        strands: Strands of the scene.
+        unaveraged: (N, 3) centre points c_i of eq. (1), metres.
+        clouds: Points and normals of each view, after registration.
+        scene: Workspace.
+        parameters: Radii of Table I.
+
+    Returns:
+        The strands that were kept, one chain for each, and one warning for each excluded strand. If no strand was kept,
+        another warning says so first.
+
+    Source:
+        Ours.
     """
     kept, warnings = [], []
     for strand in strands:
         length = float(arc_length(strand.points)[-1])
         if length >= parameters.r_cn:
-            kept.append(_directed(strand))
+            kept.append(_orient(strand))
         else:
             warnings.append(
-                f"left out a piece of {length * 1000:.0f} mm at {format_position(strand.points.mean(axis=0))}: "
-                "too short to be told from noise"
+                f"excluded a piece of {length * 1000:.0f} mm at {format_position(strand.points.mean(axis=0))}: "
+                "too short to be distinguished from noise"
             )
     kept.sort(key=lambda strand: -arc_length(strand.points)[-1])
     if not kept:
@@ -49,34 +77,80 @@ def assemble_chains(
     chains = []
     for number, strand in enumerate(kept):
         sigma_m, views = point_uncertainty(strand, clouds, parameters)
-        ends = classify_ends(strand, single, scene, parameters)
+        ends = classify_ends(strand, unaveraged, scene, parameters)
         chains.append(Chain(number, strand.closed, parameters.r, strand.points, sigma_m, views, ends))
-    return kept, tuple(chains), warnings
+    return StrandAssembly(kept, tuple(chains), warnings)
 
 
-def _directed(strand: Strand) -> Strand:
+def point_uncertainty(
+    strand: Strand, clouds: Sequence[NormalCloud], parameters: ChainParameters
+) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """Return one sigma across the string and the number of views, for each point of the strand.
+
+    Each view gives its own estimate of the centre line: the mean of its points c_i (eq. 1) within r. Sigma is the
+    spread of these estimates about the point. Where no view saw the string, for example under a crossing, sigma grows
+    with the square of the distance to the next point that was seen, as for a sideways bend of radius 5 r.
+
+    Args:
+        strand: Strand with N points.
+        clouds: Points and normals of each view, after registration.
+        parameters: Radius r.
+
+    Returns:
+        (N,) one sigma across the string, metres, and (N,) number of views. If no view saw any point, sigma is r.
+
+    Source:
+        Ours.
+    """
+    points = strand.points
+    tangent = np.gradient(points, axis=0) if len(points) > 1 else np.zeros_like(points)
+    tangent /= np.maximum(np.linalg.norm(tangent, axis=1, keepdims=True), 1e-12)
+    offsets = []
+    for cloud in clouds:
+        # The points within 2 r of the strand contain all c_i within r. A tree of all c_i for each strand is slower.
+        near = np.unique(np.concatenate(list(cloud.tree.query_ball_point(points, 2 * parameters.r)))).astype(np.intp)
+        unaveraged = cloud.points[near] - parameters.r * cloud.normals[near]
+        means = neighbourhood_means(points, unaveraged, unaveraged, parameters.r)
+        offset = means - points
+        offset -= (offset * tangent).sum(axis=1, keepdims=True) * tangent
+        offsets.append(np.linalg.norm(offset, axis=1))
+    distance = np.array(offsets).reshape(-1, len(points))
+    seen = np.isfinite(distance) & ~_find_hidden_points(strand, clouds, parameters)
+    views = seen.sum(axis=0)
+    variance = (np.where(seen, distance, 0.0) ** 2).sum(axis=0) / np.maximum(views, 1)
+    sigma = np.hypot(np.sqrt(variance), MIN_SIGMA_M)
+    unseen = views == 0
+    if unseen.all():
+        return np.full(len(points), parameters.r), views.astype(np.int64)
+    s = arc_length(points)
+    gap, nearest = KDTree(s[~unseen, None]).query(s[unseen, None])
+    sigma[unseen] = sigma[~unseen][nearest] + gap**2 / (10 * parameters.r)
+    return sigma, views.astype(np.int64)
+
+
+def _orient(strand: Strand) -> Strand:
+    """Return the strand with its points in the canonical order."""
     order = canonical_order(strand.points, strand.closed)
     return replace(strand, points=strand.points[order], bridged=strand.bridged[order])
 
 
-def sharp_bend_messages(chains: Sequence[Chain]) -> list[str]:
-    """In words, where a chain turns more sharply than a string does: there it may have taken the wrong strand.
+def _find_hidden_points(
+    strand: Strand, clouds: Sequence[NormalCloud], parameters: ChainParameters
+) -> NDArray[np.bool_]:
+    """Return (N,) the bridged points under another strand: the top of the surface there is higher than r above them.
 
-    Compared are the directions over r_f before and behind each point. A string of radius r that bends by more than
-    `SHARP_RAD` within that has a bending radius of about r.
+    Both strands of an intersection are bridged, but the views saw the over strand.
     """
-    found = []
-    for chain in chains:
-        step = max(round(2 * chain.radius_m / max(chain.length_m / max(len(chain.points) - 1, 1), 1e-9)), 1)
-        if len(chain.points) <= 2 * step:
-            continue
-        ways = chain.points[step:] - chain.points[:-step]
-        ways = ways / np.maximum(np.linalg.norm(ways, axis=1, keepdims=True), 1e-12)
-        cosine = (ways[step:] * ways[:-step]).sum(axis=1)
-        sharpest = int(cosine.argmin())
-        if cosine[sharpest] < np.cos(SHARP_RAD):
-            found.append(
-                f"chain {chain.id} bends sharply at {format_position(chain.points[sharpest + step])}: "
-                "it may have taken the wrong strand at a crossing"
-            )
-    return found
+    hidden = strand.bridged.copy()
+    if not hidden.any():
+        return hidden
+    surface = np.vstack([np.empty((0, 3)), *(cloud.points for cloud in clouds)])
+    low, high = (limit(strand.points[hidden, :2], axis=0) for limit in (np.min, np.max))
+    is_beside = (surface[:, :2] > low - parameters.r) & (surface[:, :2] < high + parameters.r)
+    surface = surface[is_beside.all(axis=1)]
+    tree_xy = KDTree(surface[:, :2])
+    for i in np.flatnonzero(strand.bridged):
+        near = tree_xy.query_ball_point(strand.points[i, :2], parameters.r / 2)
+        if near and np.percentile(surface[near, 2], 90) < strand.points[i, 2] + 1.5 * parameters.r:
+            hidden[i] = False
+    return hidden

@@ -1,4 +1,4 @@
-"""Enhanced matching method (section III): matching outside intersections, bifurcated restart at them."""
+"""Enhanced matching method (section III): thinning, distinction of intersections, and matching outside them."""
 
 from collections import deque
 from dataclasses import dataclass
@@ -7,32 +7,109 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
+from recognition.geometry.neighbours import neighbour_matrix, neighbourhood_means
 from recognition.parameters import ChainParameters
 from recognition.shirakawa.bifurcated_restart import approach_intersection, find_restarts, intersection_ratios
-from recognition.shirakawa.contribution_rate import contribution_rates, intersection_points
 from recognition.shirakawa.matching import SearchField, Segment, starting_order
 
 
 @dataclass(frozen=True, eq=False)
 class EnhancedMatching:
-    """Segments between intersections, and what they were found by."""
+    """Segments between intersections, and the measures that led to them."""
 
     segments: list[Segment]
-    """Indices into the thinned points."""
+    """Linked points, as indices into the thinned points."""
     bifurcation_centres: NDArray[np.float64]
-    """(M, 3)."""
+    """(M, 3) bifurcation centres, metres (III.D)."""
     rho: NDArray[np.float64]
     """(N,) contribution rate of each thinned point (eq. 6)."""
     in_intersection: NDArray[np.bool_]
-    """(N,) points that constitute an intersection (III.C)."""
+    """(N,) whether a thinned point constitutes an intersection (III.C)."""
     R_c: NDArray[np.float64]
-    """(N,) rate of intersection points around each (eq. 7)."""
+    """(N,) share of intersection points around each thinned point (eq. 7)."""
+
+
+def thin(points: NDArray[np.float64], parameters: ChainParameters) -> NDArray[np.float64]:
+    """Move each point to the mean of its neighbours within r_c, itself included.
+
+    Args:
+        points: (N, 3) points of the centre line, metres.
+        parameters: Radius r_c.
+
+    Returns:
+        (N, 3) thinned points, metres.
+
+    Source:
+        Section III.B, eq. (3).
+    """
+    return neighbourhood_means(points, points, points, parameters.r_c)
+
+
+def contribution_rates(points: NDArray[np.float64], radius: float) -> NDArray[np.float64]:
+    """Return the share of the largest eigenvalue in the covariance of each point's neighbours.
+
+    The rate is 1 on a line, 1/2 in a symmetric flat cross, and 1/3 in a ball. A point without neighbours has rate 1.
+
+    Args:
+        points: (N, 3) thinned points, metres.
+        radius: Radius r_s of the neighbourhoods, metres.
+
+    Returns:
+        (N,) rho, from 1/3 to 1.
+
+    Source:
+        Section III.C, eqs. (4) to (6).
+    """
+    A = neighbour_matrix(points, points, radius)
+    k = np.asarray(A.sum(axis=1))[:, None]
+    # Relative to the centroid of all points, so that the products below lose no digits.
+    local = points - points.mean(axis=0) if len(points) else points
+    q_a = (A @ local) / k
+    products = (local[:, :, None] * local[:, None, :]).reshape(-1, 9)
+    R = ((A @ products) / k).reshape(-1, 3, 3) - q_a[:, :, None] * q_a[:, None, :]
+    eigenvalues = np.abs(np.linalg.eigvalsh(R))
+    total = eigenvalues.sum(axis=1)
+    isolated = total <= (1e-6 * radius) ** 2
+    return np.where(isolated, 1.0, eigenvalues.max(axis=1) / np.where(isolated, 1.0, total))
+
+
+def intersection_points(
+    points: NDArray[np.float64], rho: NDArray[np.float64], parameters: ChainParameters
+) -> NDArray[np.bool_]:
+    """Return which points constitute an intersection: all points of the neighbourhoods with rho < rho_t.
+
+    Args:
+        points: (N, 3) thinned points, metres.
+        rho: (N,) contribution rate of each point.
+        parameters: Radius r_s of the neighbourhoods and threshold rho_t.
+
+    Returns:
+        (N,) True for the points of an intersection.
+
+    Source:
+        Section III.C. The paper takes the points with rho < rho_t alone. We take all their neighbours within r_s, since
+        rho is a property of the neighbourhood. Otherwise, the middle of an intersection would be missing where the
+        points of the over strand outnumber the others. On a right-angled cross of lines without width, as clean depth
+        gives, R_c would stay below 1/2 and never reach R_t.
+    """
+    A = neighbour_matrix(points, points, parameters.r_s)
+    return A @ (rho < parameters.rho_t).astype(np.float64) > 0
 
 
 def match_enhanced(thinned: NDArray[np.float64], parameters: ChainParameters) -> EnhancedMatching:
-    """Segments of the thinned point cloud (N, 3) by the enhanced matching method.
+    """Link the thinned points to segments by the enhanced matching method.
 
-    Sequences run until all points are unconnectable; those that bifurcated restarts ask for come first.
+    Sequences run until all points are unconnectable. Sequences from restart points come first.
+
+    Args:
+        thinned: (N, 3) thinned points, metres.
+        parameters: Radii and thresholds of Table I.
+
+    Returns:
+        The segments, the bifurcation centres, and the measures of each point.
+
+    Source:
+        Sections III.C and III.D. The starting points are ours (`starting_order`).
     """
     rho = contribution_rates(thinned, parameters.r_s)
     in_intersection = intersection_points(thinned, rho, parameters)
@@ -65,10 +142,22 @@ def trim_at_intersections(
     bifurcation_centres: NDArray[np.float64],
     parameters: ChainParameters,
 ) -> list[Segment]:
-    """The segments without the points at their ends that lie within r_cn of a bifurcation centre.
+    """Remove the points at the ends of segments that are closer than r_cn to a bifurcation centre.
 
-    "Points around an intersection are eliminated from shape recognition" (III.D): also those that a sequence took
-    before the intersection was found. A strand that passes through whole is left whole.
+    A segment that passes an intersection and leaves it again keeps its points there.
+
+    Args:
+        points: (N, 3) thinned points, metres.
+        segments: Linked points, as indices into `points`.
+        bifurcation_centres: (M, 3) bifurcation centres, metres.
+        parameters: Radius r_cn.
+
+    Returns:
+        The segments that keep at least one point.
+
+    Source:
+        Section III.D: "points around an intersection are eliminated from shape recognition". Ours: this includes the
+        points that a sequence linked before the intersection was found.
     """
     if len(bifurcation_centres) == 0:
         return segments

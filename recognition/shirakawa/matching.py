@@ -1,4 +1,4 @@
-"""Matching method (section II.G): points of a thin line linked in order by a double sphere search."""
+"""Matching method (section II.G): links the points of a thin line in order, by a search with two spheres."""
 
 from dataclasses import dataclass, field
 
@@ -14,13 +14,18 @@ Segment = list[int]
 
 @dataclass(eq=False)
 class SearchField:
-    """A point cloud in which points stop being connectable as the search passes them."""
+    """A point cloud in which points become unconnectable as the search passes them.
+
+    Source:
+        Section II.G.
+    """
 
     points: NDArray[np.float64]
-    """(N, 3)."""
+    """(N, 3) points, metres."""
     connectable: NDArray[np.bool_] = field(init=False)
-    """(N,), which points may still be linked to."""
+    """(N,) whether a point may still be linked."""
     tree: KDTree = field(init=False, repr=False)
+    """Search tree of `points`."""
 
     def __post_init__(self) -> None:
         self.points = np.asarray(self.points, dtype=np.float64).reshape(-1, 3)
@@ -28,16 +33,16 @@ class SearchField:
         self.tree = KDTree(self.points)
 
     def eliminate(self, centre: NDArray[np.float64], radius: float) -> None:
-        """Makes all points within `radius` of `centre` unconnectable (step 2)."""
+        """Make all points within `radius` of `centre` (3,) unconnectable (step 2)."""
         self.connectable[self.tree.query_ball_point(centre, radius)] = False
 
     def connectable_within(self, centre: NDArray[np.float64], radius: float) -> NDArray[np.int64]:
-        """Indices of the connectable points within `radius` of `centre`."""
+        """Return the indices of the connectable points within `radius` of `centre` (3,), ascending."""
         near = np.asarray(self.tree.query_ball_point(centre, radius, return_sorted=True), dtype=np.int64)
         return near[self.connectable[near]]
 
     def nearest_connectable(self, centre: NDArray[np.float64], radius: float) -> int | None:
-        """The nearest connectable point within `radius` of `centre`, None when there is none (steps 3 and 4)."""
+        """Return the nearest connectable point within `radius` of `centre` (3,), or None (steps 3 and 4)."""
         near = self.connectable_within(centre, radius)
         if len(near) == 0:
             return None
@@ -45,26 +50,59 @@ class SearchField:
 
 
 def next_point(search: SearchField, target: int, parameters: ChainParameters) -> int | None:
-    """From one target point to the next: steps 1 to 5. None when there is nothing left to link to."""
+    """Return the point that follows a target point, and eliminate the points around the target.
+
+    Args:
+        search: Point cloud. Points within r_n of the target become unconnectable.
+        target: Index of the target point.
+        parameters: Radii r_n and r_f of the search spheres.
+
+    Returns:
+        The index of the nearest connectable point within r_f. None if there is no such point.
+
+    Source:
+        Section II.G, steps 1 to 5.
+    """
     centre = search.points[target]
     search.eliminate(centre, parameters.r_n)
     return search.nearest_connectable(centre, parameters.r_f)
 
 
 def starting_order(search: SearchField, radius: float) -> NDArray[np.int64]:
-    """(N,) the points in the order in which sequences start from them: those with fewest neighbours first.
+    """Return the order in which sequences start from the points: those with the fewest neighbours first.
 
-    The paper leaves the start open. A line's ends have half the neighbours of its middle, so starting there
-    follows a string from end to end in one piece.
+    The ends of a line have half the neighbours of its middle. A sequence that starts at an end follows the string to
+    the other end in one piece.
+
+    Args:
+        search: Point cloud with N points.
+        radius: Radius of the neighbourhoods, metres.
+
+    Returns:
+        (N,) indices of the points.
+
+    Source:
+        Ours. The paper does not say where a sequence starts.
     """
     if len(search.points) == 0:
         return np.empty(0, dtype=np.int64)
-    neighbours = search.tree.query_ball_point(search.points, radius, return_length=True)
-    return np.argsort(neighbours, kind="stable")
+    n_neighbours = search.tree.query_ball_point(search.points, radius, return_length=True)
+    return np.argsort(n_neighbours, kind="stable")
 
 
 def match_points(points: NDArray[np.float64], parameters: ChainParameters) -> list[Segment]:
-    """Segments of linked points (indices into `points` (N, 3)), until no point is connectable any more."""
+    """Link the points to segments by the matching method, until no point is connectable.
+
+    Args:
+        points: (N, 3) points of the centre line, metres.
+        parameters: Radii r_n and r_f of the search spheres.
+
+    Returns:
+        The segments, as indices into `points`. A segment may have a single point.
+
+    Source:
+        Section II.G. The starting points are ours (`starting_order`).
+    """
     search = SearchField(points)
     segments = []
     for start in starting_order(search, parameters.r_f):

@@ -1,4 +1,4 @@
-"""Reconstruction of the point chain model from segments (section III.E)."""
+"""Reconstruction of the point chain model (section III.E): joins segments to strands."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -12,42 +12,54 @@ from recognition.errors import TooCrowdedError
 from recognition.geometry.graph_matching import maximum_weight_matching
 from recognition.geometry.polyline import arc_length
 from recognition.parameters import ChainParameters
-from recognition.strand import End, Strand, join, strand_ends
+from recognition.strand import End, Strand, join_strands, strand_ends
 
 Points = NDArray[np.float64]
 
-OPPOSITE = -0.5
-"""Ends whose directions have a larger inner product (angle under 120 degrees) do not continue one another."""
-FACING = 0.5
-"""Cosine between an end's direction and the way to its partner: within 60 degrees it faces it."""
+MAX_JOIN_COSINE = -0.5
+"""Ends continue one another only if the inner product of their directions is smaller (angle above 120 degrees)."""
+MAX_INTERSECTION_COSINE = 0.5
+"""Limit of that product at an intersection, where eq. (8) chooses: only pairs that fold back are excluded."""
+MIN_FACING_COSINE = 0.5
+"""An end faces a point if the point is within 60 degrees of the end's direction. This is the cosine of that angle."""
 MAX_SEGMENTS = 2000
-"""Pieces taken; a string of ten metres with a hundred crossings has a few hundred."""
+"""Maximum number of segments: a string of ten metres with a hundred crossings has a few hundred."""
 
 
 @dataclass(frozen=True, eq=False)
 class Reconstruction:
-    """The strands after each of the two steps, kept for drawing."""
+    """The strands after each of the two steps of the reconstruction."""
 
     reconnected: list[Strand]
-    """After close ends were joined (III.E.1)."""
+    """After the reconnection of close ends (III.E.1)."""
     connected: list[Strand]
-    """After the ends at intersections were joined (III.E.2)."""
+    """After the connection of the ends at intersections (III.E.2)."""
 
 
 def reconstruct(
     segments: Sequence[Points], centres: Points, surface: Points, parameters: ChainParameters
 ) -> Reconstruction:
-    """Joins segments (each (N, 3)) to strands: close ends first, then the ends around intersections.
+    """Join segments to strands: close ends first, then the ends around intersections.
 
-    `centres` (M, 3) are the bifurcation centres, `surface` (K, 3) is the combined cloud, which tells what can
-    hide a strand.
+    Args:
+        segments: (N, 3) points of each segment, metres. Empty segments are ignored.
+        centres: (M, 3) bifurcation centres, metres.
+        surface: (K, 3) registered surface points, metres, base frame. They show where a strand may be hidden.
+        parameters: Radii of Table I.
+
+    Returns:
+        The strands after each step.
 
     Raises:
-        TooCrowdedError: more segments than strings make.
+        TooCrowdedError: There are more segments than strings can have (`MAX_SEGMENTS`).
+
+    Source:
+        Section III.E. Ours are `split_at_side_contacts` and `connect_across_gaps`.
     """
     if len(segments) > MAX_SEGMENTS:
         raise TooCrowdedError(
-            f"the points above the table fall into {len(segments)} pieces: check the string's radius and the workspace"
+            f"the points above the table fall into {len(segments)} pieces, too many for strings: check the radius of "
+            "the string and the workspace"
         )
     strands = [Strand(points, np.zeros(len(points), dtype=bool)) for points in segments if len(points)]
     reconnected = reconnect_close_ends(strands, centres, parameters)
@@ -57,72 +69,92 @@ def reconstruct(
 
 
 def reconnect_close_ends(strands: Sequence[Strand], centres: Points, parameters: ChainParameters) -> list[Strand]:
-    """Joins ends closer than r_f, the closest first (III.E.1).
+    """Join ends that are closer than r_f, the closest pair first.
 
-    The paper joins any couple. Here a couple whose directions are not opposite is left alone, since two strings
-    may end side by side, and so are ends that gather around a bifurcation centre: which of those belong together
-    is for eq. (8) to say, not for their distance.
+    Args:
+        strands: Strands of the scene.
+        centres: (M, 3) bifurcation centres, metres.
+        parameters: Radius r_f, and radii of the intersections.
+
+    Returns:
+        The joined strands.
+
+    Source:
+        Section III.E.1. The paper joins every pair. Ours excludes pairs whose directions are not opposite, because two
+        strings may end side by side. It also excludes ends that gather around a bifurcation centre, because eq. (8)
+        decides which of those belong together, not their distance.
     """
     ends = strand_ends(strands, parameters)
-    at_intersection = intersection_of_ends(ends, centres, parameters) >= 0
-    directed = np.array([end.direction.any() for end in ends], dtype=bool)
+    at_intersection = assign_to_intersections(ends, centres, parameters) >= 0
+    has_direction = np.array([end.direction.any() for end in ends], dtype=bool)
     D = np.linalg.norm(_positions(ends)[:, None] - _positions(ends)[None], axis=2)
     # A strand of one point has no direction and may be joined on either side.
-    opposite = (inner_products(ends) < OPPOSITE) | ~directed[:, None] | ~directed[None]
+    opposite = (inner_products(ends) < MAX_JOIN_COSINE) | ~has_direction[:, None] | ~has_direction[None]
     pairs = []
-    taken = set(np.flatnonzero(at_intersection).tolist())
+    used = set(np.flatnonzero(at_intersection).tolist())
     j, k = np.triu_indices(len(ends), 1)
     for n in np.argsort(D[j, k], kind="stable"):
         first, second = int(j[n]), int(k[n])
         if D[first, second] >= parameters.r_f:
             break
         if (
-            {first, second} & taken
+            {first, second} & used
             or not opposite[first, second]
             or not _may_join(ends, first, second, strands, parameters)
         ):
             continue
         pairs.append((first, second))
-        taken |= {first, second}
-    return join(strands, ends, pairs, parameters)
+        used |= {first, second}
+    return join_strands(strands, ends, pairs, parameters)
 
 
 def split_at_side_contacts(
     strands: Sequence[Strand], centres: Points, parameters: ChainParameters
 ) -> tuple[list[Strand], Points]:
-    """Strands cut where another's end runs into their side, and `centres` (M, 3) with these places added.
+    """Cut strands where the end of another strand meets their side.
 
-    Ours: such an end is an intersection that R_c did not show, at which a sequence has turned from one strand into
-    the other and left the rest of both. The strand that passes is opened over r_cn, so that eq. (8) can say which
-    of the ends belong together; where a string truly ends on another, it closes the opening again.
+    Such an end marks an intersection that R_c did not show: a sequence turned from one strand into the other and left
+    the rest of both. The passing strand is opened over r_cn, so that eq. (8) can decide which of the ends belong
+    together. Where a string really ends on another, eq. (8) closes the opening again.
+
+    Args:
+        strands: Strands of the scene.
+        centres: (M, 3) bifurcation centres, metres.
+        parameters: Radii r_f and r_cn, and radii of the intersections.
+
+    Returns:
+        The strands without the points within r_cn of a contact, and the centres with the contacts added.
+
+    Source:
+        Ours.
     """
     ends = strand_ends(strands, parameters)
-    loose = intersection_of_ends(ends, centres, parameters) < 0
+    away_from_centres = assign_to_intersections(ends, centres, parameters) < 0
     owner = np.repeat(np.arange(len(strands)), [len(strand.points) for strand in strands])
     points = np.vstack([np.empty((0, 3)), *(strand.points for strand in strands)])
     s = np.concatenate([[], *(arc_length(strand.points) for strand in strands)])
     length = np.array([arc_length(strand.points)[-1] for strand in strands])
     closed = np.array([strand.closed for strand in strands], dtype=bool)
-    side = closed[owner] | ((s > parameters.r_f) & (s < length[owner] - parameters.r_f))
-    around = KDTree(points)
+    is_side = closed[owner] | ((s > parameters.r_f) & (s < length[owner] - parameters.r_f))
+    tree = KDTree(points)
     contacts = []
-    for end in (end for end, is_loose in zip(ends, loose, strict=True) if is_loose):
-        near = np.asarray(around.query_ball_point(end.point, parameters.r_f, return_sorted=True), dtype=np.int64)
-        # A strand's own points behind its end are no other strand's side.
-        behind = (owner[near] == end.strand) & (
+    for end in (end for end, is_away in zip(ends, away_from_centres, strict=True) if is_away):
+        near = np.asarray(tree.query_ball_point(end.point, parameters.r_f, return_sorted=True), dtype=np.int64)
+        # The points of the end's own strand next to the end are not the side of another strand.
+        own = (owner[near] == end.strand) & (
             (s[near] if end.at_start else length[end.strand] - s[near]) <= parameters.r_cn
         )
-        way = points[near] - end.point
-        distance = np.linalg.norm(way, axis=1)
-        hit = side[near] & ~behind & (way @ end.direction > FACING * distance)
-        if hit.any():
-            contacts.append(points[near[hit][distance[hit].argmin()]])
+        offset = points[near] - end.point
+        distance = np.linalg.norm(offset, axis=1)
+        is_contact = is_side[near] & ~own & (offset @ end.direction > MIN_FACING_COSINE * distance)
+        if is_contact.any():
+            contacts.append(points[near[is_contact][distance[is_contact].argmin()]])
     if not contacts:
         return list(strands), centres
-    tree = KDTree(np.array(contacts))
+    contact_tree = KDTree(np.array(contacts))
     opened = []
     for strand in strands:
-        clear = tree.query(strand.points)[0] >= parameters.r_cn
+        clear = contact_tree.query(strand.points)[0] >= parameters.r_cn
         for run in np.split(np.arange(len(clear)), np.flatnonzero(np.diff(clear)) + 1):
             if clear[run[0]]:
                 opened.append(Strand(strand.points[run], strand.bridged[run], strand.closed and len(run) == len(clear)))
@@ -130,21 +162,43 @@ def split_at_side_contacts(
 
 
 def connect_at_intersections(strands: Sequence[Strand], centres: Points, parameters: ChainParameters) -> list[Strand]:
-    """Joins the ends that gather around each intersection of bifurcation `centres` (M, 3) by eq. (8) (III.E.2)."""
+    """Join the ends that gather around each intersection by eq. (8).
+
+    Args:
+        strands: Strands of the scene.
+        centres: (M, 3) bifurcation centres, metres.
+        parameters: Radii of the intersections.
+
+    Returns:
+        The joined strands.
+
+    Source:
+        Section III.E.2, eq. (8). Excluding pairs that fold back (`MAX_INTERSECTION_COSINE`) is ours.
+    """
     ends = strand_ends(strands, parameters)
-    where = intersection_of_ends(ends, centres, parameters)
-    same = (where[:, None] == where[None]) & (where >= 0)[:, None]
-    onward = inner_products(ends) < -OPPOSITE
-    return join(strands, ends, least_bending_pairs(ends, same & onward, strands, parameters), parameters)
+    intersection = assign_to_intersections(ends, centres, parameters)
+    same = (intersection[:, None] == intersection[None]) & (intersection >= 0)[:, None]
+    allowed = same & (inner_products(ends) < MAX_INTERSECTION_COSINE)
+    return join_strands(strands, ends, straightest_pairs(ends, allowed, strands, parameters), parameters)
 
 
-def intersection_of_ends(ends: Sequence[End], centres: Points, parameters: ChainParameters) -> NDArray[np.int64]:
-    """(N,) number of the intersection that each end gathers around, -1 for none.
+def assign_to_intersections(ends: Sequence[End], centres: Points, parameters: ChainParameters) -> NDArray[np.int64]:
+    """Return the number of the intersection around which each end gathers.
 
-    An end gathers around the nearest centre if that is within r_cf + r_n, as far as an incoming sequence or a
-    restart can be from it, and the end points at it. Centres whose inner spheres (r_cn) overlap are one
-    intersection, since nothing of the strands between them is left; so are the two places in which strands that
-    cross at an acute angle melt together.
+    An end gathers around the nearest centre if it points towards it from within r_cf + r_n: an incoming sequence or a
+    restart can be as far away as that. Centres are one intersection if their inner spheres (r_cn) overlap, because
+    nothing of the strands between them is left. This includes two centres of strands that cross at an acute angle.
+
+    Args:
+        ends: The N ends of the strands.
+        centres: (M, 3) bifurcation centres, metres.
+        parameters: Radii r_cn, r_cf and r_n.
+
+    Returns:
+        (N,) number of the intersection, -1 for none.
+
+    Source:
+        Section III.E.2 speaks of the ends "which gather around an intersection". The rule is ours.
     """
     if len(ends) == 0 or len(centres) == 0:
         return np.full(len(ends), -1)
@@ -161,80 +215,113 @@ def intersection_of_ends(ends: Sequence[End], centres: Points, parameters: Chain
 
 
 def connect_across_gaps(strands: Sequence[Strand], surface: Points, parameters: ChainParameters) -> list[Strand]:
-    """Joins ends that face each other across a gap of at most 2 r_cf in which another strand hides them, by eq. (8).
+    """Join ends that face each other across a gap in which another strand hides the string, by eq. (8).
 
-    Our addition to III.E.2: where strands lie on one another without melting together, the contribution rate
-    stays high, no bifurcation centre is found, and the hidden strand just has a gap. Its two ends are an
-    intersection's as well. Two ends with nothing of `surface` between them are two ends.
+    Where strands lie on one another without being merged, the contribution rate stays high. No bifurcation centre is
+    found, and the hidden strand has a gap. Its two ends belong to an intersection too. Ends without `surface` between
+    them are not joined.
+
+    Args:
+        strands: Strands of the scene.
+        surface: (K, 3) registered surface points, metres, base frame.
+        parameters: Radii r, r_f and r_cf. Gaps are at most 2 r_cf long.
+
+    Returns:
+        The joined strands.
+
+    Source:
+        Ours, an addition to section III.E.2.
     """
     ends = strand_ends(strands, parameters)
     if len(ends) < 2:
         return list(strands)
-    way = _positions(ends)[None] - _positions(ends)[:, None]
-    D = np.linalg.norm(way, axis=2)
+    offset = _positions(ends)[None] - _positions(ends)[:, None]
+    D = np.linalg.norm(offset, axis=2)
     with np.errstate(invalid="ignore", divide="ignore"):
-        cosine = np.einsum("jkx,jx->jk", way, _directions(ends)) / D
-    facing = np.nan_to_num(cosine, nan=-1.0) > FACING
+        cosine = np.einsum("jkx,jx->jk", offset, _directions(ends)) / D
+    facing = np.nan_to_num(cosine, nan=-1.0) > MIN_FACING_COSINE
     near = np.less_equal(D, 2 * parameters.r_cf)
-    allowed = near & facing & facing.T & (inner_products(ends) < OPPOSITE)
-    from_above = KDTree(surface[:, :2])
+    allowed = near & facing & facing.T & (inner_products(ends) < MAX_JOIN_COSINE)
+    surface_xy = KDTree(surface[:, :2])
     for j, k in zip(*np.nonzero(np.triu(allowed, 1)), strict=True):
-        allowed[j, k] = allowed[k, j] = _hidden(ends[j].point, ends[k].point, from_above, parameters)
-    return join(strands, ends, least_bending_pairs(ends, allowed, strands, parameters), parameters)
+        allowed[j, k] = allowed[k, j] = _is_covered(ends[j].point, ends[k].point, surface_xy, parameters)
+    return join_strands(strands, ends, straightest_pairs(ends, allowed, strands, parameters), parameters)
 
 
-def _hidden(a: Points, b: Points, from_above: KDTree, parameters: ChainParameters) -> bool:
-    """Whether, seen from above, something lies over the gap from a to b.
-
-    The means of eqs. (2) and (3) draw each end back by up to 2 r = r_f from where the strand disappears; all of
-    the gap that is farther from both ends, at least its middle, must be covered.
-    """
-    length = float(np.linalg.norm(b - a))
-    bare = max(length - 2 * parameters.r_f, 0.0)
-    share = 0.5 + np.linspace(-0.5, 0.5, 9) * bare / length
-    places = a[:2] + share[:, None] * (b - a)[:2]
-    distance, _ = from_above.query(places)
-    return bool((distance < parameters.r).all())
-
-
-def least_bending_pairs(
+def straightest_pairs(
     ends: Sequence[End], allowed: NDArray[np.bool_], strands: Sequence[Strand], parameters: ChainParameters
 ) -> list[tuple[int, int]]:
-    """The couples of ends with the least total of eq. (8) among the `allowed` ones ((N, N), symmetric).
+    """Return the pairs of ends that have the minimum total of eq. (8).
 
-    Eq. (8) adds v_j . v_k over the two couples of four ends. Here it adds them over the couples of any number
-    of ends, each in one couple at most: as many couples as can be, and among those sets the one of the least
-    total, so that only odd ends stay over.
+    Args:
+        ends: The N ends of the strands.
+        allowed: (N, N) whether two ends may be a pair; symmetric.
+        strands: Strands of the scene.
+        parameters: Radius r_f, for strands that may close on themselves.
+
+    Returns:
+        Indices of the two ends of each pair. Each end is in one pair or in none.
+
+    Source:
+        Section III.E.2. Eq. (8) adds v_j . v_k over the two pairs of four ends. Ours adds it over the pairs of any
+        number of ends. The number of pairs is the maximum, so that only odd ends remain; among the sets of that size,
+        the one with the minimum total is taken.
     """
     b = inner_products(ends)
     j, k = np.nonzero(np.triu(allowed, 1))
-    couples = [
+    pairs = [
         (int(a), int(c)) for a, c in zip(j, k, strict=True) if _may_join(ends, int(a), int(c), strands, parameters)
     ]
-    if not couples:
+    if not pairs:
         return []
-    j, k = np.array(couples).T
-    # Inner products are 1 at the most: no total of them makes up for a couple missing.
-    taken = maximum_weight_matching(j, k, len(ends) + 2.0 - b[j, k])
-    return list(zip(j[taken].tolist(), k[taken].tolist(), strict=True))
+    j, k = np.array(pairs).T
+    # Inner products do not exceed 1, so with this gain no total makes up for a missing pair.
+    chosen = maximum_weight_matching(j, k, len(ends) + 2.0 - b[j, k])
+    return list(zip(j[chosen].tolist(), k[chosen].tolist(), strict=True))
 
 
 def inner_products(ends: Sequence[End]) -> NDArray[np.float64]:
-    """(N, N) of v_j . v_k: the evaluation value of each couple in eq. (8), -1 for one that continues straight."""
+    """Return the inner products v_j . v_k of the directions of all pairs of ends.
+
+    Args:
+        ends: The N ends of the strands.
+
+    Returns:
+        (N, N) values from -1, where the second end continues the first straight, to 1.
+
+    Source:
+        Eq. (8), the terms of the sum.
+    """
     v = _directions(ends)
     return v @ v.T
 
 
 def _may_join(ends: Sequence[End], j: int, k: int, strands: Sequence[Strand], parameters: ChainParameters) -> bool:
-    """A strand may close on itself only if it is long enough to come round."""
+    """Return whether two ends may be joined: a strand must be long enough to close on itself."""
     if ends[j].strand != ends[k].strand:
         return True
     return bool(arc_length(strands[ends[j].strand].points)[-1] > 2 * np.pi * parameters.r_f)
 
 
+def _is_covered(a: Points, b: Points, surface_xy: KDTree, parameters: ChainParameters) -> bool:
+    """Return whether surface lies over the gap from a to b, seen from above.
+
+    The means of eqs. (2) and (3) move each end back by up to 2 r = r_f from where the strand disappears. The part of
+    the gap that is farther than that from both ends must be covered, at least its middle.
+    """
+    length = float(np.linalg.norm(b - a))
+    covered_length = max(length - 2 * parameters.r_f, 0.0)
+    share = 0.5 + np.linspace(-0.5, 0.5, 9) * covered_length / length
+    positions = a[:2] + share[:, None] * (b - a)[:2]
+    distance, _ = surface_xy.query(positions)
+    return bool((distance < parameters.r).all())
+
+
 def _positions(ends: Sequence[End]) -> Points:
+    """Return (N, 3) the positions of the ends."""
     return np.array([end.point for end in ends]).reshape(-1, 3)
 
 
 def _directions(ends: Sequence[End]) -> Points:
+    """Return (N, 3) the outward directions of the ends."""
     return np.array([end.direction for end in ends]).reshape(-1, 3)

@@ -1,4 +1,4 @@
-"""Which ends of fragments belong together: all of a scene at once, by least bending (eq. 8 generalised)."""
+"""Pairing of fragment ends: one optimisation decides for the whole scene which ends continue each other."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -7,187 +7,216 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recognition.geometry.graph_matching import matching_margins, maximum_weight_matching
-from recognition.geometry.parabola import fit_end_parabola
-from recognition.geometry.polyline import arc_length
+from recognition.geometry.polyline import arc_length, fit_end_parabola
 from recognition.parameters import ChainParameters
 from recognition.tracing.fragments import Fragment
 from recognition.tracing.height_map import HeightMap
 
-LOOKED_AT = 5.0
-"""Length of string, in radii, from which an end's direction and curvature are taken."""
-LONGEST_GAP = 14.0
-"""Longest gap bridged, in radii: a strand that passes over at 25 degrees hides about 8."""
-TIGHTEST_BEND = 2.5
-"""Smallest bend radius of a string, in radii."""
-SHORTEST_RING = 12.0
-"""A fragment shorter than this, in radii, can't close on itself."""
-WIDEST_TURN = 1.4
-"""Angle, radians, between an end's direction and the way to its partner beyond which they are not looked at."""
-HEIGHT_SHARE = 0.5
-"""Heights count less than the way across: next to a strand on top, they are what is measured worst."""
-OPEN_END = 1.5
-"""What an end in the open costs when it stays alone, in the units of the misfit (squared sigmas)."""
-COVERED_END = 4.0
-"""What it costs more when another strand lies over the place where it would go on."""
-GAP_COST = 0.25
+END_FIT_RADII = 5.0
+"""Length of string, in radii, from which the direction and the curvature of an end are taken."""
+MAX_GAP_RADII = 14.0
+"""Maximum gap that is bridged, in radii. A strand that passes over at 25 degrees hides about 8."""
+MIN_BEND_RADII = 2.5
+"""Minimum bend radius of a string, in radii of the string."""
+MIN_RING_RADII = 12.0
+"""Minimum length of a fragment that may close on itself, in radii."""
+MAX_TURN_RAD = 1.4
+"""Maximum angle between the direction of an end and the line to its partner, radians."""
+HEIGHT_WEIGHT = 0.5
+"""Weight of height differences, compared with horizontal ones. Next to a strand on top, heights are measured worst."""
+SINGLE_END_COST = 1.5
+"""Cost of a visible end that stays single, in the unit of the misfit (squared sigmas)."""
+OCCLUDED_END_COST = 4.0
+"""Additional cost if another strand lies over the continuation of the end."""
+GAP_COST_PER_RADIUS = 0.25
 """Cost of a gap for each radius of its length."""
-UNCOVERED_COST = 1.0
-"""The same for each radius beyond `UNCOVERED_FREE` over which a bridged gap lies open to view: the string that is
-said to be there would have been seen."""
-UNCOVERED_FREE = 3.0
-BARE = 1.0
-"""Length of a gap, in radii, that may lie over bare table: noise leaves such holes, and no string is hidden there."""
-SAFE_MARGIN = 2.0
-"""A couple without which the rest costs no more than this above the best is a doubt to be told."""
+VISIBLE_GAP_COST_PER_RADIUS = 1.0
+"""Additional cost for each radius of a gap that no strand occludes, beyond `FREE_VISIBLE_GAP_RADII`.
+
+A string in such a gap would have been measured.
+"""
+FREE_VISIBLE_GAP_RADII = 3.0
+"""Length of a gap, in radii, that may be visible at no additional cost."""
+MAX_BARE_GAP_RADII = 1.0
+"""Maximum length of a gap over bare table, in radii. Noise leaves such holes, and no string is hidden there."""
+MIN_CERTAIN_MARGIN = 2.0
+"""A pair is ambiguous if the best solution without it costs less than this more than the best solution."""
 
 
 @dataclass(frozen=True, eq=False)
 class FragmentEnds:
-    """Both ends of every open fragment, start before end."""
+    """Both ends of every open fragment, the start before the end."""
 
     fragment: NDArray[np.int64]
-    """(N,) which fragment."""
+    """(N,) index of the fragment."""
     points: NDArray[np.float64]
-    """(N, 3), smoothed."""
+    """(N, 3) smoothed positions, metres, base frame."""
     directions: NDArray[np.float64]
-    """(N, 3), unit length, out of the fragment."""
+    """(N, 3) unit vectors pointing out of the fragment."""
     curvatures: NDArray[np.float64]
-    """(N, 3), 1/m, across the direction."""
+    """(N, 3) curvature vectors across the direction, 1/m."""
 
-    def ahead(
-        self, chosen: NDArray[np.int64], distance: NDArray[np.float64], share: float
+    def extrapolate(
+        self, indices: NDArray[np.int64], distance: NDArray[np.float64], curvature_share: float
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Points and directions, (M, 3) each, `distance` (M,) ahead, with a share of the ends' curvature."""
-        curve = share * self.curvatures[chosen] * distance[:, None]
-        points = self.points[chosen] + distance[:, None] * (self.directions[chosen] + curve / 2)
-        directions = self.directions[chosen] + curve
+        """Return the continuation of ends beyond the fragments.
+
+        Args:
+            indices: (M,) ends to continue.
+            distance: (M,) distance ahead of each end, metres.
+            curvature_share: Share of the curvature that is used, 0 to 1.
+
+        Returns:
+            (M, 3) points, metres, base frame, and (M, 3) unit directions there.
+        """
+        curve = curvature_share * self.curvatures[indices] * distance[:, None]
+        points = self.points[indices] + distance[:, None] * (self.directions[indices] + curve / 2)
+        directions = self.directions[indices] + curve
         return points, directions / np.linalg.norm(directions, axis=1, keepdims=True)
 
 
 @dataclass(frozen=True, eq=False)
 class Pairing:
-    """The couples of ends that continue one another."""
+    """Pairs of ends that continue each other."""
 
     ends: FragmentEnds
-    couples: list[tuple[int, int]]
-    """Indices of ends."""
-    doubts: list[NDArray[np.float64]]
-    """(3,) each: places where other couples are nearly as good."""
+    """Ends of all open fragments."""
+    pairs: list[tuple[int, int]]
+    """Two indices into `ends` for each pair."""
+    ambiguous_points: list[NDArray[np.float64]]
+    """(3,) middle of each pair that has nearly as good alternatives, metres, base frame."""
 
 
-def pair_ends(fragments: Sequence[Fragment], cover: HeightMap, parameters: ChainParameters) -> Pairing:
-    """The couples of ends that bend least, over all intersections at once.
+def pair_ends(fragments: Sequence[Fragment], height_map: HeightMap, parameters: ChainParameters) -> Pairing:
+    """Return the pairs of ends that bend least, over all intersections of the scene at once.
 
-    Eq. (8) sums v_j . v_k over the couples of the four ends at one intersection. Here the sum runs over all couples
-    of a scene; a couple's cost is how far the two ends, each continued half way across the gap with its curvature,
-    miss one another in place and direction, in squared sigmas, plus a price of the gap. An end may stay alone at
-    a price too, which is higher where another strand lies over what comes next.
+    The cost of a pair is its misfit plus the cost of its gap. For the misfit, both ends are extrapolated to the middle
+    of the gap; their difference in position and direction there counts in squared sigmas. An end may stay single, at a
+    cost that is higher if another strand lies over its continuation. The pairs are a maximum weight matching.
+
+    Args:
+        fragments: Fragments of the scene.
+        height_map: Height map of the registered surface.
+        parameters: Radius r.
+
+    Returns:
+        The ends, the pairs, and the positions of ambiguous pairs.
+
+    Source:
+        Ours, a generalisation of eq. (8) (section III.E.2). Eq. (8) adds v_j . v_k over the two pairs of the four ends
+        at one intersection. This sum runs over all pairs of the scene.
     """
-    ends = _fragment_ends(fragments, parameters.r)
+    ends = _collect_ends(fragments, parameters.r)
     if len(ends.points) < 2:
         return Pairing(ends, [], [])
-    alone = OPEN_END + COVERED_END * _covered_ahead(ends, cover, parameters.r)
-    a, b = _candidates(ends, fragments, parameters.r)
-    cost = _misfit(ends, a, b, parameters.r) + _gap_cost(ends, a, b, cover, parameters.r)
-    gain = alone[a] + alone[b] - cost
-    worth = gain > 0
-    a, b, gain = a[worth], b[worth], gain[worth]
-    taken = maximum_weight_matching(a, b, gain)
-    doubtful = taken[matching_margins(taken, a, b, gain) < SAFE_MARGIN]
-    doubts = list((ends.points[a[doubtful]] + ends.points[b[doubtful]]) / 2)
-    return Pairing(ends, list(zip(a[taken].tolist(), b[taken].tolist(), strict=True)), doubts)
+    single_cost = SINGLE_END_COST + OCCLUDED_END_COST * _occluded_share_ahead(ends, height_map, parameters.r)
+    a, b = _candidate_pairs(ends, fragments, parameters.r)
+    cost = _misfit(ends, a, b, parameters.r) + _gap_cost(ends, a, b, height_map, parameters.r)
+    gain = single_cost[a] + single_cost[b] - cost
+    has_gain = gain > 0
+    a, b, gain = a[has_gain], b[has_gain], gain[has_gain]
+    matched = maximum_weight_matching(a, b, gain)
+    ambiguous = matched[matching_margins(matched, a, b, gain) < MIN_CERTAIN_MARGIN]
+    ambiguous_points = list((ends.points[a[ambiguous]] + ends.points[b[ambiguous]]) / 2)
+    return Pairing(ends, list(zip(a[matched].tolist(), b[matched].tolist(), strict=True)), ambiguous_points)
 
 
-def _fragment_ends(fragments: Sequence[Fragment], r: float) -> FragmentEnds:
-    which, points, directions, curvatures = [], [], [], []
-    for number, fragment in enumerate(fragments):
+def _collect_ends(fragments: Sequence[Fragment], r: float) -> FragmentEnds:
+    indices, points, directions, curvatures = [], [], [], []
+    for index, fragment in enumerate(fragments):
         if fragment.closed:
             continue
         for order in (1, -1):
-            point, direction, curvature = _end_of(fragment.points[::order], r)
-            which.append(number)
+            point, direction, curvature = _fit_end(fragment.points[::order], r)
+            indices.append(index)
             points.append(point)
             directions.append(direction)
             curvatures.append(curvature)
     return FragmentEnds(
-        np.array(which, dtype=np.int64),
-        *(np.array(values).reshape(-1, 3) for values in (points, directions, curvatures)),
+        fragment=np.array(indices, dtype=np.int64),
+        points=np.array(points).reshape(-1, 3),
+        directions=np.array(directions).reshape(-1, 3),
+        curvatures=np.array(curvatures).reshape(-1, 3),
     )
 
 
-def _end_of(
+def _fit_end(
     points: NDArray[np.float64], r: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Place, outward direction and curvature of a line (N, 3) at its first point, from a parabola through it."""
-    terms = fit_end_parabola(points, LOOKED_AT * r, r)
+    """Return position, outward direction and curvature of a line (N, 3) at its first point, from a parabola."""
+    terms = fit_end_parabola(points, END_FIT_RADII * r, r)
     direction = -terms[1] / max(float(np.linalg.norm(terms[1])), 1e-12)
     curvature = 2 * terms[2] - 2 * (terms[2] @ direction) * direction
-    return terms[0], direction, curvature / max(1.0, float(np.linalg.norm(curvature)) * TIGHTEST_BEND * r)
+    return terms[0], direction, curvature / max(1.0, float(np.linalg.norm(curvature)) * MIN_BEND_RADII * r)
 
 
-def _candidates(
+def _candidate_pairs(
     ends: FragmentEnds, fragments: Sequence[Fragment], r: float
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """(M,) and (M,) couples of ends that are near and roughly face one another."""
+    """Return (M,) and (M,) the ends of the pairs that are near and roughly face each other."""
     a, b = np.triu_indices(len(ends.points), 1)
-    long_enough = np.array([arc_length(f.points)[-1] > SHORTEST_RING * r for f in fragments], dtype=bool)
-    way = ends.points[b] - ends.points[a]
-    gap = np.linalg.norm(way, axis=1)
-    near = (gap <= LONGEST_GAP * r) & ((ends.fragment[a] != ends.fragment[b]) | long_enough[ends.fragment[a]])
-    turn = np.maximum(_angle(way, ends.directions[a]), _angle(-way, ends.directions[b]))
-    chosen = near & ((turn < WIDEST_TURN) | (gap < 1e-9))
-    return a[chosen], b[chosen]
+    may_close = np.array([arc_length(f.points)[-1] > MIN_RING_RADII * r for f in fragments], dtype=bool)
+    offset = ends.points[b] - ends.points[a]
+    gap = np.linalg.norm(offset, axis=1)
+    is_near = (gap <= MAX_GAP_RADII * r) & ((ends.fragment[a] != ends.fragment[b]) | may_close[ends.fragment[a]])
+    turn = np.maximum(_angle(offset, ends.directions[a]), _angle(-offset, ends.directions[b]))
+    is_candidate = is_near & ((turn < MAX_TURN_RAD) | (gap < 1e-9))
+    return a[is_candidate], b[is_candidate]
 
 
 def _misfit(ends: FragmentEnds, a: NDArray[np.int64], b: NDArray[np.int64], r: float) -> NDArray[np.float64]:
-    """(M,) squared sigmas by which the couples' ends, continued half way across the gap, miss one another.
+    """Return (M,) the difference of the two ends of each pair in the middle of the gap, in squared sigmas.
 
-    Curvatures are known roughly only: none, half and all of them are tried, and the best counts.
+    Curvatures are known only roughly. The smallest misfit with none, half and all of the curvature counts.
     """
     gap = np.linalg.norm(ends.points[b] - ends.points[a], axis=1)
-    tried = []
+    misfits = []
     for share in (0.0, 0.5, 1.0):
-        (p, u), (q, v) = (ends.ahead(k, gap / 2, share) for k in (a, b))
-        middle = u - v
-        middle /= np.maximum(np.linalg.norm(middle, axis=1, keepdims=True), 1e-9)
-        apart = p - q
-        apart = apart - (apart * middle).sum(axis=1, keepdims=True) * middle
-        apart[:, 2] *= HEIGHT_SHARE
-        in_place = np.linalg.norm(apart, axis=1) / (0.4 * r + 0.06 * gap)
-        in_direction = _angle(u, -v) / (0.2 + 0.06 * gap / r)
-        tried.append(in_place**2 + in_direction**2 + 0.3 * share)
-    return np.min(tried, axis=0)
+        (p, u), (q, v) = (ends.extrapolate(k, gap / 2, share) for k in (a, b))
+        tangent = u - v
+        tangent /= np.maximum(np.linalg.norm(tangent, axis=1, keepdims=True), 1e-9)
+        offset = p - q
+        offset = offset - (offset * tangent).sum(axis=1, keepdims=True) * tangent
+        offset[:, 2] *= HEIGHT_WEIGHT
+        position_sigmas = np.linalg.norm(offset, axis=1) / (0.4 * r + 0.06 * gap)
+        direction_sigmas = _angle(u, -v) / (0.2 + 0.06 * gap / r)
+        misfits.append(position_sigmas**2 + direction_sigmas**2 + 0.3 * share)
+    return np.min(misfits, axis=0)
 
 
 def _gap_cost(
-    ends: FragmentEnds, a: NDArray[np.int64], b: NDArray[np.int64], cover: HeightMap, r: float
+    ends: FragmentEnds, a: NDArray[np.int64], b: NDArray[np.int64], height_map: HeightMap, r: float
 ) -> NDArray[np.float64]:
-    """(M,) price of the couples' gaps. Infinite where a gap lies over bare table: nothing can be hidden there."""
+    """Return (M,) the cost of each pair's gap. It is infinite over bare table, where nothing can be hidden."""
     if len(a) == 0:
         return np.empty(0)
     gap = np.linalg.norm(ends.points[b] - ends.points[a], axis=1)
-    share = np.linspace(0, 1, 14)[1:-1]
-    h = [2 * share**3 - 3 * share**2 + 1, share**3 - 2 * share**2 + share, share**3 - share**2]
+    t = np.linspace(0, 1, 14)[1:-1]
+    h = [2 * t**3 - 3 * t**2 + 1, t**3 - 2 * t**2 + t, t**3 - t**2]
     hermite = [value[None, :, None] for value in h]
-    reach = gap[:, None, None]
+    length = gap[:, None, None]
     start, end = ends.points[a, None], ends.points[b, None]
-    leave, arrive = ends.directions[a, None] * reach, -ends.directions[b, None] * reach
-    way = hermite[0] * start + hermite[1] * leave + (1 - hermite[0]) * end + hermite[2] * arrive
-    covered, bare = (part.reshape(len(a), -1).mean(axis=1) for part in cover.over(way.reshape(-1, 3), r))
-    uncovered = np.maximum((1 - covered) * gap / r - UNCOVERED_FREE, 0.0)
-    return np.where(bare * gap > BARE * r, np.inf, GAP_COST * gap / r + UNCOVERED_COST * uncovered)
+    leaving, arriving = ends.directions[a, None] * length, -ends.directions[b, None] * length
+    curve = hermite[0] * start + hermite[1] * leaving + (1 - hermite[0]) * end + hermite[2] * arriving
+    occlusion = height_map.occlusion(curve.reshape(-1, 3), r)
+    occluded_share = occlusion.is_occluded.reshape(len(a), -1).mean(axis=1)
+    bare_share = occlusion.is_bare.reshape(len(a), -1).mean(axis=1)
+    visible_radii = np.maximum((1 - occluded_share) * gap / r - FREE_VISIBLE_GAP_RADII, 0.0)
+    cost = GAP_COST_PER_RADIUS * gap / r + VISIBLE_GAP_COST_PER_RADIUS * visible_radii
+    return np.where(bare_share * gap > MAX_BARE_GAP_RADII * r, np.inf, cost)
 
 
-def _covered_ahead(ends: FragmentEnds, cover: HeightMap, r: float) -> NDArray[np.float64]:
-    """(N,) share of the way ahead of each end, as far as 2.5 r, that another strand covers."""
-    ahead = np.linspace(0.5, 2.5, 5)[None, :, None] * r
-    flat = ends.directions * (1, 1, 0)
-    places = ends.points[:, None] + ahead * flat[:, None]
-    return cover.over(places.reshape(-1, 3), r)[0].reshape(len(ends.points), -1).mean(axis=1)
+def _occluded_share_ahead(ends: FragmentEnds, height_map: HeightMap, r: float) -> NDArray[np.float64]:
+    """Return (N,) the share of the line ahead of each end, up to 2.5 r, that another strand occludes."""
+    distance = np.linspace(0.5, 2.5, 5)[None, :, None] * r
+    horizontal = ends.directions * (1, 1, 0)
+    points = ends.points[:, None] + distance * horizontal[:, None]
+    is_occluded = height_map.occlusion(points.reshape(-1, 3), r).is_occluded
+    return is_occluded.reshape(len(ends.points), -1).mean(axis=1)
 
 
 def _angle(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(M,) angles between vectors (M, 3), with heights counted less."""
-    a, b = a * (1, 1, HEIGHT_SHARE), b * (1, 1, HEIGHT_SHARE)
+    """Return (M,) the angles between vectors (M, 3), radians, with heights weighted by `HEIGHT_WEIGHT`."""
+    a, b = a * (1, 1, HEIGHT_WEIGHT), b * (1, 1, HEIGHT_WEIGHT)
     cosine = (a * b).sum(axis=1) / np.maximum(np.linalg.norm(a, axis=1) * np.linalg.norm(b, axis=1), 1e-12)
     return np.arccos(np.clip(cosine, -1, 1))

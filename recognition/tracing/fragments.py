@@ -1,4 +1,4 @@
-"""Fragments of strings: nodes of the centre line linked in order, as far as the string is seen without a gap."""
+"""Fragments: the visible parts of the strands, as nodes linked in order."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -12,23 +12,28 @@ from recognition.parameters import ChainParameters
 from recognition.tracing.height_map import HeightMap
 from recognition.tracing.nodes import CentreLineNodes
 
-SPACING_SHARE = 0.7
-"""Nodes nearer than this share of r to a better borne one of the same strand stand for the same place."""
-ONWARD = np.cos(np.radians(35))
-"""A link leaves and enters its nodes within this angle of their directions."""
-REACH_SHARE = 2.2
-"""Longest link, as a share of r, where nothing is known of what lies between its nodes."""
-LONG_SHARE = 1.5
-"""A link longer than this, as a share of r, must not lead over bare table; nodes no farther apart leave no hole."""
-SUPPORTED = 0.45
-"""Nodes at a fragment's ends with less than this share of its usual support are drawn aside by another strand's
-flank: next to a strand that passes over, the corner between the two gives centre points of neither."""
+SPACING_RADII = 0.7
+"""A node nearer than this, in radii, to a better-supported node of the same strand is represented by that node."""
+MIN_PARALLEL_COSINE = np.cos(np.radians(45))
+"""Nodes whose directions differ by more than 45 degrees do not represent each other."""
+MIN_LINK_COSINE = np.cos(np.radians(35))
+"""A link leaves and enters its nodes within 35 degrees of their directions."""
+MAX_LINK_RADII = 2.2
+"""Maximum length of a link in radii, if nothing is known about the space between its nodes."""
+MAX_DENSE_LINK_RADII = 1.5
+"""Distance of two nodes, in radii, up to which they leave no hole. A longer link must not lead over bare table."""
+MIN_END_SUPPORT_SHARE = 0.45
+"""Minimum support of the nodes at the ends of a fragment, as a share of its median support.
+
+Nodes with less are drawn aside by the flank of another strand: next to a strand that passes over, the corner between
+the two gives centre points that belong to neither.
+"""
 MIN_NODES = 3
-"""Fewer linked nodes show no direction."""
-MIN_RING = 12
-"""Fewer linked nodes don't go round a string's own thickness."""
-MIN_RHO = 0.66
-"""Median contribution rate of a fragment: that of lines on a flat surface is about 1/2, a string's above 0.8."""
+"""Minimum number of nodes of a fragment. Fewer nodes show no direction."""
+MIN_RING_NODES = 12
+"""Minimum number of nodes of a closed fragment. Fewer nodes do not go round the string's own thickness."""
+MIN_MEDIAN_RHO = 0.66
+"""Minimum of a fragment's median contribution rate: lines on a flat surface have about 1/2, strings above 0.8."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,142 +41,174 @@ class Fragment:
     """Nodes of one strand in order."""
 
     points: NDArray[np.float64]
-    """(N, 3)."""
+    """(N, 3) points, metres, base frame."""
     support: NDArray[np.float64]
-    """(N,)."""
+    """(N,) support of each node."""
     closed: bool = False
-    """The last node links to the first."""
+    """Whether the last node is linked to the first."""
 
-    def pieces(self, kept: NDArray[np.bool_], cut: NDArray[np.bool_]) -> list["Fragment"]:
-        """What is left without the nodes that are not `kept` (N,) and the links that are `cut` (N,).
+    def split(self, keep: NDArray[np.bool_], cut: NDArray[np.bool_]) -> list["Fragment"]:
+        """Return the parts that are left after nodes are removed and links are cut.
 
-        Link k leads from node k to the next; of a closed fragment, the last one leads to the first node. Pieces of
-        fewer than `MIN_NODES` nodes are left out.
+        Args:
+            keep: (N,) False for nodes to remove.
+            cut: (N,) True for links to cut. Link k leads from node k to the next one; in a closed fragment, the last
+                link leads to the first node.
+
+        Returns:
+            The parts in order. Parts with fewer than `MIN_NODES` nodes are dropped.
         """
-        if kept.all() and not (cut if self.closed else cut[:-1]).any():
+        if keep.all() and not (cut if self.closed else cut[:-1]).any():
             return [self]
-        broken = cut | ~kept | ~np.roll(kept, -1)
-        broken[-1] |= not self.closed
-        first = (int(np.flatnonzero(broken)[-1]) + 1) % len(broken)
-        order = np.roll(np.arange(len(broken)), -first)
-        runs = np.split(order, np.flatnonzero(broken[order])[:-1] + 1)
+        is_broken = cut | ~keep | ~np.roll(keep, -1)
+        is_broken[-1] |= not self.closed
+        first = (int(np.flatnonzero(is_broken)[-1]) + 1) % len(is_broken)
+        order = np.roll(np.arange(len(is_broken)), -first)
+        runs = np.split(order, np.flatnonzero(is_broken[order])[:-1] + 1)
         return [
-            Fragment(self.points[run], self.support[run]) for run in runs if kept[run].all() and len(run) >= MIN_NODES
+            Fragment(self.points[run], self.support[run]) for run in runs if keep[run].all() and len(run) >= MIN_NODES
         ]
 
 
 def link_nodes(nodes: CentreLineNodes, parameters: ChainParameters) -> list[Fragment]:
-    """The strands as far as they can be followed from node to node.
+    """Return the fragments: the strands as far as they can be followed from node to node.
 
-    Every node has two sides, one in its direction and one against it, and each side has one link at most: the
-    straightest and shortest first. Sides without a link are fragments' ends.
+    Every node has two sides, one along its direction and one against it. Each side takes at most one link. The
+    straightest and shortest links are made first. A side without a link is the end of a fragment.
 
-    Nodes that stand for those beside them may be farther apart than a link reaches, though the nodes they stand for
-    leave no hole between them. Sides that are still without a link have a longer one there.
+    Only the best-supported nodes are linked, and each represents the nodes beside it. Two of them may be farther apart
+    than a link may be long, although the nodes that they represent leave no hole. A longer link is made there if both
+    sides are still free.
+
+    Args:
+        nodes: Nodes of the centre line.
+        parameters: Radius r.
+
+    Returns:
+        The fragments, open ones first. Poorly supported nodes at the ends are removed. Fragments with few nodes or with
+        a low contribution rate are dropped.
+
+    Source:
+        Ours. It replaces the search with two spheres (section II.G) and the bifurcated restart (section III.D, eq. 7).
     """
-    every, standing, r = nodes, _standing(nodes, parameters.r), parameters.r
-    kept, stands_for = np.unique(standing, return_inverse=True)
-    nodes = every[kept]
-    neighbours = np.full((len(kept), 2), -1)
-    _add_links(neighbours, nodes, _pairs(nodes, REACH_SHARE * r))
-    pairs = _pairs(every, LONG_SHARE * r)
-    pairs = stands_for[pairs[_onward(every, pairs)[0]]]
+    all_nodes, r = nodes, parameters.r
+    representatives, represented_by = np.unique(_find_representatives(nodes, r), return_inverse=True)
+    nodes = all_nodes[representatives]
+    neighbours = np.full((len(representatives), 2), -1)
+    _add_links(neighbours, nodes, _nearby_pairs(nodes, MAX_LINK_RADII * r))
+    pairs = _nearby_pairs(all_nodes, MAX_DENSE_LINK_RADII * r)
+    pairs = represented_by[pairs[_rate_links(all_nodes, pairs)[0]]]
     _add_links(neighbours, nodes, np.unique(np.sort(pairs[pairs[:, 0] != pairs[:, 1]], axis=1), axis=0))
     fragments = []
-    for linked, closed in _paths(neighbours):
-        path = linked if closed else _supported(linked, nodes.support)
-        if np.median(nodes.rho[path]) < MIN_RHO:
+    for linked, closed in _walk_links(neighbours):
+        path = linked if closed else _trim_ends(linked, nodes.support)
+        if np.median(nodes.rho[path]) < MIN_MEDIAN_RHO:
             continue
-        if len(path) >= (MIN_RING if closed else MIN_NODES):
+        if len(path) >= (MIN_RING_NODES if closed else MIN_NODES):
             fragments.append(Fragment(nodes.points[path], nodes.support[path], closed))
     return fragments
 
 
-def split_over_bare_table(fragments: Sequence[Fragment], cover: HeightMap, r: float) -> list[Fragment]:
-    """The fragments cut in two where a long link leads over bare table: there, two strings lie in line."""
+def split_over_bare_table(fragments: Sequence[Fragment], height_map: HeightMap, r: float) -> list[Fragment]:
+    """Return the fragments, split where a long link leads over bare table: two strings lie in line there.
+
+    Args:
+        fragments: Fragments of the scene.
+        height_map: Height map of the registered surface.
+        r: Radius of the string, metres.
+
+    Returns:
+        The parts of the fragments.
+
+    Source:
+        Ours.
+    """
     parts = []
     for fragment in fragments:
         points = fragment.points
         following = np.roll(points, -1, axis=0)
-        cut = np.linalg.norm(following - points, axis=1) > LONG_SHARE * r
+        cut = np.linalg.norm(following - points, axis=1) > MAX_DENSE_LINK_RADII * r
         if cut.any():
-            cut[cut] = cover.over((points[cut] + following[cut]) / 2, r)[1]
-        parts += fragment.pieces(np.ones(len(points), dtype=bool), cut)
+            cut[cut] = height_map.occlusion((points[cut] + following[cut]) / 2, r).is_bare
+        parts += fragment.split(np.ones(len(points), dtype=bool), cut)
     return parts
 
 
-def _standing(nodes: CentreLineNodes, r: float) -> NDArray[np.int64]:
-    """(N,) the node that stands for each one's place: the best borne, in turn, keeps those beside it out."""
-    i, j = _pairs(nodes, 2 * r).T
+def _find_representatives(nodes: CentreLineNodes, r: float) -> NDArray[np.int64]:
+    """Return (N,) the node that represents each node: the best-supported one takes those beside it, then the next."""
+    i, j = _nearby_pairs(nodes, 2 * r).T
     offset = nodes.points[j] - nodes.points[i]
     along = np.abs((offset * nodes.directions[i]).sum(axis=1))
     across = np.sqrt(np.maximum((offset**2).sum(axis=1) - along**2, 0.0))
-    parallel = np.abs((nodes.directions[i] * nodes.directions[j]).sum(axis=1)) > np.cos(np.radians(45))
-    same = (along < SPACING_SHARE * r) & (across < SPACING_SHARE * r) & parallel
-    i, j = np.concatenate([i[same], j[same]]), np.concatenate([j[same], i[same]])
+    is_parallel = np.abs((nodes.directions[i] * nodes.directions[j]).sum(axis=1)) > MIN_PARALLEL_COSINE
+    is_same = (along < SPACING_RADII * r) & (across < SPACING_RADII * r) & is_parallel
+    i, j = np.concatenate([i[is_same], j[is_same]]), np.concatenate([j[is_same], i[is_same]])
     beside = csr_array((np.ones(len(i), dtype=bool), (i, j)), shape=(len(nodes.points),) * 2)
-    standing = np.full(len(nodes.points), -1)
+    representative = np.full(len(nodes.points), -1)
     for node in np.argsort(-nodes.support, kind="stable"):
-        if standing[node] < 0:
+        if representative[node] < 0:
             around = beside.indices[beside.indptr[node] : beside.indptr[node + 1]]
-            standing[around[standing[around] < 0]] = standing[node] = node
-    return standing
+            representative[around[representative[around] < 0]] = representative[node] = node
+    return representative
 
 
-def _pairs(nodes: CentreLineNodes, reach: float) -> NDArray[np.int64]:
-    """(M, 2) the nodes within `reach` of one another."""
+def _nearby_pairs(nodes: CentreLineNodes, max_distance: float) -> NDArray[np.int64]:
+    """Return (M, 2) the pairs of nodes that are at most `max_distance` apart."""
     if len(nodes.points) == 0:
         return np.empty((0, 2), dtype=np.int64)
-    return KDTree(nodes.points).query_pairs(reach, output_type="ndarray").astype(np.int64)
+    return KDTree(nodes.points).query_pairs(max_distance, output_type="ndarray").astype(np.int64)
 
 
-def _onward(
+def _rate_links(
     nodes: CentreLineNodes, pairs: NDArray[np.int64]
 ) -> tuple[NDArray[np.bool_], NDArray[np.float64], NDArray[np.int64]]:
-    """For each of the `pairs` (M, 2): whether a link would leave and enter along the nodes' directions; what it
-    costs, its length with a price on bending; and (M, 2) the sides it takes."""
+    """Return for each of the `pairs` (M, 2) whether a link is possible, its cost, and (M, 2) the sides it takes.
+
+    A possible link leaves and enters along the directions of its nodes. The cost is the length with a bending penalty.
+    """
     a, b = pairs.T
-    way = nodes.points[b] - nodes.points[a]
-    length = np.linalg.norm(way, axis=1)
-    way /= np.maximum(length, 1e-12)[:, None]
-    leaving, arriving = (way * nodes.directions[a]).sum(axis=1), (way * nodes.directions[b]).sum(axis=1)
-    possible = (np.abs(leaving) > ONWARD) & (np.abs(arriving) > ONWARD)
+    link = nodes.points[b] - nodes.points[a]
+    length = np.linalg.norm(link, axis=1)
+    link /= np.maximum(length, 1e-12)[:, None]
+    leaving, arriving = (link * nodes.directions[a]).sum(axis=1), (link * nodes.directions[b]).sum(axis=1)
+    is_possible = (np.abs(leaving) > MIN_LINK_COSINE) & (np.abs(arriving) > MIN_LINK_COSINE)
     bend = 2 * (1 - leaving**2) + 2 * (1 - arriving**2)
-    return possible, length * (1 + bend), np.column_stack([leaving > 0, arriving < 0]).astype(np.int64)
+    return is_possible, length * (1 + bend), np.column_stack([leaving > 0, arriving < 0]).astype(np.int64)
 
 
 def _add_links(neighbours: NDArray[np.int64], nodes: CentreLineNodes, pairs: NDArray[np.int64]) -> None:
-    """Links the `pairs` (M, 2) where it leads onward and both sides are free, the straightest and shortest first.
+    """Link the possible `pairs` (M, 2) whose sides are both free, in the order of their cost.
 
-    `neighbours` (N, 2) holds the node linked to each against and along its direction, -1 for none.
+    `neighbours` (N, 2) holds the node linked to each node against and along its direction, -1 for none.
     """
-    possible, cost, sides = _onward(nodes, pairs)
+    is_possible, cost, sides = _rate_links(nodes, pairs)
     a, b = pairs.T
     order = np.argsort(cost, kind="stable")
-    for k in order[possible[order]]:
+    for k in order[is_possible[order]]:
         if neighbours[a[k], sides[k, 0]] < 0 and neighbours[b[k], sides[k, 1]] < 0:
             neighbours[a[k], sides[k, 0]], neighbours[b[k], sides[k, 1]] = b[k], a[k]
 
 
-def _paths(neighbours: NDArray[np.int64]) -> list[tuple[list[int], bool]]:
-    """Nodes along the links from end to end, and whether they go round."""
+def _walk_links(neighbours: NDArray[np.int64]) -> list[tuple[list[int], bool]]:
+    """Return the nodes along the links of each path, and whether the path is closed."""
     links = [[int(k) for k in row if k >= 0] for row in neighbours]
-    seen = np.zeros(len(links), dtype=bool)
+    is_visited = np.zeros(len(links), dtype=bool)
     paths = []
-    # Open paths from their ends first; what is left goes round.
+    # The first pass walks open paths from their ends. Only closed paths are left for the second pass.
     for ends_first in (True, False):
         for start in range(len(links)):
-            if seen[start] or (ends_first and len(links[start]) == 2):
+            if is_visited[start] or (ends_first and len(links[start]) == 2):
                 continue
             path, following = [start], links[start][0] if links[start] else None
             while following is not None and following != start:
                 path.append(following)
                 following = next((k for k in links[following] if k != path[-2]), None)
-            seen[path] = True
+            is_visited[path] = True
             paths.append((path, following is not None))
     return paths
 
 
-def _supported(path: list[int], support: NDArray[np.float64]) -> list[int]:
-    borne = np.flatnonzero(support[path] >= SUPPORTED * np.median(support[path]))
-    return path[borne[0] : borne[-1] + 1]
+def _trim_ends(path: list[int], support: NDArray[np.float64]) -> list[int]:
+    """Remove poorly supported nodes from both ends of a path."""
+    supported = np.flatnonzero(support[path] >= MIN_END_SUPPORT_SHARE * np.median(support[path]))
+    return path[supported[0] : supported[-1] + 1]

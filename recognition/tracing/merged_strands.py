@@ -1,4 +1,4 @@
-"""Where two strands have melted together, a line that runs between them is neither's."""
+"""Cuts where a fragment runs between two strands that are merged in the data."""
 
 from collections.abc import Sequence
 
@@ -11,69 +11,84 @@ from recognition.geometry.polyline import arc_length, close_polyline, points_at,
 from recognition.parameters import ChainParameters
 from recognition.tracing.fragments import Fragment
 
-LINE_SHARE = 0.35
-"""Step, as a share of r, in which the fragments' lines are looked at."""
-OFF_SHARE = 1.3
-"""Surface farther from a line than this, as a share of r, is not of its strand."""
-BESIDE_SHARE = 2.2
-"""... and nearer than this it lies beside it."""
-HIGH_SHARE = 0.2
-"""Of a strand below, less is seen beside a line than this share of r above it."""
-LEAST_ASIDE = 0.09
-"""Share of the surface above a line, that is not of its strand, on each side of it, from which on the line runs
-between two strands. Strands by themselves and at crossings have up to 0.07, in clear cases it is 0.1 to 0.15."""
-SMOOTHED = 5
-"""Steps of the line over which the shares are taken."""
+STEP_RADII = 0.35
+"""Step along the fragments in which the surface is examined, in radii."""
+MAX_OWN_RADII = 1.3
+"""Surface farther from a line than this, in radii, does not belong to the strand of the line."""
+MAX_BESIDE_RADII = 2.2
+"""Surface nearer to a line than this, in radii, lies beside the line."""
+MIN_HEIGHT_RADII = 0.2
+"""Height above the line from which surface counts, in radii: less of a strand below is seen beside a line."""
+MIN_MERGED_SHARE = 0.09
+"""Minimum share of foreign surface on each side of a line that runs between two strands.
+
+The share is of the surface above the line; foreign surface does not belong to the line's strand. Single strands and
+crossings have up to 0.07, and clear cases have 0.1 to 0.15.
+"""
+SMOOTHING_STEPS = 5
+"""Number of steps along the line over which the shares are averaged."""
 
 
 def split_merged_strands(
     fragments: Sequence[Fragment], surface: NDArray[np.float64], parameters: ChainParameters
 ) -> list[Fragment]:
-    """The fragments without the places at which they run between two strands of the `surface` (M, 3).
+    """Return the fragments without the parts that run between two strands.
 
-    Where strands cross twice nearby, each over the other once, they lie side by side at one height in between. If
-    they are soft, and nearer than 2 r there, what is seen is one ridge, and links lead from the one strand to the
-    other. Such a ridge is wider than a string, to both sides of the line. Without it, all four ends are there to be
-    paired.
+    Where strands cross twice nearby, each over the other once, they lie side by side at the same height in between. If
+    they are soft, and closer than 2 r there, the surface shows a single ridge, and links lead from one strand to the
+    other. Such a ridge is wider than a string on both sides of the line. After the cut, all four ends can be paired.
+
+    Args:
+        fragments: Fragments of the scene.
+        surface: (M, 3) registered surface points, metres, base frame.
+        parameters: Radius r.
+
+    Returns:
+        The parts of the fragments. A fragment that is wide along its whole length stays whole, because it is a string
+        thicker than r.
+
+    Source:
+        Ours.
     """
-    aside = _aside(fragments, surface, parameters.r)
+    shares = _foreign_shares(fragments, surface, parameters.r)
     parts = []
-    for fragment, share in zip(fragments, aside, strict=True):
-        kept = share < LEAST_ASIDE
-        # All along, it is a string thicker than told.
-        if np.median(share) >= LEAST_ASIDE / 2:
-            kept[:] = True
-        parts += fragment.pieces(kept, np.zeros(len(kept), dtype=bool))
+    for fragment, share in zip(fragments, shares, strict=True):
+        keep = share < MIN_MERGED_SHARE
+        # If most of the fragment is wide, its string is thicker than r.
+        if np.median(share) >= MIN_MERGED_SHARE / 2:
+            keep[:] = True
+        parts += fragment.split(keep, np.zeros(len(keep), dtype=bool))
     return parts
 
 
-def _aside(fragments: Sequence[Fragment], surface: NDArray[np.float64], r: float) -> list[NDArray[np.float64]]:
-    """For each fragment (N,), at its points, the share of the surface about it that is aside on both sides."""
+def _foreign_shares(fragments: Sequence[Fragment], surface: NDArray[np.float64], r: float) -> list[NDArray[np.float64]]:
+    """Return for each fragment (N,) the share of foreign surface at its points, on the side that has less of it."""
     if not fragments:
         return []
-    whole = [close_polyline(fragment.points, fragment.closed) for fragment in fragments]
-    lengths = [resampled_lengths(line, LINE_SHARE * r) for line in whole]
-    lines = [points_at(line, s) for line, s in zip(whole, lengths, strict=True)]
+    closed_lines = [close_polyline(fragment.points, fragment.closed) for fragment in fragments]
+    lengths = [resampled_lengths(line, STEP_RADII * r) for line in closed_lines]
+    lines = [points_at(line, s) for line, s in zip(closed_lines, lengths, strict=True)]
     points = np.vstack(lines)
-    way = np.vstack([np.gradient(line[:, :2], axis=0) for line in lines])
-    way /= np.maximum(np.linalg.norm(way, axis=1, keepdims=True), 1e-12)
-    distance, found = KDTree(points).query(surface, distance_upper_bound=BESIDE_SHARE * r)
-    about = np.isfinite(distance)
-    nearest, off = np.asarray(found)[about], np.asarray(distance)[about] > OFF_SHARE * r
-    offset = surface[about] - points[nearest]
-    left = offset[:, 1] * way[nearest, 0] - offset[:, 0] * way[nearest, 1]
-    high = offset[:, 2] > HIGH_SHARE * r
+    tangent = np.vstack([np.gradient(line[:, :2], axis=0) for line in lines])
+    tangent /= np.maximum(np.linalg.norm(tangent, axis=1, keepdims=True), 1e-12)
+    distance, indices = KDTree(points).query(surface, distance_upper_bound=MAX_BESIDE_RADII * r)
+    is_beside = np.isfinite(distance)
+    nearest = np.asarray(indices)[is_beside]
+    is_foreign = np.asarray(distance)[is_beside] > MAX_OWN_RADII * r
+    offset = surface[is_beside] - points[nearest]
+    left = offset[:, 1] * tangent[nearest, 0] - offset[:, 0] * tangent[nearest, 1]
+    is_high = offset[:, 2] > MIN_HEIGHT_RADII * r
     counts = [
-        np.bincount(nearest[chosen], minlength=len(points)).astype(np.float64)
-        for chosen in (high, high & off & (left > r), high & off & (left < -r))
+        np.bincount(nearest[selected], minlength=len(points)).astype(np.float64)
+        for selected in (is_high, is_high & is_foreign & (left > r), is_high & is_foreign & (left < -r))
     ]
     shares = []
     first = 0
-    for fragment, line, at in zip(fragments, lines, lengths, strict=True):
-        total, one, other = (
-            uniform_filter1d(count[first : first + len(line)], SMOOTHED, mode="constant") for count in counts
+    for fragment, line, s in zip(fragments, lines, lengths, strict=True):
+        total, on_left, on_right = (
+            uniform_filter1d(count[first : first + len(line)], SMOOTHING_STEPS, mode="constant") for count in counts
         )
         first += len(line)
-        share = np.minimum(one, other) / np.maximum(total, 1 / SMOOTHED)
-        shares.append(np.interp(arc_length(fragment.points), at, share))
+        share = np.minimum(on_left, on_right) / np.maximum(total, 1 / SMOOTHING_STEPS)
+        shares.append(np.interp(arc_length(fragment.points), s, share))
     return shares

@@ -1,4 +1,4 @@
-"""The graph method: strands as paths through all nodes of the centre line, joined at all intersections at once."""
+"""Tracing of strands by the graph method: nodes, fragments, and the pairs of fragment ends."""
 
 from dataclasses import dataclass
 
@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from recognition.errors import TooCrowdedError
 from recognition.messages import format_position
 from recognition.parameters import ChainParameters
-from recognition.strand import End, Strand, join
+from recognition.strand import End, Strand, join_strands
 from recognition.tracing.end_pairing import Pairing, pair_ends
 from recognition.tracing.fragments import Fragment, link_nodes, split_over_bare_table
 from recognition.tracing.height_map import HeightMap
@@ -16,50 +16,68 @@ from recognition.tracing.merged_strands import split_merged_strands
 from recognition.tracing.nodes import CentreLineNodes, extract_nodes
 
 MAX_FRAGMENTS = 1000
-"""Fragments taken; ten metres of string with a hundred crossings have a few hundred."""
+"""Maximum number of fragments. Ten metres of string with a hundred crossings have a few hundred."""
 
 
 @dataclass(frozen=True, eq=False)
 class TracedStrands:
-    """Strands and what they were made of."""
+    """Strands of a scene, with the results of the steps that led to them."""
 
     nodes: CentreLineNodes
+    """Nodes of the centre line."""
     fragments: list[Fragment]
+    """Visible parts of the strands."""
     pairing: Pairing
+    """Ends of the fragments, and the pairs that are joined."""
     strands: list[Strand]
+    """Strands after the pairs of ends were joined."""
 
 
-def trace_strands(single: NDArray[np.float64], cover: HeightMap, parameters: ChainParameters) -> TracedStrands:
-    """The strands in the centre points c_i (`single`, (N, 3), eq. 1), seen from above in `cover`.
+def trace_strands(
+    centre_points: NDArray[np.float64], height_map: HeightMap, parameters: ChainParameters
+) -> TracedStrands:
+    """Return the strands along the centre points.
 
-    The matching method walks from point to point and must know an intersection when it meets one. Here nothing is
-    walked: nodes know their direction, so that crossing strands keep apart even where they melt together; where a
-    strand dives under another, or the measurement has a hole, its fragments end; and which ends belong together is
-    decided for all of them at once.
+    Nodes with a direction are linked to fragments. A fragment ends where its strand goes under another one, or where
+    the measurement has a gap. All ends of the scene are then paired at once, and the pairs are joined.
+
+    Args:
+        centre_points: (N, 3) centre points c_i of eq. (1), metres, base frame.
+        height_map: Height map of the registered surface.
+        parameters: Radius r, and the radii for joining strands.
+
+    Returns:
+        The strands, and the nodes, fragments and pairs they were made from.
 
     Raises:
-        TooCrowdedError: more fragments than strings make.
+        TooCrowdedError: There are more fragments than strings have.
+
+    Source:
+        Ours. It replaces the matching methods (sections II.G and III.B to III.E). A matching walks from point to point
+        and must recognise an intersection when it reaches one. Here the nodes have a direction, so that crossing
+        strands stay apart, and one optimisation generalises eq. (8).
     """
-    nodes = extract_nodes(single, parameters)
-    fragments = split_over_bare_table(link_nodes(nodes, parameters), cover, parameters.r)
-    fragments = split_merged_strands(fragments, cover.surface, parameters)
+    nodes = extract_nodes(centre_points, parameters)
+    fragments = split_over_bare_table(link_nodes(nodes, parameters), height_map, parameters.r)
+    fragments = split_merged_strands(fragments, height_map.surface, parameters)
     if len(fragments) > MAX_FRAGMENTS:
         raise TooCrowdedError(
-            f"what is above the table falls into {len(fragments)} pieces: check the string's radius and the workspace"
+            f"the points above the table form {len(fragments)} fragments, too many for strings: check the string's "
+            "radius and the workspace"
         )
-    pairing = pair_ends(fragments, cover, parameters)
+    pairing = pair_ends(fragments, height_map, parameters)
     pieces = [Strand(f.points, np.zeros(len(f.points), dtype=bool), f.closed) for f in fragments]
     ends = [
         End(int(fragment), number % 2 == 0, pairing.ends.points[number], pairing.ends.directions[number])
         for number, fragment in enumerate(pairing.ends.fragment)
     ]
-    return TracedStrands(nodes, fragments, pairing, join(pieces, ends, pairing.couples, parameters))
+    return TracedStrands(nodes, fragments, pairing, join_strands(pieces, ends, pairing.pairs, parameters))
 
 
 def pairing_messages(pairing: Pairing) -> list[str]:
-    """In words, where other couples of ends would be nearly as good."""
+    """Return one ambiguity for each pair of ends that has nearly as good alternatives."""
     return [
-        f"at {format_position(place)} the strands may be connected differently: which ends belong together is not "
+        f"at {format_position(point)} the strands may be connected differently: which ends belong together is not "
         "certain"
-        for place in pairing.doubts
+        for point in pairing.ambiguous_points
     ]

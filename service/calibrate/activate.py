@@ -4,7 +4,7 @@ import shlex
 import sys
 from pathlib import Path
 
-from calibration.dataset.folder import HAND_EYE
+from calibration.dataset.folder import HAND_EYE_FILE
 from calibration.errors import HandEyeError, HandEyeMismatchError
 from calibration.storage.hand_eye_file import HandEye, activate
 from service.config import ConfigError, load_config
@@ -17,7 +17,7 @@ def calibrate_activate(solved: Path, config_file: Path | None) -> int:
         active_file = cell.hand_eye.active_file
         if active_file is None:
             raise ConfigError("no place is configured for the calibration in use: set hand_eye.file or data_dir")
-        run_file = solved / HAND_EYE if solved.is_dir() else solved
+        run_file = solved / HAND_EYE_FILE if solved.is_dir() else solved
         hand_eye = activate(run_file, active_file, cell.camera_id, cell.robot_serial)
     except HandEyeMismatchError as error:
         advice = "or name the configuration of its own cell with --config"

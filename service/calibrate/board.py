@@ -4,7 +4,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from calibration.target.board import BoardError, default_board
+from calibration.target.board import BoardError, board_with_defaults
 
 
 def calibrate_board(out: Path, told: dict[str, Any], paper: str) -> int:
@@ -12,7 +12,7 @@ def calibrate_board(out: Path, told: dict[str, Any], paper: str) -> int:
     from calibration.target.pdf import write_board_pdf  # brings matplotlib along
 
     try:
-        board = default_board(told)
+        board = board_with_defaults(told)
         write_board_pdf(board, out, paper)
     except BoardError as error:
         print(f"pointchain calibrate board: {error}", file=sys.stderr)

@@ -8,10 +8,10 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any, Literal
 
-from calibration.dataset.folder import HAND_EYE, SETUP
+from calibration.dataset.folder import HAND_EYE_FILE, SETUP_FILE
 from calibration.errors import HandEyeError
 from calibration.storage.hand_eye_file import activate
-from calibration.target.board import Board, BoardError, default_board
+from calibration.target.board import Board, BoardError, board_with_defaults
 from cell.calibrating import CalibrationRun, run_calibration
 from cell.calibration_poses import HELD_OUT, POSES
 from cell.cell import Cell
@@ -50,7 +50,7 @@ def calibrate_run(config_file: Path | None, wanted: WantedRun) -> int:
     after a signal, which stops the arm.
     """
     try:
-        board = default_board(wanted.board)
+        board = board_with_defaults(wanted.board)
         settings = load_config(config_file).cell
         folder = wanted.folder or _new_folder(settings)
         require_new_folder(folder)
@@ -64,7 +64,7 @@ def calibrate_run(config_file: Path | None, wanted: WantedRun) -> int:
     try:
         run = with_moving_cell(settings, do, folder)
     except EndedEarlyError as error:
-        if (folder / SETUP).exists():
+        if (folder / SETUP_FILE).exists():
             error.problem["detail"] += (
                 f"; what was taken until then is in {folder}, and where it is enough, this solves it: "
                 f"pointchain calibrate solve {folder}"
@@ -76,7 +76,7 @@ def calibrate_run(config_file: Path | None, wanted: WantedRun) -> int:
     _say(f"images and result are in {folder}")
     use = _asked_and_activated(run, settings, folder, wanted.yes, activation_command(folder, config_file))
     if wanted.as_json:
-        document = json.loads((folder / HAND_EYE).read_bytes())
+        document = json.loads((folder / HAND_EYE_FILE).read_bytes())
         document |= {
             "unseen": [{"name": name, "reason": reason} for name, reason in run.unseen],
             "folder": str(folder),
@@ -103,7 +103,7 @@ def _asked_and_activated(run: CalibrationRun, settings: CellSettings, folder: Pa
         return "unused"
     active_file = settings.hand_eye.active_file
     if active_file is None:
-        _say(f"it is not in use: name {folder / HAND_EYE} in hand_eye.file")
+        _say(f"it is not in use: name {folder / HAND_EYE_FILE} in hand_eye.file")
         return "unused"
     by_hand = f"to use it: {command}"
     verified = bool(run.verification.views)
@@ -115,7 +115,7 @@ def _asked_and_activated(run: CalibrationRun, settings: CellSettings, folder: Pa
         _say(f"it is not in use; {by_hand}")
         return "unused"
     try:
-        hand_eye = activate(folder / HAND_EYE, active_file)
+        hand_eye = activate(folder / HAND_EYE_FILE, active_file)
     except HandEyeError as error:
         _say(f"it cannot be used: {error}")
         return "failed"

@@ -6,9 +6,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from calibration.dataset.detect_views import detect_views
-from calibration.dataset.folder import HAND_EYE, read_folder
-from calibration.dataset.observations_file import OBSERVATIONS, load_observations
+from calibration.dataset.folder import HAND_EYE_FILE, read_folder
+from calibration.dataset.observations_file import OBSERVATIONS_FILE, load_observations
+from calibration.dataset.view_detection import detect_views
 from calibration.errors import BoardDetectionError, HandEyeError
 from calibration.hand_eye import solve_hand_eye
 from calibration.observations import Observations
@@ -16,8 +16,7 @@ from calibration.result import HandEyeResult
 from calibration.storage.document import result_document
 from calibration.storage.hand_eye_file import write_result
 from calibration.target.detection import BoardSighting
-from calibration.verification.verification import Verification, verify
-from calibration.verification.verified import verification_findings
+from calibration.verification.verification import Verification, verification_findings, verify
 from service.calibrate.activate import activation_command
 from service.calibrate.words import result_words, verification_words
 from service.problems import problem_document
@@ -39,7 +38,7 @@ def calibrate_solve(folder: Path, again: bool, out: Path | None, as_json: bool) 
 
     0 when it may be used, 1 when it is refused, cannot be solved, or cannot be written: it is told all the same.
     """
-    path = out or folder / HAND_EYE
+    path = out or folder / HAND_EYE_FILE
     try:
         seen = _kept(folder) if again else _found(folder)
         result, verification = _solved(seen)
@@ -60,7 +59,7 @@ def calibrate_solve(folder: Path, again: bool, out: Path | None, as_json: bool) 
         return 1
     if not seen.held_out.views:
         say('to verify by views that are not solved from, write "held_out": true in the JSON files of two or more')
-    say(f"wrote {path} and {path.with_name(OBSERVATIONS)}")
+    say(f"wrote {path} and {path.with_name(OBSERVATIONS_FILE)}")
     if result.verdict != "refuse":
         say(f"to use it: {activation_command(path, None)}, with the --config of the cell if it has one")
     return 1 if result.verdict == "refuse" else 0
@@ -74,7 +73,7 @@ def say(words: str) -> None:
 def _found(folder: Path) -> Seen:
     """What the images show. Raises HandEyeError, BoardDetectionError."""
     content = read_folder(folder)
-    for name, reason in content.left_out:
+    for name, reason in content.excluded:
         say(f"{name}: left out: {reason}")
     possible = len(content.setup.board.points)
 
@@ -83,18 +82,18 @@ def _found(folder: Path) -> Seen:
         say(f"{name}: {f'{len(sighting.ids)} of {possible} corners' if is_seen else sighting}")
 
     observed = detect_views(content, told)
-    return Seen(observed.observations, observed.held_out, observed.unseen)
+    return Seen(observed.observations, observed.held_out, observed.excluded)
 
 
 def _kept(folder: Path) -> Seen:
     """What was seen when the folder was solved before. Raises HandEyeError."""
-    kept = load_observations(folder / OBSERVATIONS)
+    kept = load_observations(folder / OBSERVATIONS_FILE)
     try:
-        of_result = json.loads((folder / HAND_EYE).read_bytes())["observations_sha256"]
+        of_result = json.loads((folder / HAND_EYE_FILE).read_bytes())["observations_sha256"]
     except (OSError, ValueError, KeyError, TypeError):
         of_result = None  # solving does not need it
     if of_result is not None and of_result != kept.sha256:
-        say(f"{OBSERVATIONS} is not what {HAND_EYE} was solved from: one of them was changed since")
+        say(f"{OBSERVATIONS_FILE} is not what {HAND_EYE_FILE} was solved from: one of them was changed since")
     return Seen(kept.observations, kept.held_out, ())
 
 

@@ -27,11 +27,14 @@ def result_words(result: HandEyeResult, unseen: Sequence[tuple[str, str]] = ()) 
     used = sum(view.used for view in result.views)
     lines = [
         _line("Verdict", VERDICTS[result.verdict]),
-        *(_line("Refused" if f.refuses else "Warning", f"{f.words} ({f.code})") for f in result.findings),
+        *(_line("Refused" if f.blocking else "Warning", f"{f.message} ({f.code})") for f in result.findings),
         _line("Camera", f"{camera}: {x}, {y}, {z} mm, turned by the vector {turn} degrees"),
         _line("Sure to", f"{_mm(result.sigma_m)} mm and {_degrees(result.sigma_rad)} degrees (1 sigma, all axes)"),
-        _line("Eight views", f"of a scan will differ by up to {_mm(result.eight_views_m)} mm (95 %, the worst two)"),
-        _line("Leave one out", f"the board appears {_mm(result.left_out_m)} mm off in views not solved from (rms)"),
+        _line(
+            "Eight views",
+            f"of a scan will differ by up to {_mm(result.repeatability_95_m)} mm (95 %, the worst two)",
+        ),
+        _line("Leave one out", f"the board appears {_mm(result.loo_error_m)} mm off in views not solved from (rms)"),
         _line(
             "Noise",
             f"corners {_number(result.pixel_sigma_px, 3)} px, robot {_mm(result.robot_sigma_m, 2)} mm and "
@@ -50,7 +53,7 @@ def verification_words(verification: Verification) -> str:
     """How it did on views that it was not solved from."""
     return "\n".join(
         [
-            _line("Verified" if verification.passed else "Not verified", verification.words),
+            _line("Verified" if verification.passed else "Not verified", verification.message),
             *(
                 f"  {view.name}: the board appears {_mm(view.off_m)} mm and {_degrees(view.off_rad)} degrees off, "
                 f"{_mm(view.expected_m)} mm and {_degrees(view.expected_rad)} degrees are expected"
@@ -69,7 +72,7 @@ def _table(views: Sequence[ViewReport]) -> list[str]:
             _number(view.rms_px, 2),
             _mm(view.robot_error_m, 2),
             _degrees(view.robot_error_rad),
-            _mm(view.left_out_m, 2),
+            _mm(view.loo_error_m, 2),
             _number(view.distance_m, 3),
         )
         row = "  ".join(f"{cell:>{len(head)}}" for cell, head in zip(cells, HEADS, strict=True))

@@ -1,6 +1,6 @@
 """Making the result of a calibration the one in use."""
 
-from calibration.dataset.folder import HAND_EYE
+from calibration.dataset.folder import HAND_EYE_FILE
 from calibration.storage.hand_eye_file import HandEyeError, activate
 from cell.cell import Cell
 from service.calibrations.runner import run_folder
@@ -39,7 +39,7 @@ def activate_run(row: CalibrationRow, store: CalibrationStore, cell: Cell) -> No
     active_file = cell.settings.hand_eye.active_file
     assert active_file is not None, "the service's configuration always names a folder"
     try:
-        activate(run_folder(cell, row.id) / HAND_EYE, active_file)
+        activate(run_folder(cell, row.id) / HAND_EYE_FILE, active_file)
     except HandEyeError as error:
         raise ProblemError(409, error.slug, str(error)) from error
     except OSError as error:

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.storage.hand_eye_file import HandEye
-from calibration.verification.drift import LATEST, RECENT, Drift, ScanError, judge_drift
+from calibration.verification.drift import LATEST_SCANS, MAX_SCANS, Drift, ScanError, judge_drift
 from recognition.registration.hand_eye_error import HandEyeErrorEstimate
 from recognition.registration.pose_prior import PoseSigmas
 from service.calibrations.store import CalibrationStore
@@ -29,7 +29,11 @@ class DriftWatch:
     def add(self, scan_id: str, calibration_sha256: str, error: HandEyeErrorEstimate) -> None:
         """Keeps what a scan that was made with this calibration tells of it."""
         row = ScanErrorRow(
-            scan_id, calibration_sha256, error.likeliest.tolist(), error.information.tolist(), error.vector.tolist()
+            scan_id,
+            calibration_sha256,
+            error.posterior_mean.tolist(),
+            error.information.tolist(),
+            error.vector.tolist(),
         )
         self._store.add_scan_error(row)
         with self._lock:
@@ -53,9 +57,9 @@ class DriftWatch:
         return None if latest is None else latest[2]
 
     def _judge(self, hand_eye: HandEye) -> Drift:
-        rows = self._store.scan_errors(hand_eye.sha256, RECENT)
-        latest = {row.scan for row in rows[-LATEST:]}
-        first = [row for row in self._store.first_scan_errors(hand_eye.sha256, LATEST) if row.scan not in latest]
+        rows = self._store.scan_errors(hand_eye.sha256, MAX_SCANS)
+        latest = {row.scan for row in rows[-LATEST_SCANS:]}
+        first = [row for row in self._store.first_scan_errors(hand_eye.sha256, LATEST_SCANS) if row.scan not in latest]
         covariance = _usual() if hand_eye.covariance is None else hand_eye.covariance
         return judge_drift(list(map(_scan_error, rows)), covariance, list(map(_scan_error, first)))
 

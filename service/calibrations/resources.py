@@ -3,10 +3,10 @@
 import logging
 import sqlite3
 from collections.abc import Sequence
-from dataclasses import asdict
 
 import numpy as np
 
+from calibration.storage.document import record_document
 from calibration.storage.hand_eye_file import HandEye
 from calibration.verification.drift import Drift
 from cell.cell import Cell
@@ -58,7 +58,7 @@ def calibration_warnings(hand_eye: HandEye | None, drift: Drift | None, store: C
         words = f"the verification of {verified.ended_at} failed: {verified.verification['words']}"
         warnings.append(CellWarning(code="verification-failed", words=words))
     if drift is not None and drift.drifted:
-        warnings.append(CellWarning(code="calibration-drift", words=drift.words))
+        warnings.append(CellWarning(code="calibration-drift", words=drift.message))
     return warnings
 
 
@@ -79,9 +79,9 @@ def in_use(hand_eye: HandEye, drift: Drift) -> CalibrationInUse:
         covariance=None if covariance is None else covariance.tolist(),
         sigma_m=None if covariance is None else float(np.sqrt(np.trace(covariance[3:, 3:]))),
         sigma_rad=None if covariance is None else float(np.sqrt(np.trace(covariance[:3, :3]))),
-        eight_views_m=hand_eye.eight_views_m,
+        eight_views_m=hand_eye.repeatability_95_m,
         verdict=hand_eye.verdict,
-        findings=[FindingResource(**asdict(finding)) for finding in hand_eye.findings],
+        findings=[FindingResource(**record_document(finding)) for finding in hand_eye.findings],
         created_at=None if created is None else created.isoformat(),
         age_s=None if created is None else (wall_clock.present() - created).total_seconds(),
         camera_id=hand_eye.camera_id,
@@ -94,9 +94,9 @@ def in_use(hand_eye: HandEye, drift: Drift) -> CalibrationInUse:
             off_m=drift.off_m,
             off_rad=drift.off_rad,
             off_from="first-scans" if drift.from_first else "calibration",
-            chance=drift.chance,
+            chance=drift.p_value,
             drifted=drift.drifted,
-            words=drift.words,
+            words=drift.message,
         ),
     )
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from calibration.dataset.folder import HAND_EYE
+from calibration.dataset.folder import HAND_EYE_FILE
 from calibration.errors import BoardDetectionError, HandEyeError
 from calibration.target.board import Board
 from cell.board_seen import BoardSeen
@@ -137,7 +137,7 @@ class CalibrationRunner:
         if row.kind == "verification":
             return _Done(None, run_verification(self._cell, plan, folder, told).to_json())
         run = run_calibration(self._cell, plan, folder, Board.from_json(row.board), told)
-        return _Done(json.loads((folder / HAND_EYE).read_bytes()), run.verification.to_json())
+        return _Done(json.loads((folder / HAND_EYE_FILE).read_bytes()), run.verification.to_json())
 
     def _record(self, running: Running[CalibrationRow], done: _Done | None, problem: dict[str, Any] | None) -> None:
         row, stop = running.row, running.begin_storing()

@@ -6,14 +6,14 @@ from pydantic import ConfigDict, Field, JsonValue
 
 from calibration.result import Verdict
 from calibration.target.board import (
-    FEWEST,
-    LARGEST_PITCH_M,
-    MARKERS,
-    MOST,
-    SMALLEST_PITCH_M,
+    MARKER_COUNTS,
+    MAX_PER_SIDE,
+    MAX_PITCH_M,
+    MIN_PER_SIDE,
+    MIN_PITCH_M,
     Board,
     BoardKind,
-    default_board,
+    board_with_defaults,
 )
 from cell.board_seen import ACROSS, DOWN
 from service.calibrations.result_schema import CalibrationResult, FindingResource, VerificationResource
@@ -33,8 +33,8 @@ class CellWarning(Described):
 
 
 # Told to readers of the description only: the board itself refuses what is outside, with words that say more.
-COUNT: dict[str, JsonValue] = {"minimum": min(FEWEST.values()), "maximum": MOST}
-LENGTH: dict[str, JsonValue] = {"minimum": SMALLEST_PITCH_M, "maximum": LARGEST_PITCH_M}
+COUNT: dict[str, JsonValue] = {"minimum": min(MIN_PER_SIDE.values()), "maximum": MAX_PER_SIDE}
+LENGTH: dict[str, JsonValue] = {"minimum": MIN_PITCH_M, "maximum": MAX_PITCH_M}
 
 
 class BoardRequest(Described):
@@ -51,12 +51,12 @@ class BoardRequest(Described):
     """Side of a square, or distance from dot to dot, as measured on the print."""
     marker_m: float | None = Field(default=None, json_schema_extra=LENGTH)
     """Side of a ChArUco marker; in proportion to the squares unless told."""
-    dictionary: str | None = Field(default=None, max_length=40, json_schema_extra={"enum": [*MARKERS, None]})
+    dictionary: str | None = Field(default=None, max_length=40, json_schema_extra={"enum": [*MARKER_COUNTS, None]})
     """OpenCV's name of the markers' dictionary."""
 
     def board(self) -> Board:
         """The usual board, but for what is told. Raises BoardError."""
-        return default_board(self.model_dump(exclude_none=True))
+        return board_with_defaults(self.model_dump(exclude_none=True))
 
 
 class CalibrationRequest(Described):

@@ -119,7 +119,7 @@ class Client:
 
     def replay(
         self,
-        recording: str | Path,
+        recording: str | os.PathLike[str],
         string_radius_m: float | None = None,
         method: Method = "graph",
         on_progress: Callable[[ScanProgress], None] | None = None,
@@ -128,7 +128,8 @@ class Client:
         """Recognise a recording and return the scan when it has a model. Nothing moves.
 
         Args:
-            recording: Id of a recording that the service has, or the `Path` of a file, which is uploaded at each call.
+            recording: Id of a recording that the service has, or the path of a file, which is uploaded at each call. A
+                path is a `pathlib.Path` or another `os.PathLike`; a `str` is always an id.
             string_radius_m: Radius of the string, metres. None: the radius in the recording, or measured.
             method: Recognition method.
             on_progress: Called with each change of the scan.
@@ -145,7 +146,7 @@ class Client:
             UnreachableError: The service cannot be reached.
             NotEndedError: The scan has not ended within the time limit. It continues.
         """
-        known = self.upload(recording).id if isinstance(recording, Path) else recording
+        known = self.upload(recording).id if isinstance(recording, os.PathLike) else recording
         if not re.fullmatch(ID_PATTERN, known):
             raise ValueError(f"{known!r} is not the id of a recording; a file is given as Path({known!r})")
         wish = {"mode": "replay", "recording": known, "string_radius_m": string_radius_m, "method": method}
@@ -276,7 +277,7 @@ class Client:
             raise ScanFailedError(scan)
         return model_from_json(self._get(scan.links.model).json())
 
-    def upload(self, recording: Path) -> RecordingResource:
+    def upload(self, recording: str | os.PathLike[str]) -> RecordingResource:
         """Upload a recording under the name of its file.
 
         Args:
@@ -287,6 +288,7 @@ class Client:
             UnreachableError: The service cannot be reached, or did not take the file.
             OSError: The file cannot be read.
         """
+        recording = Path(recording)
         name = os.fsencode(recording.name).decode(errors="replace")  # a file's name need not be a text
         with recording.open("rb") as file:
             try:

@@ -8,16 +8,8 @@ from numpy.typing import NDArray
 from pydantic import ValidationError
 
 from recognition.errors import RecognitionError
-from recognition.model.model import (
-    Chain,
-    Crossing,
-    Grasp,
-    Method,
-    PointChainModel,
-    Quality,
-    StrandPoint,
-    ViewQuality,
-)
+from recognition.model.chains import Chain, Crossing, Grasp, StrandPoint
+from recognition.model.model import Method, PointChainModel, Quality, ViewQuality
 from recognition.parameters import ChainParameters
 from service.model_schema import (
     ChainDocument,

@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from calibration.dataset.folder import HAND_EYE
+from calibration.dataset.folder import HAND_EYE_FILE
 from service.data_folder import CLOUD, ID, MODEL
 from service.doctor.finding import REPAIR, Finding
 from service.doctor.recordings import changed, hash_file
@@ -58,7 +58,7 @@ def check_calibrations(runs: Path, found: Sequence[Path], rows: Rows, running: b
     Those that the command line made have names of another form, and no row.
     """
     for row in rows.calibrations.values():
-        path = runs / row.id / HAND_EYE
+        path = runs / row.id / HAND_EYE_FILE
         if row.kind == "calibration" and row.state == "succeeded" and not path.is_file():
             advice = f"put it back, or {REPAIR}: the calibration becomes failed; calibrate again then"
             yield Finding(

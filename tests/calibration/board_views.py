@@ -1,4 +1,4 @@
-"""Views of a board with a known answer: corners as a camera on a robot would see them, with the errors of both."""
+"""Simulated views of a board with known truth: corners with the errors of the camera and the robot."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -23,17 +23,17 @@ K = np.array([[800.0, 0, 639.5], [0, 800.0, 399.5], [0, 0, 1]])
 
 @dataclass(frozen=True)
 class Noise:
-    """Standard deviations of what is drawn anew in every view, and errors of what is told."""
+    """Standard deviations of the random errors of each view, and errors of the given camera and board."""
 
     pixel_px: float = 0.2
     robot_m: float = 1e-4
     robot_rad: float = float(np.radians(0.02))
     focal: float = 0.0
-    """The told focal lengths are too long by this share."""
+    """The given focal lengths are too long by this share."""
     centre_px: tuple[float, float] = (0.0, 0.0)
-    """The told centre is too far right and too far down by this."""
+    """The given principal point is too far right and down by this."""
     scale: float = 0.0
-    """The board is larger than told, by this share."""
+    """The board is larger than its given size by this share."""
 
 
 NOISE_FREE = Noise(pixel_px=0.0, robot_m=0.0, robot_rad=0.0)
@@ -53,7 +53,7 @@ class Recorded:
 
     @property
     def T_base_flange(self) -> NDArray[np.float64]:
-        """(N, 4, 4) as told."""
+        """(N, 4, 4) reported flange poses."""
         return np.array([view.T_base_flange for view in self.observations.views])
 
 
@@ -145,21 +145,21 @@ def record(
                 pixels=pixels + rng.normal(0, noise.pixel_px, pixels.shape),
             )
         )
-    told = K.copy()
-    told[:2, :2] *= 1 + noise.focal
-    told[:2, 2] += noise.centre_px
-    observations = Observations(board=board, K=told, image_size=IMAGE, views=tuple(views), mounting=mounting)
+    given_K = K.copy()
+    given_K[:2, :2] *= 1 + noise.focal
+    given_K[:2, 2] += noise.centre_px
+    observations = Observations(board=board, K=given_K, image_size=IMAGE, views=tuple(views), mounting=mounting)
     return Recorded(observations, X, Y, K.copy(), 1 + noise.scale, T_camera_board)
 
 
 def with_poses(observations: Observations, T_base_flange: NDArray[np.float64]) -> Observations:
-    """The same pictures with other poses (N, 4, 4)."""
+    """The same images with other poses (N, 4, 4)."""
     views = (replace(view, T_base_flange=T) for view, T in zip(observations.views, T_base_flange, strict=True))
     return replace(observations, views=tuple(views))
 
 
 def with_swapped_pictures(observations: Observations, first: int, second: int) -> Observations:
-    """Two pictures went to one another's pose."""
+    """Two images are swapped between their poses."""
     order = list(range(len(observations.views)))
     order[first], order[second] = second, first
     views = (
@@ -170,7 +170,7 @@ def with_swapped_pictures(observations: Observations, first: int, second: int) -
 
 
 def with_turned_board(observations: Observations, index: int) -> Observations:
-    """One picture in which the board is numbered from the opposite corner."""
+    """The board is numbered from the opposite corner in one image."""
     views = list(observations.views)
     view = views[index]
     views[index] = replace(view, ids=len(observations.board.points) - 1 - view.ids)

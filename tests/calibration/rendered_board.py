@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from calibration.geometry.transforms import from_rotation_vector, transform_points
 from calibration.target.board import Board
-from calibration.target.rendering import DOTS, BoardImage, render_board
+from calibration.target.rendering import DOT_DIAMETERS, BoardImage, render_board
 
 K_1280 = np.array([[763.0, 0.0, 639.5], [0.0, 763.0, 399.5], [0.0, 0.0, 1.0]])
 """A camera of 1280 x 800 pixels."""
@@ -77,7 +77,7 @@ def render(
     rng: np.random.Generator,
     light: Light | None = None,
     margin_pitches: float = 0.7,
-    dots: tuple[float, float] = DOTS,
+    dots: tuple[float, float] = DOT_DIAMETERS,
 ) -> NDArray[np.uint8]:
     """(H, W) the picture of a board with so wide a white margin, on a grey table."""
     light = light or Light()

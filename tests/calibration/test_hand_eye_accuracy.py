@@ -28,7 +28,7 @@ from tests.calibration.board_views import (
 
 MORE_SEEDS = pytest.mark.parametrize("count", [40, pytest.param(200, marks=pytest.mark.soak)])
 SEEDS = pytest.mark.parametrize("count", [16, pytest.param(200, marks=pytest.mark.soak)])
-AS_TOLD = NoisePriors(focal=1e-5, centre=1e-5, scale=1e-5)
+NOMINAL = NoisePriors(focal=1e-5, centre=1e-5, scale=1e-5)
 """A camera and a board that are as told, which closed forms take for granted."""
 COVERED = 12.592
 """Squared error in standard deviations of six numbers that 95 of 100 stay below."""
@@ -65,10 +65,10 @@ def figures(recorded: list[Recorded], results: list[HandEyeResult]) -> Figures:
 
 
 def solved(
-    count: int, make: Callable[[int], Recorded], assumed: NoisePriors | None = None
+    count: int, make: Callable[[int], Recorded], priors: NoisePriors | None = None
 ) -> tuple[list[Recorded], list[HandEyeResult]]:
     recorded = [make(seed) for seed in range(count)]
-    return recorded, [solve_hand_eye(each.observations, assumed) for each in recorded]
+    return recorded, [solve_hand_eye(each.observations, priors) for each in recorded]
 
 
 def some(noise: Noise) -> Callable[[int], Recorded]:
@@ -94,8 +94,8 @@ def by_park(recorded: Recorded) -> NDArray[np.float64]:
 
 
 @SEEDS
-def test_a_camera_and_a_board_as_told(count: int) -> None:
-    recorded, results = solved(count, some(Noise()), AS_TOLD)
+def test_a_nominal_camera_and_board(count: int) -> None:
+    recorded, results = solved(count, some(Noise()), NOMINAL)
     found = figures(recorded, results)
     assert (found.median <= (0.03, 0.16)).all()
     assert (found.p95 <= (0.06, 0.30)).all()
@@ -119,15 +119,15 @@ def test_a_camera_and_a_board_not_known_exactly_cost_some_of_it(count: int) -> N
 
 @SEEDS
 @pytest.mark.parametrize(
-    "assumed", [NoisePriors(), pytest.param(AS_TOLD, marks=pytest.mark.soak)], ids=["as usual", "as told"]
+    "priors", [NoisePriors(), pytest.param(NOMINAL, marks=pytest.mark.soak)], ids=["as usual", "nominal"]
 )
 @pytest.mark.parametrize(
     "noise",
     [Noise(robot_m=3e-4, robot_rad=float(np.radians(0.06))), Noise(pixel_px=0.5)],
     ids=["robot", "pixels"],
 )
-def test_more_noise_than_assumed_is_owned_up_to(count: int, noise: Noise, assumed: NoisePriors) -> None:
-    found = figures(*solved(count, some(noise), assumed))
+def test_more_noise_than_the_prior_is_reported(count: int, noise: Noise, priors: NoisePriors) -> None:
+    found = figures(*solved(count, some(noise), priors))
     # The mean of 16 scatters by 0.9 about 6, and one cell in 16 is 0.06.
     few = count < 200
     assert 5.0 - few <= found.squares.mean() <= 8.0 + few

@@ -13,9 +13,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from calibration.dataset.detect_views import detect_views
-from calibration.dataset.folder import HAND_EYE, read_folder
+from calibration.dataset.folder import HAND_EYE_FILE, read_folder
 from calibration.dataset.setup import Setup
+from calibration.dataset.view_detection import detect_views
 from calibration.errors import CalibrationFolderError
 from calibration.geometry.transforms import from_rotation_vector, inverse, rotation_angle
 from calibration.hand_eye import solve_hand_eye
@@ -159,7 +159,7 @@ def test_what_is_in_the_folder_gives_the_same_again(cell: Cell, done: tuple[Cali
     assert [view.name for view in content.views if view.held_out] == [view.name for view in run.verification.views]
     observed = detect_views(content)
     np.testing.assert_allclose(solve_hand_eye(observed.observations).X, run.result.X, atol=1e-9)
-    document = json.loads((folder / HAND_EYE).read_text())
+    document = json.loads((folder / HAND_EYE_FILE).read_text())
     assert (document["verdict"], document["verification"]["passed"]) == ("accept", True)
     # All of it is as old as the pictures.
     assert setup.created is not None
@@ -187,11 +187,11 @@ def test_a_calibration_in_use_is_verified_and_a_drift_noticed(
 ) -> None:
     with pytest.raises(CalibrationError, match="no hand-eye calibration to verify yet: calibrate the cell with"):
         cell.prepare_verification()
-    active = folder / HAND_EYE
-    activate(done[2] / HAND_EYE, active)
+    active = folder / HAND_EYE_FILE
+    activate(done[2] / HAND_EYE_FILE, active)
     try:
         good = verification_of(cell, tmp_path / "good")
-        assert good.passed, good.words
+        assert good.passed, good.message
         assert len(good.views) == 2
         # The camera is where it was; the file puts it 5 mm beside that.
         document = json.loads(active.read_text())
@@ -199,7 +199,7 @@ def test_a_calibration_in_use_is_verified_and_a_drift_noticed(
         active.write_text(json.dumps(document))
         bad = verification_of(cell, tmp_path / "bad")
         assert not bad.passed
-        assert "calibrate anew" in bad.words
+        assert "calibrate again" in bad.message
         # For a scan the strings lie there again, and it is that file's calibration.
         cell.prepare(2)
         assert cell.status.hand_eye is not None
@@ -211,8 +211,8 @@ def test_a_calibration_in_use_is_verified_and_a_drift_noticed(
 def test_a_verification_goes_by_the_calibration_that_it_was_planned_with(
     cell: Cell, folder: Path, done: tuple[CalibrationRun, Told, Path], tmp_path: Path
 ) -> None:
-    active = folder / HAND_EYE
-    activate(done[2] / HAND_EYE, active)
+    active = folder / HAND_EYE_FILE
+    activate(done[2] / HAND_EYE_FILE, active)
     try:
         plan, before = cell.prepare_verification(), controller_q(cell)
         assert cell.made_with(plan).sha256 == load_hand_eye(active, np.inf).sha256
@@ -228,7 +228,7 @@ def test_a_verification_goes_by_the_calibration_that_it_was_planned_with(
 
 def test_the_arm_moves_by_the_mounting_that_it_was_planned_with(cell: Cell, folder: Path, tmp_path: Path) -> None:
     plan = cell.prepare_calibration(BOARD, poses=10, held_out=0)
-    planned_with, active = cell.made_with(plan).T_flange_camera, folder / HAND_EYE
+    planned_with, active = cell.made_with(plan).T_flange_camera, folder / HAND_EYE_FILE
     try:
         write_hand_eye(active, planned_with @ from_rotation_vector((0.1, 0, 0), (0, 0, 0)), created=datetime.now(UTC))
         views: list[View] = []
@@ -273,7 +273,7 @@ def test_a_folder_that_cannot_be_written_shows_before_anything_moves(cell: Cell,
 def test_a_cell_whose_calibration_cannot_be_used_is_not_ready_after_the_run(
     cell: Cell, folder: Path, tmp_path: Path
 ) -> None:
-    active = folder / HAND_EYE
+    active = folder / HAND_EYE_FILE
     write_hand_eye(active, T_FLANGE_CAMERA, created=datetime.now(UTC), camera_id="another")
     try:
         plan = cell.prepare_calibration(BOARD, poses=10, held_out=0)
@@ -375,7 +375,7 @@ def test_a_board_that_looks_the_same_from_two_sides(tmp_path: Path) -> None:
         assert run.result.verdict == "accept"
         assert [view.used for view in run.result.views] == [True] * 15
         assert run.verification.passed
-        activate(tmp_path / "runs" / "1" / HAND_EYE, tmp_path / "hand_eye.json")
+        activate(tmp_path / "runs" / "1" / HAND_EYE_FILE, tmp_path / "hand_eye.json")
         verification = run_verification(cell, cell.prepare_verification(), tmp_path / "runs" / "2", Told())
         assert verification.passed
         assert verification.board_moved_m is None

@@ -45,7 +45,7 @@ def test_a_calibration_that_is_missing_or_old_is_told(hand_eye_file: Path) -> No
     young = HandEyeSettings(file=hand_eye_file, max_age_days=2)
     step = check_view.calibration(grounds_for(settings.model_copy(update={"hand_eye": young})))
     assert (step.outcome, "3.0 days old" in step.words) == ("failed", True)
-    assert step.what_to_do == "calibrate anew"
+    assert step.what_to_do == "calibrate again"
 
 
 def test_where_none_was_made_yet_only_a_simulated_cell_has_one(tmp_path: Path, hand_eye_file: Path) -> None:
@@ -65,8 +65,8 @@ def test_a_plain_matrix_is_taken_with_a_warning(hand_eye_file: Path) -> None:
     hand_eye_file.write_text('{"T_flange_camera": [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0.05], [0, 0, 0, 1]]}')
     step = check_view.calibration(grounds_for(real_cell("10.0.0.1", hand_eye_file)))
     assert step.outcome == "warning"
-    assert "does not say when it was made, which is not checked" in step.words
-    assert step.what_to_do == "calibrate anew to have it known"
+    assert "does not say when it was made, so this is not checked" in step.words
+    assert step.what_to_do == "calibrate again to record it"
 
 
 @pytest.mark.parametrize(

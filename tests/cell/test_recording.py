@@ -115,6 +115,14 @@ def test_what_was_written_is_read(tmp_path: Path) -> None:
     assert header.provenance == {"camera": "made", "seed": "3"}
 
 
+def test_paths_may_be_strings(tmp_path: Path) -> None:
+    path = str(tmp_path / "scan.mcap")
+    with RecordingWriter(path, HEADER) as writer:
+        writer.write_view(make_view(0))
+    assert len(read_recording(path).views) == 1
+    assert read_result(path) is None
+
+
 def test_unknown_radius_and_no_workspace_are_left_out(tmp_path: Path) -> None:
     header = RecordingHeader(depth_unit_m=1e-3, string_radius_m=None, T_flange_camera=T_FLANGE_CAMERA)
     path = write(tmp_path / "scan.mcap", [replace(make_view(0), depth_unit_m=1e-3)], header)

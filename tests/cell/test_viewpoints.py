@@ -236,8 +236,8 @@ def test_it_is_plain_json() -> None:
 @pytest.mark.parametrize("settings", [DEFAULT, *CELLS[3:]])
 def test_a_workspace_that_fits_the_camera_is_covered(settings: CellSettings) -> None:
     plan = plan_of(settings)
-    assert plan.coverage.share > 0.99
-    assert plan.to_json()["coverage"] == {"share": round(plan.coverage.share, 4), "warning": None}
+    assert plan.coverage.covered_share > 0.99
+    assert plan.to_json()["coverage"] == {"share": round(plan.coverage.covered_share, 4), "warning": None}
 
 
 def test_a_workspace_larger_than_the_pictures_is_told() -> None:
@@ -253,10 +253,10 @@ def test_a_workspace_larger_than_the_pictures_is_told() -> None:
             pixels = (seen @ optics.K.T)[:, :2] / seen[:, 2:]
             pictures += np.all((pixels >= 0) & (pixels <= (optics.width - 1, optics.height - 1)), axis=1)
     # Three sigma of 4000 draws.
-    assert plan.coverage.share == pytest.approx((pictures >= 2).mean(), abs=0.024)
-    assert 0.5 < plan.coverage.share < 0.95
+    assert plan.coverage.covered_share == pytest.approx((pictures >= 2).mean(), abs=0.024)
+    assert 0.5 < plan.coverage.covered_share < 0.95
     assert plan.unseen is not None
-    assert f"{100 * (1 - plan.coverage.share):.0f} % of the table in the workspace" in plan.unseen
+    assert f"{100 * (1 - plan.coverage.covered_share):.0f} % of the table in the workspace" in plan.unseen
     assert plan.to_json()["coverage"]["warning"] == plan.unseen
 
 

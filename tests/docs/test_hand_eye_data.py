@@ -28,6 +28,6 @@ def test_the_folder_can_be_read(tmp_path: Path) -> None:
     write_view(tmp_path, "01", np.zeros((800, 1280), np.uint8), np.eye(4))
     (tmp_path / "01.json").write_text(POSE)
     content = read_folder(tmp_path)
-    assert content.left_out == ()
+    assert content.excluded == ()
     (view,) = content.views
     assert np.allclose(view.T_base_flange[:3, 3], json.loads(POSE)["T_base_flange"]["xyz_m"])

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from recognition.model.model import Chain, Crossing, StrandPoint
+from recognition.model.chains import Chain, Crossing, StrandPoint
 from recognition.model.topology import OVER, CrossingElement, EndElement, PData, SegmentElement
 
 Strings = tuple[tuple[Chain, ...], tuple[Crossing, ...]]

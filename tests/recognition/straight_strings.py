@@ -1,10 +1,10 @@
-"""Strings laid by hand, their grasps, and where the fingers are: for the tests of grasps."""
+"""Straight strings, their grasps, and points in the fingers, for the tests of grasps."""
 
 import numpy as np
 
 from recognition.grasping.grasp_planner import find_grasps
 from recognition.grasping.gripper import Gripper
-from recognition.model.model import Chain, Crossing, Grasp
+from recognition.model.chains import Chain, Crossing, Grasp
 from recognition.parameters import ChainParameters
 from recognition.preprocessing.target_cloud import Scene
 
@@ -14,7 +14,7 @@ GRIPPER = Gripper()
 HALF_FINGER = GRIPPER.finger_width_m / 2
 NOTHING = np.empty((0, 3))
 TABLE_Z = 0.3
-"""Not 0, so that heights above the table and heights are told apart."""
+"""Not 0, so that a height and a height above the table differ."""
 
 
 def chain(points: np.ndarray, number: int = 0, closed: bool = False, sigma: float = 0.0, r: float = R) -> Chain:

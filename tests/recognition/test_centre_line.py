@@ -23,9 +23,9 @@ def test_on_a_cylinder_of_exact_normals_each_centre_is_r_below_and_on_the_axis(
     points, normals = cylinder
     line = estimate_centre_line(points, normals, table_1)
     # Eq. (1), to the roundings of doubles below 0.1 m.
-    np.testing.assert_allclose(np.linalg.norm(points - line.single, axis=1), table_1.r, rtol=0, atol=1e-15)
+    np.testing.assert_allclose(np.linalg.norm(points - line.unaveraged, axis=1), table_1.r, rtol=0, atol=1e-15)
     axis = points * (1, 0, 0) + (0, 0, 0.02)
-    np.testing.assert_allclose(line.single, axis, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(line.unaveraged, axis, rtol=0, atol=1e-12)
     # Eq. (2): the mean of points on the axis is on the axis.
     np.testing.assert_allclose(line.points[:, 1:], np.broadcast_to((0.0, 0.02), (len(line.points), 2)), atol=1e-12)
 
@@ -48,15 +48,15 @@ def test_wrong_normals_average_out_around_the_string(
     tilted = normals + 0.2 * np.random.default_rng(1).standard_normal(normals.shape)
     tilted /= np.linalg.norm(tilted, axis=1, keepdims=True)
     line = estimate_centre_line(points, tilted, table_1)
-    off_single = np.linalg.norm(line.single[:, 1:] - (0.0, 0.02), axis=1)
+    off_unaveraged = np.linalg.norm(line.unaveraged[:, 1:] - (0.0, 0.02), axis=1)
     off_means = np.linalg.norm(line.points[:, 1:] - (0.0, 0.02), axis=1)
-    # 11 degrees of error: single centres are off by 0.2 r across; the means over some 250 of them hardly.
-    assert off_single.mean() > 0.15 * table_1.r
+    # 11 degrees of error: each centre is off by 0.2 r across; the means over some 250 of them hardly.
+    assert off_unaveraged.mean() > 0.15 * table_1.r
     assert off_means.max() < 0.1 * table_1.r
 
 
 def test_eq_2_by_a_loop(table_1: ChainParameters) -> None:
-    # So few points that the outlier filter keeps them all.
+    # The outlier filter keeps all points of so small a cloud.
     rng = np.random.default_rng(2)
     points = rng.uniform(-0.01, 0.01, (NEIGHBOURS, 3))
     normals = rng.standard_normal((NEIGHBOURS, 3))
@@ -75,5 +75,5 @@ def test_a_centre_that_stands_alone_is_removed(
     points, normals = cylinder
     alone = np.array([[0.0, 0.08, 0.02]])
     line = estimate_centre_line(np.vstack([points, alone]), np.vstack([normals, [(0, 0, 1)]]), table_1)
-    assert len(line.single) == len(points) + 1
+    assert len(line.unaveraged) == len(points) + 1
     assert line.points[:, 1].max() < 1e-9

@@ -81,16 +81,16 @@ def test_a_parameter_that_is_no_number_is_refused(table_1: ChainParameters, valu
     [
         (0.0, "must be positive"),
         (-0.0042, "must be positive"),
-        (0.0001, r"radii from 0.0005 to 0.02 m are taken \(metres, not mm\)"),
-        (4.2, r"radii from 0.0005 to 0.02 m are taken \(metres, not mm\)"),
-        (0.1, "radii from 0.0005 to 0.02 m are taken"),
+        (0.0001, r"it must be from 0.0005 to 0.02 m \(metres, not mm\)"),
+        (4.2, r"it must be from 0.0005 to 0.02 m \(metres, not mm\)"),
+        (0.1, "it must be from 0.0005 to 0.02 m"),
         (float("nan"), "the string radius is nan; a length in metres is needed"),
         (float("inf"), "the string radius is inf; a length in metres is needed"),
         ("4.2", "the string radius is '4.2'; a length in metres is needed"),
         (None, "the string radius is None; a length in metres is needed"),
     ],
 )
-def test_a_radius_that_is_no_strings_is_refused(r: Any, message: str) -> None:
+def test_a_radius_out_of_range_is_refused(r: Any, message: str) -> None:
     with pytest.raises(InvalidParametersError, match=message):
         ChainParameters.for_radius(r)
 

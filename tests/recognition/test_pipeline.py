@@ -225,7 +225,7 @@ def test_what_led_to_the_model_is_kept(scan: SimulatedScan, result: Callable[[Me
     assert sum(map(len, recognition.segments)) > 30
     assert [(view.index, view.used) for view in recognition.model.quality.views] == [(0, True), (1, True), (2, True)]
     for target, view in zip(recognition.targets, scan.views, strict=True):
-        assert target.measured == np.count_nonzero(view.depth)
+        assert target.n_measured == np.count_nonzero(view.depth)
 
 
 def test_a_scan_moved_on_the_table_gives_the_model_moved(table_1: ChainParameters) -> None:
@@ -258,7 +258,7 @@ def test_no_string_is_a_valid_empty_model(
     assert empty["topology"] == {"gauss_code": [], "p_data": {"elements": [], "matrix": []}}
     warning, unseen = empty["quality"]["warnings"]
     assert warning.startswith("no string of this radius in view")
-    assert "is in fewer than 2 pictures" in unseen, "three views do not show the whole workspace"
+    assert "is in fewer than 2 views" in unseen, "three views do not show the whole workspace"
     assert [view["used"] for view in empty["quality"]["views"]] == [False, False, False]
     assert told == ["preprocess"]
     assert list(recognition.model.timing_s) == ["preprocess"]
@@ -309,7 +309,7 @@ def test_an_end_behind_which_string_was_lost_is_unseen_and_that_is_told(
         fragments = []
         for fragment in link_nodes(nodes, parameters):
             kept = np.linalg.norm(fragment.points - first, axis=1) > 0.04
-            fragments += fragment.pieces(kept, np.zeros(len(kept), dtype=bool))
+            fragments += fragment.split(kept, np.zeros(len(kept), dtype=bool))
         return fragments
 
     monkeypatch.setattr("recognition.tracing.trace.link_nodes", without_its_first_40_mm)

@@ -70,7 +70,7 @@ def test_settings_are_absolute_where_the_radius_is_measured(scan: SimulatedScan)
         ({"r": 0.004}, "graph", "r is the string radius"),
     ],
 )
-def test_what_cannot_be_set(settings: dict[str, float], method: str, message: str) -> None:
+def test_other_names_are_refused(settings: dict[str, float], method: str, message: str) -> None:
     with pytest.raises(InvalidParametersError, match=message):
         check_settings(settings, method)
 

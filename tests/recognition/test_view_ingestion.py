@@ -1,4 +1,4 @@
-"""What is done with each view as it arrives."""
+"""Ingestion of views one by one."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
@@ -11,12 +11,12 @@ from cell.simulation.camera import camera_model
 from cell.simulation.scenes import make_scene
 from cell.simulation.simulate import SimulatedScan, simulate
 from recognition import view_ingestion
-from recognition.errors import TooCrowdedError
+from recognition.errors import DuplicateViewError, TooCrowdedError
 from recognition.parameters import ChainParameters
 from recognition.preprocessing.normals import NormalCloud
 from recognition.preprocessing.target_cloud import Scene
 from recognition.registration.correspondences import Correspondences
-from recognition.view_ingestion import DuplicateViewError, ingest_views
+from recognition.view_ingestion import ingest_views
 
 
 @pytest.fixture(scope="module")
@@ -30,23 +30,23 @@ def scene(scan: SimulatedScan) -> Scene:
 
 
 def test_each_view_is_paired_with_those_before_it(scan: SimulatedScan, scene: Scene, table_1: ChainParameters) -> None:
-    arrivals = ingest_views(iter(scan.views), table_1, scene)
-    assert [target.view for target in arrivals.targets] == [cloud.view for cloud in arrivals.clouds] == [0, 1, 2]
-    assert [(pair.first, pair.second) for pair in arrivals.pairs] == [(1, 0), (2, 0), (2, 1)]
-    assert (arrivals.left_out, arrivals.empty_because) == ((), None)
-    for cloud, target in zip(arrivals.clouds, arrivals.targets, strict=True):
-        np.testing.assert_array_equal(cloud.T_correction, target.T_levelling)
+    ingested = ingest_views(iter(scan.views), table_1, scene)
+    assert [target.view for target in ingested.targets] == [cloud.view for cloud in ingested.clouds] == [0, 1, 2]
+    assert [(pair.source_view, pair.target_view) for pair in ingested.correspondences] == [(1, 0), (2, 0), (2, 1)]
+    assert (ingested.excluded, ingested.no_string_reason) == ((), None)
+    for cloud, target in zip(ingested.clouds, ingested.targets, strict=True):
+        np.testing.assert_array_equal(cloud.T_correction, target.T_table_alignment)
         assert cloud.image is target.image is scan.views[cloud.view]
 
 
-def test_a_view_is_looked_at_before_the_next_is_asked_for(
+def test_a_view_is_ingested_before_the_next_is_requested(
     scan: SimulatedScan, scene: Scene, table_1: ChainParameters, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    told: list[str] = []
+    events: list[str] = []
 
     def arriving() -> Iterator[View]:
         for view in scan.views:
-            told.append(f"view {view.index} taken")
+            events.append(f"view {view.index} taken")
             yield view
 
     work = view_ingestion.find_correspondences
@@ -54,22 +54,22 @@ def test_a_view_is_looked_at_before_the_next_is_asked_for(
     def watched(
         cloud: NormalCloud, others: Sequence[NormalCloud], parameters: ChainParameters
     ) -> list[Correspondences]:
-        told.append(f"view {cloud.view} paired with {len(others)}")
+        events.append(f"view {cloud.view} paired with {len(others)}")
         return work(cloud, others, parameters)
 
     monkeypatch.setattr(view_ingestion, "find_correspondences", watched)
     ingest_views(arriving(), table_1, scene)
-    assert told == [line for k in range(3) for line in (f"view {k} taken", f"view {k} paired with {k}")]
+    assert events == [line for k in range(3) for line in (f"view {k} taken", f"view {k} paired with {k}")]
 
 
-def test_views_must_be_told_apart(scan: SimulatedScan, scene: Scene, table_1: ChainParameters) -> None:
+def test_views_need_different_indices(scan: SimulatedScan, scene: Scene, table_1: ChainParameters) -> None:
     with pytest.raises(DuplicateViewError, match="two views have the index 1") as caught:
         ingest_views([*scan.views, replace(scan.views[2], index=1)], table_1, scene)
     assert caught.value.slug == "duplicate-view"
 
 
 def crowded(view: View) -> View:
-    """The view in fine pixels, the table raised by 50 mm all over."""
+    """Return the view in fine pixels with the table raised by 50 mm."""
     T, K = view.T_base_camera, view.K * np.array([[4.0], [4.0], [1.0]])
     v, u = np.indices((800, 1280))
     rays = np.stack([u, v, np.ones_like(u)], axis=-1) @ np.linalg.inv(K).T @ T[:3, :3].T
@@ -77,13 +77,13 @@ def crowded(view: View) -> View:
     return replace(view, depth=depth.astype(np.uint16), K=K)
 
 
-def test_one_crowded_view_is_left_out_and_most_are_refused(
+def test_one_crowded_view_is_excluded_and_most_are_an_error(
     scan: SimulatedScan, scene: Scene, table_1: ChainParameters
 ) -> None:
     first, second, third = scan.views
-    arrivals = ingest_views([first, crowded(second), third], table_1, scene)
-    assert [cloud.view for cloud in arrivals.clouds] == [0, 2]
-    (quality,) = arrivals.left_out
+    ingested = ingest_views([first, crowded(second), third], table_1, scene)
+    assert [cloud.view for cloud in ingested.clouds] == [0, 2]
+    (quality,) = ingested.excluded
     assert (quality.index, quality.used) == (1, False)
     assert quality.reason is not None
     assert "points above the table, more than 100000" in quality.reason

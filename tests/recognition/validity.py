@@ -5,7 +5,8 @@ import json
 import numpy as np
 
 from recognition.errors import RecognitionError
-from recognition.model.model import Chain, PointChainModel, StrandPoint
+from recognition.model.chains import Chain, StrandPoint
+from recognition.model.model import PointChainModel
 from recognition.pipeline import recognise, stages_of
 from tests.recognition.invariants import gauss_code_of
 from tests.recognition.odd_scans import Case

@@ -10,7 +10,8 @@ import pytest
 
 from recognition.errors import InvalidParametersError
 from recognition.grasping.gripper import Gripper
-from recognition.model.model import Chain, Crossing, PointChainModel, StrandPoint
+from recognition.model.chains import Chain, Crossing, StrandPoint
+from recognition.model.model import PointChainModel
 from recognition.parameters import ChainParameters
 from recognition.pipeline import STAGES, stages_of
 from service.model_schema import ModelDocument

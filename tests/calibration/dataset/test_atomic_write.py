@@ -1,4 +1,4 @@
-"""Files that survive a loss of power; what cannot be written is told by the name that a person knows."""
+"""Files that survive a loss of power; errors name the final file."""
 
 from pathlib import Path
 
@@ -7,14 +7,14 @@ import pytest
 from calibration.dataset.atomic_write import replace_synced
 
 
-def test_a_file_is_replaced_whole(tmp_path: Path) -> None:
+def test_a_file_is_replaced_as_a_whole(tmp_path: Path) -> None:
     for content in (b"first, and longer", b"second"):
         replace_synced(tmp_path / "a.json", content)
         assert (tmp_path / "a.json").read_bytes() == content
     assert [path.name for path in tmp_path.iterdir()] == ["a.json"]
 
 
-def test_what_cannot_be_written_is_named(tmp_path: Path) -> None:
+def test_an_error_names_the_final_file(tmp_path: Path) -> None:
     (tmp_path / "folder").mkdir()
     for path, kind in (
         (tmp_path / "none" / "a.json", FileNotFoundError),

@@ -1,4 +1,4 @@
-"""The folder form: what is written is read again, and every fault of others is told with the file's name."""
+"""Calibration folders: what is written is read again, and every error names its file."""
 
 import json
 from collections.abc import Callable
@@ -10,8 +10,11 @@ import cv2
 import numpy as np
 import pytest
 
-from calibration.dataset.folder import read_folder, write_setup, write_view
+from calibration.dataset.atomic_write import read_limited, sync_folder, write_synced
+from calibration.dataset.folder import read_folder, read_setup, write_setup, write_view
+from calibration.dataset.observations_file import load_observations, write_observations
 from calibration.dataset.setup import Setup
+from calibration.dataset.view_detection import read_image
 from calibration.errors import CalibrationFolderError, HandEyeInputError
 from calibration.geometry.transforms import NotRigidError, from_rotation_vector
 from calibration.target.board import Board
@@ -24,21 +27,21 @@ GREY = np.full((400, 640), 127, dtype=np.uint8)
 
 
 def a_folder(folder: Path, *names: str) -> Path:
-    """The folder form with these views, all alike."""
+    """A calibration folder with these views, all equal."""
     write_setup(folder, SETUP)
     for name in names:
         write_view(folder, name, GREY, POSE)
     return folder
 
 
-def test_what_was_written_is_read(tmp_path: Path) -> None:
+def test_written_folders_are_read(tmp_path: Path) -> None:
     folder = a_folder(tmp_path / "runs" / "a", "10", "9")
     colour = np.random.default_rng(1).integers(0, 255, (400, 640, 3), dtype=np.uint8)
     write_view(folder, "verify", colour, POSE, held_out=True)
     content = read_folder(folder)
     assert (content.setup.board, content.setup.image_size) == (Board(), (640, 400))
     assert (content.setup.camera_id, content.setup.robot_serial) == ("19443010", "20225500123")
-    assert (content.setup.mounting, content.setup.created, content.left_out) == ("eye-in-hand", TAKEN, ())
+    assert (content.setup.mounting, content.setup.created, content.excluded) == ("eye-in-hand", TAKEN, ())
     np.testing.assert_array_equal(content.setup.K, K)
     assert [(view.name, view.held_out) for view in content.views] == [("9", False), ("10", False), ("verify", True)]
     for view in content.views:
@@ -46,6 +49,21 @@ def test_what_was_written_is_read(tmp_path: Path) -> None:
         np.testing.assert_allclose(view.T_base_flange, POSE, rtol=0, atol=1e-15)
     np.testing.assert_array_equal(cv2.imread(str(content.views[2].image)), colour)
     assert not [path for path in folder.iterdir() if path.name.startswith(".")], "nothing is left beside it"
+
+
+def test_paths_may_be_strings(tmp_path: Path) -> None:
+    folder = str(tmp_path / "run")
+    write_setup(folder, SETUP)
+    write_view(folder, "a", GREY, POSE)
+    (view,) = read_folder(folder).views
+    assert read_setup(folder).board == Board()
+    assert read_image(str(view.image), (640, 400)).shape == GREY.shape
+    path = f"{folder}/observations.json"
+    sha256 = write_observations(path, SETUP.observations(()))
+    assert load_observations(path).sha256 == sha256
+    write_synced(f"{folder}/new", b"1")
+    sync_folder(folder)
+    assert read_limited(f"{folder}/new", 1) == b"1"
 
 
 @pytest.mark.parametrize(
@@ -63,13 +81,13 @@ def test_poses_may_be_rotation_vectors_or_matrices(tmp_path: Path, pose: Any) ->
     assert not view.held_out
 
 
-def test_what_else_lies_there_is_no_view(tmp_path: Path) -> None:
+def test_other_files_are_no_views(tmp_path: Path) -> None:
     folder = a_folder(tmp_path, "a")
     for name in ("hand_eye.json", "observations.json", "hand_eye.previous.json", ".hidden.json", "notes.txt"):
         (folder / name).write_text("not read")
     (folder / "pictures").mkdir()
     content = read_folder(folder)
-    assert ([view.name for view in content.views], content.left_out) == (["a"], ())
+    assert ([view.name for view in content.views], content.excluded) == (["a"], ())
 
 
 def pose(folder: Path, value: Any) -> None:
@@ -90,20 +108,20 @@ def linked(folder: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("spoil", "told"),
+    ("spoil", "expected"),
     [
-        (without("b.json"), "there is no b.json with the robot's pose beside b.png"),
-        (without("b.png"), "there is no image beside b.json"),
+        (without("b.json"), "there is no b.json with the flange pose of b.png"),
+        (without("b.png"), "there is no image for b.json"),
         (lambda folder: (folder / "b.JPG").write_bytes(b"x"), "b.JPG and b.png have the same name"),
         (lambda folder: (folder / "b.json").write_bytes(b"{"), "b.json is not JSON"),
         (lambda folder: (folder / "b.json").write_bytes(b"[" * 100_000), "b.json is not JSON"),
         (lambda folder: (folder / "b.json").write_bytes(b" " * (2 << 20)), "b.json has more than 1 MiB"),
-        (lambda folder: (folder / "b.json").write_text("3"), "b.json holds something else"),
+        (lambda folder: (folder / "b.json").write_text("3"), "b.json is not a JSON object"),
         (lambda folder: (folder / "b.json").write_text("{}"), "T_base_flange is missing"),
         (lambda folder: [(folder / "b.json").unlink(), (folder / "b.json").mkdir()], "b.json is not a file"),
         (of(None), "b.json: T_base_flange: a 4x4 matrix or"),
         (of({"xyz_m": [0, 0, 0]}), "quat_xyzw is missing"),
-        (of({"xyz_m": [0, 0, 0], "quat_xyzw": [0, 0, 0, 1], "rotvec_rad": [0, 0, 1]}), "gives the rotation twice"),
+        (of({"xyz_m": [0, 0, 0], "quat_xyzw": [0, 0, 0, 1], "rotvec_rad": [0, 0, 1]}), "the rotation is given twice"),
         (of({"xyz_m": [0, 0], "rotvec_rad": [0, 0, 0]}), "xyz_m is [0, 0]; a list of at least 3 is needed"),
         (of({"xyz_m": [0, 0, 0], "rotvec_rad": ["a", 0, 0]}), "rotvec_rad[0] is 'a'; a number is needed"),
         (of({"xyz_m": [0, 0, 0], "quat_xyzw": [0, 0, 0, 2]}), "quaternion of length 2"),
@@ -121,18 +139,20 @@ def linked(folder: Path) -> None:
             lambda folder: (folder / "b.json").write_text(
                 json.dumps({"T_base_flange": POSE.tolist(), "heldout": True})
             ),
-            "heldout is not known here",
+            "heldout is unknown",
         ),
         (linked, "it is a link"),
     ],
 )
-def test_a_view_with_a_fault_is_left_out_and_named(tmp_path: Path, spoil: Callable[[Path], object], told: str) -> None:
+def test_a_view_with_an_error_is_excluded_and_named(
+    tmp_path: Path, spoil: Callable[[Path], object], expected: str
+) -> None:
     folder = a_folder(tmp_path / "folder", "a", "b", "c")
     spoil(folder)
     content = read_folder(folder)
     assert [view.name for view in content.views] == ["a", "c"]
-    assert {name.split(".")[0] for name, _ in content.left_out} == {"b"}
-    assert told in "; ".join(reason for _, reason in content.left_out)
+    assert {name.split(".")[0] for name, _ in content.excluded} == {"b"}
+    assert expected in "; ".join(reason for _, reason in content.excluded)
 
 
 @pytest.mark.parametrize(
@@ -144,7 +164,7 @@ def test_a_view_with_a_fault_is_left_out_and_named(tmp_path: Path, spoil: Callab
         ([[1.0, 0, 0, 400], [0, 1, 0, 100], [0, 0, 1, 500], [0, 0, 0, 1]], "millimetres"),
     ],
 )
-def test_other_units_are_told_for_the_whole_folder(tmp_path: Path, value: Any, slug: str) -> None:
+def test_other_units_reject_the_whole_folder(tmp_path: Path, value: Any, slug: str) -> None:
     folder = a_folder(tmp_path, "a", "b")
     pose(folder, value)
     with pytest.raises(HandEyeInputError, match=r"b\.json") as refused:
@@ -157,7 +177,7 @@ def change(part: str | None, **changes: Any) -> Callable[[dict[str, Any]], objec
 
 
 @pytest.mark.parametrize(
-    ("spoil", "told"),
+    ("spoil", "expected"),
     [
         (change(None, schema_version=2), "schema_version is 2; 1 is needed"),
         (change(None, board=None), "the board is 'None': an object"),
@@ -166,55 +186,55 @@ def change(part: str | None, **changes: Any) -> Callable[[dict[str, Any]], objec
         (change("board", pitch_m=10**400), "a number of metres is needed"),
         (change("board", dictionary=[]), "OpenCV has no dictionary '[]'"),
         (change(None, camera=[]), "camera is []; an object"),
-        (change("camera", width=0), "camera.width is 0; a number from 1 on is needed"),
-        (change("camera", width=10**9), "a number up to 16384 is needed"),
+        (change("camera", width=0), "camera.width is 0; a number of at least 1 is needed"),
+        (change("camera", width=10**9), "a number of at most 16384 is needed"),
         (change("camera", height=400.5), "height is 400.5; a whole number is needed"),
         (change("camera", height=True), "height is True; a whole number is needed"),
         (change("camera", K=[[1, 2], [3, 4]]), "K[0] is [1, 2]; a list of at least 3 is needed"),
         (change("camera", K=np.eye(3).T.tolist()[::-1]), "a pinhole matrix"),
-        (change("camera", K=[[800, 2, 640], [0, 800, 400], [0, 0, 1]]), "one with skew is not taken"),
+        (change("camera", K=[[800, 2, 640], [0, 800, 400], [0, 0, 1]]), "skew is not supported"),
         (change("camera", K=[[800, 0, 640], [2, 800, 400], [0, 0, 1]]), "a pinhole matrix"),
         (change("camera", K=(K * float("nan")).tolist()), "camera.K[0][0] is nan; a finite number is needed"),
         (
             change("camera", distortion=[0.1, 0.2]),
-            "distortion: OpenCV takes 0, 4, 5, 8, 12, 14 numbers, and there are 2",
+            "distortion: there are 2 coefficients; OpenCV needs 0, 4, 5, 8, 12 or 14",
         ),
         (change("camera", id=7), "camera.id is 7; text is needed"),
         (change(None, robot_serial=""), "robot_serial is ''"),
         (change(None, mounting="on the flange"), "'eye-in-hand' or 'eye-to-hand' is needed"),
-        (change(None, robot="20225500123"), "robot is not known here"),
-        (change(None, created="2026-01-31T12:00:00"), "created: '2026-01-31T12:00:00' lacks the time zone"),
-        (change(None, created="yesterday"), "created: 'yesterday' is no time"),
-        (change("camera", distorsion=[0.1] * 5), "camera.distorsion is not known here"),
+        (change(None, robot="20225500123"), "robot is unknown"),
+        (change(None, created="2026-01-31T12:00:00"), "created: '2026-01-31T12:00:00' has no time zone"),
+        (change(None, created="yesterday"), "created: 'yesterday' is not a time"),
+        (change("camera", distorsion=[0.1] * 5), "camera.distorsion is unknown"),
         (lambda document: document.pop("camera"), "camera is missing"),
         (lambda document: document["camera"].pop("K"), "K is missing"),
     ],
 )
-def test_a_senseless_setup_is_refused(tmp_path: Path, spoil: Callable[[dict[str, Any]], object], told: str) -> None:
+def test_an_invalid_setup_is_rejected(tmp_path: Path, spoil: Callable[[dict[str, Any]], object], expected: str) -> None:
     path = a_folder(tmp_path, "a") / "setup.json"
     document = json.loads(path.read_text())
     spoil(document)
     path.write_text(json.dumps(document))
     with pytest.raises(CalibrationFolderError) as refused:
         read_folder(tmp_path)
-    assert told in str(refused.value)
+    assert expected in str(refused.value)
     assert str(path) in str(refused.value)
 
 
-def test_folders_with_nothing_in_them(tmp_path: Path) -> None:
+def test_folders_without_views(tmp_path: Path) -> None:
     with pytest.raises(CalibrationFolderError, match="is not a folder"):
         read_folder(tmp_path / "none")
-    with pytest.raises(CalibrationFolderError, match=r"there is no .*setup\.json: it tells the board"):
+    with pytest.raises(CalibrationFolderError, match=r"there is no .*setup\.json: write the board"):
         read_folder(tmp_path)
     write_setup(tmp_path, SETUP)
-    with pytest.raises(CalibrationFolderError, match="no view that can be used: images and a JSON file"):
+    with pytest.raises(CalibrationFolderError, match="has no usable view: each view needs an image and a JSON file"):
         read_folder(tmp_path)
     (tmp_path / "a.png").write_bytes(b"")
-    with pytest.raises(CalibrationFolderError, match=r"a: there is no a\.json with the robot's pose"):
+    with pytest.raises(CalibrationFolderError, match=r"a: there is no a\.json with the flange pose"):
         read_folder(tmp_path)
 
 
-def test_nothing_senseless_is_written(tmp_path: Path) -> None:
+def test_nothing_invalid_is_written(tmp_path: Path) -> None:
     write_setup(tmp_path, SETUP)
     for name in ("", "../a", "a/b", ".a", "setup", "hand_eye", "observations", "a" * 101):
         with pytest.raises(CalibrationFolderError, match="cannot be named"):

@@ -1,4 +1,4 @@
-"""Stacks of poses: what the names promise, against products of matrices and differences."""
+"""Stacks of transforms, checked against matrix products and finite differences."""
 
 import numpy as np
 import pytest
@@ -19,15 +19,15 @@ from calibration.geometry.transforms import rotation_angle
 
 @pytest.fixture
 def poses() -> np.ndarray:
-    """(5, 4, 4) turned by up to about two radians."""
+    """(5, 4, 4) transforms with rotations of up to about two radians."""
     return pose_from_twist(np.random.default_rng(0).normal(0, 0.8, (5, 6)))
 
 
-def test_inverses_undo(poses: np.ndarray) -> None:
+def test_inverses(poses: np.ndarray) -> None:
     np.testing.assert_allclose(invert_poses(poses) @ poses, np.broadcast_to(np.eye(4), poses.shape), atol=1e-14)
 
 
-def test_motion_vectors_and_motions_undo_one_another(poses: np.ndarray) -> None:
+def test_twists_and_poses_are_inverse(poses: np.ndarray) -> None:
     np.testing.assert_allclose(pose_from_twist(twist_from_pose(poses)), poses, atol=1e-14)
 
 
@@ -36,7 +36,7 @@ def test_cross_matrix_is_the_cross_product() -> None:
     np.testing.assert_allclose((cross_matrix(a) @ b[..., None])[..., 0], np.cross(a, b), atol=1e-14)
 
 
-def test_adjoint_carries_small_motions_to_the_other_side(poses: np.ndarray) -> None:
+def test_adjoint_moves_small_changes_to_the_other_side(poses: np.ndarray) -> None:
     v = 1e-7 * np.random.default_rng(2).normal(size=(5, 6))
     carried = (adjoint(poses) @ v[..., None])[..., 0]
     # Second order of 1e-7.

@@ -1,4 +1,4 @@
-"""Rigid transforms form a group; whatever is none is refused."""
+"""Rigid transforms form a group; other matrices are rejected."""
 
 from typing import Any
 

@@ -1,4 +1,4 @@
-"""What no calibration is solved from, each with its own code and words that name the view."""
+"""Observations from which no calibration can be solved, each with its own code and a message that names the view."""
 
 from dataclasses import replace
 from typing import Any
@@ -11,7 +11,12 @@ from calibration.errors import HandEyeInputError
 from calibration.geometry.se3 import pose_from_twist
 from calibration.geometry.transforms import from_rotation_vector
 from calibration.input_checks.motion_diversity import motion_diversity
-from calibration.input_checks.observations import check_observations, check_poses, enough_corners, pose_from_vector
+from calibration.input_checks.observations import (
+    check_camera_moved,
+    check_observations,
+    enough_corners,
+    pose_from_vector,
+)
 from calibration.observations import Observations
 from tests.calibration.board_views import BOARD, orbit_plan, realistic_plan, record, with_poses
 
@@ -39,7 +44,7 @@ def turned(T: np.ndarray, rotations: Rotation) -> np.ndarray:
 
 def test_good_views_pass():
     check_observations(GOOD.observations)
-    check_poses(GOOD.T_base_flange, GOOD.T_camera_board)
+    check_camera_moved(GOOD.T_camera_board)
 
 
 @pytest.mark.parametrize("mounting", ["eye-in-hand", "eye-to-hand"])
@@ -82,15 +87,7 @@ def test_millimetres_of_the_robot():
     T[:, :3, 3] *= 1000
     error = refused(with_poses(GOOD.observations, T))
     assert error.slug == "millimetres"
-    assert "metres are needed" in str(error)
-
-
-def test_millimetres_of_the_board():
-    B = GOOD.T_camera_board.copy()
-    B[:, :3, 3] *= 1000
-    with pytest.raises(HandEyeInputError, match="T_camera_board") as caught:
-        check_poses(GOOD.T_base_flange, B)
-    assert caught.value.slug == "millimetres"
+    assert "give metres" in str(error)
 
 
 def test_seven_views_are_too_few():
@@ -148,7 +145,7 @@ def test_the_spread_of_known_turns():
     # About z by +-20 degrees and about x by +-6: rms 20 / sqrt(2) and 6 / sqrt(2).
     turns = np.radians([[0, 0, 20], [0, 0, -20], [6, 0, 0], [-6, 0, 0]])
     spread = motion_diversity(np.array([from_rotation_vector([0, 0, 0], turn) for turn in turns]))
-    assert np.degrees(spread.largest_rad) == pytest.approx(40, abs=1e-9)
+    assert np.degrees(spread.max_rotation_rad) == pytest.approx(40, abs=1e-9)
     # Turns do not quite add up, and of four the sample's deviation is larger than the set's by sqrt(4 / 3).
     assert np.degrees(spread.second_axis_rad) == pytest.approx(6 / np.sqrt(2) * np.sqrt(4 / 3), rel=0.02)
 
@@ -156,11 +153,11 @@ def test_the_spread_of_known_turns():
 @pytest.mark.parametrize(
     ("K", "why"),
     [
-        (np.diag([0.0, 800.0, 1.0]), "focal"),
+        (np.diag([0.0, 800.0, 1.0]), "focal lengths"),
         (np.array([[800.0, 0, 5000], [0, 800, 400], [0, 0, 1]]), "optical axis"),
         (np.array([[1600.0, 0, 1279], [0, 1600, 799], [0, 0, 1]]), "not near the middle of 1280 x 800"),
-        (np.array([[800.0, 0, 640], [0, 800, 400], [0, 0, 2]]), "numbers where"),
-        (np.array([[800.0, 0, 0], [0, 800, 0], [640, 400, 1]]), "numbers where"),
+        (np.array([[800.0, 0, 640], [0, 800, 400], [0, 0, 2]]), "does not have the form"),
+        (np.array([[800.0, 0, 0], [0, 800, 0], [640, 400, 1]]), "does not have the form"),
         (np.eye(4), "shape"),
     ],
 )
@@ -193,12 +190,6 @@ def test_corners_that_are_not_on_the_board():
 
 def test_two_views_of_one_name():
     assert refused(with_view(4, name="01")).slug == "repeated-names"
-
-
-def test_poses_that_do_not_pair():
-    with pytest.raises(HandEyeInputError, match="12 flange poses and 11 board poses") as caught:
-        check_poses(GOOD.T_base_flange, GOOD.T_camera_board[:11])
-    assert caught.value.slug == "unpaired"
 
 
 def test_a_rotation_vector_in_radians():
@@ -246,15 +237,9 @@ def test_a_camera_matrix_that_is_written_by_columns():
 def test_a_camera_that_the_robot_does_not_move():
     nearly_alike = GOOD.T_camera_board[:1] @ pose_from_twist(np.random.default_rng(0).normal(0, 3e-4, (12, 6)))
     for boards in (np.repeat(GOOD.T_camera_board[:1], 12, axis=0), nearly_alike):
-        with pytest.raises(HandEyeInputError, match="board turns by 0") as caught:
-            check_poses(GOOD.T_base_flange, boards)
+        with pytest.raises(HandEyeInputError, match="board rotates by 0") as caught:
+            check_camera_moved(boards)
         assert caught.value.slug == "camera-did-not-move"
-
-
-def test_names_of_another_number_than_poses():
-    with pytest.raises(HandEyeInputError, match="2 names and 12 poses") as caught:
-        check_poses(GOOD.T_base_flange, GOOD.T_camera_board, ("a", "b"))
-    assert caught.value.slug == "unpaired"
 
 
 def test_a_mounting_that_is_none():

@@ -1,4 +1,4 @@
-"""The board's pose in each picture by itself."""
+"""Board poses, each estimated from its own image."""
 
 from dataclasses import replace
 
@@ -23,7 +23,7 @@ def test_noise_shows_as_reprojection_error() -> None:
     assert np.sqrt(np.mean(found.rms_px**2)) == pytest.approx(0.2 * np.sqrt(1 - 6 / 140), rel=0.05)
 
 
-def test_a_misplaced_corner_is_left_out_and_does_no_harm() -> None:
+def test_a_misplaced_corner_is_excluded() -> None:
     recorded = record(3, 8, NOISE_FREE)
     views = list(recorded.observations.views)
     pixels = views[2].pixels.copy()
@@ -31,7 +31,7 @@ def test_a_misplaced_corner_is_left_out_and_does_no_harm() -> None:
     views[2] = replace(views[2], pixels=pixels)
     found = estimate_board_poses(stack_corners(replace(recorded.observations, views=tuple(views))))
     np.testing.assert_allclose(found.T_camera_board[2], recorded.T_camera_board[2], atol=1e-10)
-    assert list(np.flatnonzero(~found.good[2])) == [views[2].ids[10]]
+    assert list(np.flatnonzero(~found.inliers[2])) == [views[2].ids[10]]
 
 
 def test_corners_in_a_line_and_too_few_give_none() -> None:

@@ -1,15 +1,15 @@
-"""Views of boards that look alike from several sides, numbered from any of them, come out numbered alike."""
+"""Views of symmetric boards, numbered from any corner, get a consistent numbering."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from calibration.dataset.detect_views import make_views_consistent
 from calibration.dataset.setup import Setup
+from calibration.dataset.view_detection import make_views_consistent
 from calibration.geometry.transforms import from_rotation_vector
 from calibration.observations import Mounting, Observations
-from calibration.pose_estimation.corner_disambiguation import make_numbering_consistent, number_nearest_prediction
+from calibration.pose_estimation.corner_disambiguation import make_numbering_consistent, renumber_to_prediction
 from calibration.target.board import Board
 from calibration.target.corner_ordering import symmetric_numberings
 from tests.calibration.board_views import record
@@ -18,8 +18,8 @@ DOTS = Board(kind="circles", columns=7, rows=7, pitch_m=0.02)
 SQUARES = Board(kind="checkerboard", columns=9, rows=7, pitch_m=0.02)
 
 
-def numbered_anyhow(observations: Observations, seed: int) -> tuple[Observations, np.ndarray]:
-    """Each view numbered from any side that the board allows, and from which."""
+def randomly_numbered(observations: Observations, seed: int) -> tuple[Observations, np.ndarray]:
+    """Each view with a random numbering that the board allows, and the chosen numberings."""
     possible = symmetric_numberings(observations.board)
     chosen = np.random.default_rng(seed).integers(0, len(possible), len(observations.views))
     views = (
@@ -30,10 +30,10 @@ def numbered_anyhow(observations: Observations, seed: int) -> tuple[Observations
 
 @pytest.mark.parametrize("mounting", ["eye-in-hand", "eye-to-hand"])
 @pytest.mark.parametrize("board", [DOTS, SQUARES])
-def test_all_are_numbered_alike(board: Board, mounting: Mounting) -> None:
+def test_all_views_get_the_same_numbering(board: Board, mounting: Mounting) -> None:
     for seed in range(5):
         given = record(seed, 12, board=board, mounting=mounting).observations
-        shuffled, _ = numbered_anyhow(given, seed)
+        shuffled, _ = randomly_numbered(given, seed)
         got = make_numbering_consistent(shuffled, [False] * 12)
         # Any of the board's numberings will do, the same in all.
         fitting = [
@@ -45,10 +45,11 @@ def test_all_are_numbered_alike(board: Board, mounting: Mounting) -> None:
 
 
 @pytest.mark.parametrize("board", [DOTS, SQUARES])
-def test_views_held_out_are_numbered_as_those_that_are_solved_from(board: Board) -> None:
+def test_held_out_views_get_the_same_numbering(board: Board) -> None:
     given = record(6, 14, board=board).observations
-    shuffled, _ = numbered_anyhow(given, 6)
-    solved_from, held_out = make_views_consistent(Setup.of(given), shuffled.views, [False] * 14, {"03", "14"})
+    shuffled, _ = randomly_numbered(given, 6)
+    setup = Setup.from_observations(given)
+    solved_from, held_out = make_views_consistent(setup, shuffled.views, [False] * 14, {"03", "14"})
     assert [view.name for view in held_out.views] == ["03", "14"]
     got = {view.name: view for view in (*solved_from.views, *held_out.views)}
     assert len(got) == 14
@@ -61,20 +62,20 @@ def test_views_held_out_are_numbered_as_those_that_are_solved_from(board: Board)
 
 
 @pytest.mark.parametrize("board", [DOTS, SQUARES])
-def test_numbered_by_where_the_board_is_taken_to_be(board: Board) -> None:
+def test_numbering_follows_the_predicted_pose(board: Board) -> None:
     recorded = record(7, 8, board=board)
-    shuffled, chosen = numbered_anyhow(recorded.observations, 8)
+    shuffled, chosen = randomly_numbered(recorded.observations, 8)
     assert len(set(chosen)) > 1
     # Turned by 20 degrees from where it is: less than half of the least turn that the board allows.
     off = from_rotation_vector((0.01, 0, 0), np.radians((0, 0, 20)))
-    got = number_nearest_prediction(shuffled, recorded.T_camera_board @ off)
+    got = renumber_to_prediction(shuffled, recorded.T_camera_board @ off)
     for a, b in zip(recorded.observations.views, got.views, strict=True):
         np.testing.assert_array_equal(a.ids, b.ids)
 
 
-def test_views_that_are_certain_decide() -> None:
+def test_views_with_a_unique_numbering_decide() -> None:
     given = record(3, 12, board=DOTS).observations
-    shuffled, chosen = numbered_anyhow(given, 3)
+    shuffled, chosen = randomly_numbered(given, 3)
     got = make_numbering_consistent(shuffled, list(chosen == 0))
     assert 0 < (chosen == 0).sum() < 12
     for a, b in zip(given.views, got.views, strict=True):
@@ -83,7 +84,7 @@ def test_views_that_are_certain_decide() -> None:
 
 def test_a_stale_pose_spoils_no_other_view() -> None:
     given = record(4, 12, board=DOTS).observations
-    shuffled, _ = numbered_anyhow(given, 4)
+    shuffled, _ = randomly_numbered(given, 4)
     views = list(shuffled.views)
     views[5] = replace(views[5], T_base_flange=views[4].T_base_flange)
     got = make_numbering_consistent(replace(shuffled, views=tuple(views)), [False] * 12)
@@ -95,6 +96,6 @@ def test_a_stale_pose_spoils_no_other_view() -> None:
     assert len(fitting) == 1
 
 
-def test_a_board_with_a_first_corner_is_left_alone() -> None:
+def test_a_board_without_symmetry_is_unchanged() -> None:
     given = record(1, 10).observations
     assert make_numbering_consistent(given, [False] * 10) is given

@@ -1,4 +1,4 @@
-"""Several pictures from one pose of the arm share its error: one of them counts, and the others are named."""
+"""Views from one robot pose share its error: one of them counts, and the others are named."""
 
 from dataclasses import replace
 
@@ -7,18 +7,18 @@ import pytest
 
 from calibration.errors import HandEyeInputError
 from calibration.geometry.transforms import from_rotation_vector
-from calibration.hand_eye import solve_hand_eye, solve_poses
+from calibration.hand_eye import solve_hand_eye
 from calibration.observations import BoardView, Observations
-from calibration.pose_estimation.duplicate_poses import number_poses
+from calibration.pose_estimation.duplicate_poses import group_equal_poses
 from tests.calibration.board_views import Noise, realistic_plan, record, squared_error_in_sigmas
 
 WORN = Noise(robot_m=3e-4, robot_rad=float(np.radians(0.06)))
-"""An arm three times worse than usual: its error, and not the pictures', decides."""
+"""A robot three times worse than usual, so that its error dominates."""
 
 
 def repeated(observations: Observations, times: int, seed: int = 0) -> Observations:
-    """Every view `times` times, one after the other: corners found anew, and the pose read anew from an arm at rest,
-    some hundredths of a millimetre and thousandths of a degree off."""
+    """Every view `times` times, one after the other: corners detected again, and the pose read again from a robot at
+    rest, some hundredths of a millimetre and thousandths of a degree off."""
     rng = np.random.default_rng(seed)
 
     def again(view: BoardView, k: int) -> BoardView:
@@ -30,7 +30,7 @@ def repeated(observations: Observations, times: int, seed: int = 0) -> Observati
     return replace(observations, views=tuple(views))
 
 
-def test_which_poses_are_one() -> None:
+def test_equal_poses_are_grouped() -> None:
     pose = from_rotation_vector((0.4, 0.1, 0.5), (2.2, -2.0, 0.3))
     moves = [
         ((0.0, 0.0, 0.0), 0.0),
@@ -41,10 +41,10 @@ def test_which_poses_are_one() -> None:
         ((2e-3, 0.0, 1e-4), 0.0),
     ]
     poses = np.array([pose @ from_rotation_vector(off_m, (0.0, np.radians(turn), 0.0)) for off_m, turn in moves])
-    assert number_poses(poses).tolist() == [0, 0, 2, 3, 0, 2]
+    assert group_equal_poses(poses).tolist() == [0, 0, 2, 3, 0, 2]
 
 
-def test_pictures_from_one_pose_do_not_make_it_surer() -> None:
+def test_views_from_one_pose_do_not_reduce_the_covariance() -> None:
     squares = []
     for seed in range(10):
         recorded = record(seed, 10, WORN, realistic_plan)
@@ -57,7 +57,7 @@ def test_pictures_from_one_pose_do_not_make_it_surer() -> None:
     assert np.mean(squares) < 12.0
 
 
-def test_the_others_are_named() -> None:
+def test_duplicates_are_named() -> None:
     observations = record(2, 10, WORN, realistic_plan).observations
     views = repeated(observations, 2).views
     views = (replace(views[0], ids=views[0].ids[:40], pixels=views[0].pixels[:40]), *views[1:])
@@ -65,12 +65,12 @@ def test_the_others_are_named() -> None:
     assert [view.name for view in result.views] == [view.name for view in views]
     # The one with more corners is solved from.
     assert [view.name for view in result.views if not view.used] == ["01", *(f"{k:02d}_1" for k in range(2, 11))]
-    assert "the arm stood as in view 01_1" in (result.views[0].reason or "")
-    assert "the arm stood as in view 02" in (result.views[3].reason or "")
-    assert (result.views[0].corners, result.views[0].left_out_m) == (40, None)
+    assert "the robot pose is the same as in view 01_1" in (result.views[0].reason or "")
+    assert "the robot pose is the same as in view 02" in (result.views[3].reason or "")
+    assert (result.views[0].corners, result.views[0].loo_error_m) == (40, None)
 
 
-def test_many_pictures_from_one_pose_do_not_outvote_the_others() -> None:
+def test_many_views_from_one_pose_do_not_outvote_the_others() -> None:
     recorded = record(3, 12, plan=realistic_plan)
     views = recorded.observations.views
     crowd = repeated(replace(recorded.observations, views=views[:1]), 40).views
@@ -82,16 +82,3 @@ def test_too_few_are_counted_by_poses() -> None:
     observations = record(4, 7, plan=realistic_plan).observations
     with pytest.raises(HandEyeInputError, match="7 different poses for 28 views"):
         solve_hand_eye(repeated(observations, 4))
-
-
-def test_of_poses_alone_the_first_counts() -> None:
-    recorded = record(5, 12, WORN, realistic_plan)
-    T, boards, names = recorded.T_base_flange, recorded.T_camera_board, tuple("abcdefghijkl")
-    once = solve_poses(T, boards, names=names)
-    twice = solve_poses(
-        np.concatenate([T, T]), np.concatenate([boards, boards]), names=(*names, *(2 * name for name in names))
-    )
-    np.testing.assert_array_equal(twice.X, once.X)
-    np.testing.assert_array_equal(twice.covariance, once.covariance)
-    assert twice.views[:12] == once.views
-    assert "the arm stood as in view a," in (twice.views[12].reason or "")

@@ -1,4 +1,4 @@
-"""Pixels are straightened exactly, also those at the edge of a picture that a strong lens distorts."""
+"""Undistortion is exact, also at the edge of an image with strong lens distortion."""
 
 from dataclasses import replace
 
@@ -21,7 +21,7 @@ BOARD = Board(kind="checkerboard", columns=41, rows=27, pitch_m=0.02)
         (600.0, [5.2, 3.1, 0.0, 0.0, 0.15, 5.5, 4.6, 0.8]),
     ],
 )
-def test_what_is_straightened_is_distorted_again_to_where_it_was(focal: float, distortion: list[float]) -> None:
+def test_distortion_inverts_undistortion(focal: float, distortion: list[float]) -> None:
     import cv2
 
     K = np.array([[focal, 0.0, 639.5], [0.0, focal, 399.5], [0.0, 0.0, 1.0]])

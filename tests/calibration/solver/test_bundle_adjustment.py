@@ -1,4 +1,4 @@
-"""The adjustment's derivatives, noise levels and predictions of each view by the others."""
+"""Bundle adjustment: derivatives, noise levels, convergence, and leave-one-out predictions."""
 
 import itertools
 from dataclasses import replace
@@ -8,34 +8,34 @@ import pytest
 
 from calibration.observations import Mounting
 from calibration.pose_estimation.board_pose import estimate_board_poses
-from calibration.pose_estimation.projection import LENS, reprojection, stack_corners
+from calibration.pose_estimation.projection import N_LENS, reprojection_residuals, stack_corners
 from calibration.solver.bundle_adjustment import Adjustment, adjust
 from calibration.solver.cross_validation import cross_validate
 from calibration.solver.noise import NoiseLevel, NoisePriors
 from calibration.solver.problem import (
-    SHARED,
-    CornerTerms,
+    N_SHARED,
+    LinearisedCorners,
     NormalEquations,
     Problem,
     Unknowns,
-    corner_terms,
-    normal_equations,
+    build_normal_equations,
+    linearise_corners,
 )
 from tests.calibration.board_views import Noise, Recorded, error_of, record
 
 MOUNTINGS: list[Mounting] = ["eye-in-hand", "eye-to-hand"]
 
 
-def problem_of(recorded: Recorded, assumed: NoisePriors | None = None) -> Problem:
+def problem_of(recorded: Recorded, priors: NoisePriors | None = None) -> Problem:
     observations = recorded.observations
-    return Problem(stack_corners(observations), recorded.T_base_flange, observations.mounting, assumed or NoisePriors())
+    return Problem(stack_corners(observations), recorded.T_base_flange, observations.mounting, priors or NoisePriors())
 
 
 def adjusted_of(recorded: Recorded, problem: Problem, used: np.ndarray | None = None) -> Adjustment:
     count = len(recorded.T_camera_board)
-    start = Unknowns(recorded.X, recorded.Y, np.zeros((count, 6)), np.zeros(LENS))
+    start = Unknowns(recorded.X, recorded.Y, np.zeros((count, 6)), np.zeros(N_LENS))
     used = np.ones(count, dtype=bool) if used is None else used
-    return adjust(problem, start, used, problem.corners.seen, problem.assumed.noise)
+    return adjust(problem, start, used, problem.corners.seen, problem.priors.noise)
 
 
 @pytest.mark.parametrize("mounting", MOUNTINGS)
@@ -45,27 +45,27 @@ def test_derivatives_are_those_of_differences(mounting: Mounting) -> None:
     rng = np.random.default_rng(0)
     # Away from zero, so that every term matters.
     errors = np.concatenate([rng.normal(0, 0.003, (4, 3)), rng.normal(0, 0.001, (4, 3))], axis=1)
-    unknowns = Unknowns(recorded.X, recorded.Y, errors, rng.normal(0, 0.003, LENS))
+    unknowns = Unknowns(recorded.X, recorded.Y, errors, rng.normal(0, 0.003, N_LENS))
 
     def residuals(errors_step: np.ndarray, shared: np.ndarray) -> np.ndarray:
-        moved = unknowns.moved(shared, np.tile(errors_step, (4, 1)))
-        return reprojection(moved.T_camera_board(problem), moved.lens, problem.corners)[0].reshape(4, -1)
+        moved = unknowns.add_step(shared, np.tile(errors_step, (4, 1)))
+        return reprojection_residuals(moved.T_camera_board(problem), moved.lens, problem.corners)[0].reshape(4, -1)
 
     step = 1e-6
     columns = []
-    for k in range(6 + SHARED):
-        v = step * np.eye(6 + SHARED)[k]
+    for k in range(6 + N_SHARED):
+        v = step * np.eye(6 + N_SHARED)[k]
         # Residuals are what was seen less what was predicted: the prediction's derivative has the other sign.
         columns.append((residuals(-v[:6], -v[6:]) - residuals(v[:6], v[6:])) / (2 * step))
     J = np.stack(columns, axis=2)
-    measured = corner_terms(problem, unknowns, problem.corners.seen)
+    corners = linearise_corners(problem, unknowns, problem.corners.seen)
     expected = J.swapaxes(1, 2) @ J
     scale = np.sqrt(np.einsum("nii->ni", expected))
     scale = scale[:, :, None] * scale[:, None]
     # Central differences of 1e-6, and a series of the rotation's derivative cut at 1e-5 cubed.
-    np.testing.assert_allclose(measured.information / scale, expected / scale, atol=1e-6)
-    pull = (J.swapaxes(1, 2) @ residuals(np.zeros(6), np.zeros(SHARED))[..., None])[..., 0]
-    np.testing.assert_allclose(measured.pull, pull, rtol=1e-5, atol=1e-4 * np.abs(pull).max())
+    np.testing.assert_allclose(corners.H / scale, expected / scale, atol=1e-6)
+    pull = (J.swapaxes(1, 2) @ residuals(np.zeros(6), np.zeros(N_SHARED))[..., None])[..., 0]
+    np.testing.assert_allclose(corners.g, pull, rtol=1e-5, atol=1e-4 * np.abs(pull).max())
 
 
 @pytest.mark.parametrize("mounting", MOUNTINGS)
@@ -84,33 +84,33 @@ def test_noise_levels_are_found(mounting: Mounting) -> None:
     assert robot_rad == pytest.approx(np.radians(0.05), rel=0.15)
 
 
-def test_noise_that_is_told_stays() -> None:
+def test_fixed_noise_levels_stay() -> None:
     recorded = record(1, 12)
-    assumed = NoisePriors(pixel_px=0.5, robot_m=1e-9, robot_rad=1e-9, estimate_noise=False)
-    adjusted = adjusted_of(recorded, problem_of(recorded, assumed))
-    assert adjusted.noise == assumed.noise
+    priors = NoisePriors(pixel_px=0.5, robot_m=1e-9, robot_rad=1e-9, estimate_noise=False)
+    adjusted = adjusted_of(recorded, problem_of(recorded, priors))
+    assert adjusted.noise == priors.noise
     # A robot that is never wrong: all differences are the pixels'.
-    assert np.abs(adjusted.unknowns.errors).max() < 1e-9
-    assert adjusted.linearised.squares.sum() / (2 * problem_of(recorded).corners.seen.sum()) > 0.2**2
+    assert np.abs(adjusted.unknowns.robot_errors).max() < 1e-9
+    assert adjusted.normal_equations.squares_px2.sum() / (2 * problem_of(recorded).corners.seen.sum()) > 0.2**2
 
 
 @pytest.mark.parametrize("mounting", MOUNTINGS)
-def test_leaving_out_in_one_step_is_like_solving_anew(mounting: Mounting) -> None:
+def test_leave_one_out_in_one_step_equals_another_adjustment(mounting: Mounting) -> None:
     recorded = record(2, 12, mounting=mounting)
     # With the noise held, as the one step does.
     problem = problem_of(recorded, NoisePriors(estimate_noise=False))
-    alone = estimate_board_poses(problem.corners)
-    quick = cross_validate(problem, alone, adjusted_of(recorded, problem))
+    board_poses = estimate_board_poses(problem.corners)
+    quick = cross_validate(problem, board_poses, adjusted_of(recorded, problem))
     for k in (0, 5, 11):
         used = np.arange(12) != k
-        slow = cross_validate(problem, alone, adjusted_of(recorded, problem, used))
+        slow = cross_validate(problem, board_poses, adjusted_of(recorded, problem, used))
         # Second order of corrections of some 1e-4.
-        np.testing.assert_allclose(quick.errors[k], slow.errors[k], atol=2e-6)
-        assert quick.off_m[k] == pytest.approx(slow.off_m[k], abs=2e-6)
+        np.testing.assert_allclose(quick.robot_errors[k], slow.robot_errors[k], atol=2e-6)
+        assert quick.loo_error_m[k] == pytest.approx(slow.loo_error_m[k], abs=2e-6)
         assert quick.squares[k] == pytest.approx(slow.squares[k], rel=0.02)
 
 
-def test_left_out_squares_are_those_of_six_numbers() -> None:
+def test_leave_one_out_squares_are_those_of_six_numbers() -> None:
     squares = []
     for seed in range(10):
         recorded = record(seed, 16)
@@ -122,7 +122,7 @@ def test_left_out_squares_are_those_of_six_numbers() -> None:
     assert np.mean(squares) == pytest.approx(6.0, abs=1.2)
 
 
-def test_bad_corners_in_a_good_view_are_left_out() -> None:
+def test_bad_corners_in_a_good_view_are_excluded() -> None:
     from calibration.hand_eye import solve_hand_eye
 
     recorded = record(3, 15)
@@ -150,22 +150,22 @@ def test_a_step_to_where_there_is_no_cost_is_not_taken() -> None:
     np.testing.assert_array_equal(adjusted.unknowns.X, recorded.X)
 
 
-def test_whether_it_settled_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_convergence_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
     recorded = record(3, 12, Noise())
     problem = problem_of(recorded)
-    assert adjusted_of(recorded, problem).settled
-    monkeypatch.setattr("calibration.solver.bundle_adjustment.STEPS", 1)
-    assert not adjusted_of(recorded, problem).settled
+    assert adjusted_of(recorded, problem).converged
+    monkeypatch.setattr("calibration.solver.bundle_adjustment.MAX_STEPS", 1)
+    assert not adjusted_of(recorded, problem).converged
 
 
-def test_where_no_step_leads_on_it_is_not_settled(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_a_step_that_decreases_the_cost_it_has_not_converged(monkeypatch: pytest.MonkeyPatch) -> None:
     recorded = record(3, 12, Noise())
     problem = problem_of(recorded)
 
     costs = itertools.count(1.0)
 
-    def worse(problem: Problem, measured: CornerTerms, used: np.ndarray, noise: NoiseLevel) -> NormalEquations:
-        return replace(normal_equations(problem, measured, used, noise), cost=next(costs))
+    def worse(problem: Problem, corners: LinearisedCorners, used: np.ndarray, noise: NoiseLevel) -> NormalEquations:
+        return replace(build_normal_equations(problem, corners, used, noise), cost=next(costs))
 
-    monkeypatch.setattr("calibration.solver.bundle_adjustment.normal_equations", worse)
-    assert not adjusted_of(recorded, problem).settled
+    monkeypatch.setattr("calibration.solver.bundle_adjustment.build_normal_equations", worse)
+    assert not adjusted_of(recorded, problem).converged

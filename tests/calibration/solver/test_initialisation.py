@@ -1,4 +1,4 @@
-"""The first solution, from poses of which many are wrong or that determine little."""
+"""Initial guess from poses of which many are wrong, or that determine little."""
 
 import numpy as np
 import pytest
@@ -19,7 +19,7 @@ def test_exact_poses_give_the_exact_solution() -> None:
 
 
 @pytest.mark.parametrize("wrong", [1, 4, 7])
-def test_wrong_poses_are_told_from_right_ones(wrong: int) -> None:
+def test_wrong_poses_are_distinguished_from_right_ones(wrong: int) -> None:
     for seed in range(10):
         recorded = record(seed, 16)
         rng = np.random.default_rng(seed)

@@ -13,10 +13,10 @@ from hypothesis import strategies as st
 
 from calibration.errors import (
     HandEyeError,
+    HandEyeFutureDateError,
     HandEyeInvalidError,
     HandEyeMismatchError,
     HandEyeMissingError,
-    HandEyeOfTheFutureError,
     HandEyeStaleError,
     HandEyeUnreadableError,
 )
@@ -130,7 +130,7 @@ def test_a_clock_may_be_a_day_ahead_not_two(tmp_path: Path) -> None:
     write_hand_eye(path, T, created=NOW + timedelta(days=1))
     assert load(path).created is not None
     write_hand_eye(path, T, created=NOW + timedelta(days=2))
-    with pytest.raises(HandEyeOfTheFutureError, match="2026-03-03T12:00:00"):
+    with pytest.raises(HandEyeFutureDateError, match="2026-03-03T12:00:00"):
         load(path)
 
 
@@ -172,11 +172,11 @@ def moved(metres: float) -> dict[str, list[float]]:
         ({"T_flange_camera": np.diag([1.1, 1.1, 1.1, 1.0]).tolist()}, "not rigid"),
         ({"T_flange_camera": "identity"}, "T_flange_camera: a 4x4 matrix or"),
         ({"T_flange_camera": None}, "T_flange_camera: a 4x4 matrix or"),
-        ({"T_flange_camera": moved(65.0)}, "65 m from the flange; up to 1 m is taken: metres are needed, and these"),
+        ({"T_flange_camera": moved(65.0)}, "65 m from the flange, and at most 1 m is accepted: give metres; these"),
         ({"T_flange_camera": from_rotation_vector((30, -60, 50), (0, 0, 0)).tolist()}, "look like millimetres"),
-        ({"created": "yesterday"}, "created: 'yesterday' is no time; one as"),
-        ({"created": 1767225600}, "created: '1767225600' is no time; one as"),
-        ({"created": "2026-02-01T12:00:00"}, "lacks the time zone"),
+        ({"created": "yesterday"}, "created: 'yesterday' is not a time; write it as"),
+        ({"created": 1767225600}, "created: '1767225600' is not a time; write it as"),
+        ({"created": "2026-02-01T12:00:00"}, "has no time zone"),
         ({"camera_id": 19443010}, "camera_id is 19443010; text is needed"),
         ({"robot_serial": ""}, "robot_serial is ''"),
     ],
@@ -199,7 +199,7 @@ def test_what_is_no_json_object_is_refused(tmp_path: Path, content: bytes) -> No
 
 
 def test_a_file_that_is_not_there(tmp_path: Path) -> None:
-    with pytest.raises(HandEyeMissingError, match=r"no hand-eye calibration .*none\.json: calibrate, or name"):
+    with pytest.raises(HandEyeMissingError, match=r"no hand-eye calibration .*none\.json: calibrate, or set"):
         load(tmp_path / "none.json")
 
 

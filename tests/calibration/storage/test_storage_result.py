@@ -12,17 +12,25 @@ import pytest
 from calibration.dataset.observations_file import load_observations
 from calibration.errors import (
     CalibrationFolderError,
+    HandEyeFutureDateError,
     HandEyeInvalidError,
     HandEyeMismatchError,
     HandEyeMissingError,
-    HandEyeOfTheFutureError,
     HandEyeRefusedError,
     HandEyeStaleError,
 )
 from calibration.geometry.transforms import from_rotation_vector
 from calibration.observations import BoardView, Observations
 from calibration.result import Finding, HandEyeResult, ViewReport
-from calibration.storage.hand_eye_file import HandEye, activate, load_hand_eye, write_hand_eye, write_result
+from calibration.storage.document import record_document
+from calibration.storage.hand_eye_file import (
+    HandEye,
+    activate,
+    load_hand_eye,
+    previous_path,
+    write_hand_eye,
+    write_result,
+)
 from calibration.target.board import Board
 
 NOW = datetime(2026, 3, 1, 12, 0, 0, tzinfo=UTC)
@@ -52,8 +60,8 @@ def result(*findings: Finding, **changes: Any) -> HandEyeResult:
         pixel_sigma_px=0.11,
         robot_sigma_m=1.1e-4,
         robot_sigma_rad=3e-4,
-        left_out_m=5e-4,
-        eight_views_m=7e-4,
+        loo_error_m=5e-4,
+        repeatability_95_m=7e-4,
         views=(ViewReport("one", True, None, 48, 0.1, 1e-4, 3e-4, 5e-4, 0.4),),
         findings=findings,
     )
@@ -95,9 +103,20 @@ def test_a_solved_calibration_is_read_again(tmp_path: Path) -> None:
     assert got.K is not None
     np.testing.assert_array_equal(got.K, result().K)
     assert (got.board, got.board_scale, got.verdict, got.findings) == (BOARD, 1.0002, "accept", ())
-    assert (got.robot_sigma_m, got.robot_sigma_rad, got.eight_views_m) == (1.1e-4, 3e-4, 7e-4)
+    assert (got.robot_sigma_m, got.robot_sigma_rad, got.repeatability_95_m) == (1.1e-4, 3e-4, 7e-4)
     assert (got.created, got.camera_id, got.robot_serial, got.warnings) == (NOW, "19443010", "20225500123", ())
     assert sorted(file.name for file in tmp_path.iterdir()) == ["hand_eye.json", "observations.json"]
+
+
+def test_paths_may_be_strings(tmp_path: Path) -> None:
+    path, active = str(tmp_path / "hand_eye.json"), str(tmp_path / "active" / "hand_eye.json")
+    write_result(path, result(), seen("one", "two"))
+    assert load_hand_eye(path, 90.0, NOW).camera_id == "19443010"
+    activate(path, active)
+    write_hand_eye(path, X, created=NOW)
+    activate(path, active)
+    assert previous_path(active) == tmp_path / "active" / "hand_eye.previous.json"
+    assert previous_path(active).exists()
 
 
 def test_the_file_says_in_which_frame_the_covariance_is(tmp_path: Path) -> None:
@@ -113,13 +132,13 @@ def test_the_file_says_in_which_frame_the_covariance_is(tmp_path: Path) -> None:
 def test_warnings_go_with_the_calibration(tmp_path: Path) -> None:
     got = load(written(tmp_path, result(WARNING)))
     assert (got.verdict, got.findings) == ("warn", (WARNING,))
-    assert WARNING.words in got.warnings
+    assert WARNING.message in got.warnings
 
 
 def test_a_refused_calibration_is_written_and_never_loaded(tmp_path: Path) -> None:
     nothing = np.full((4, 4), np.nan)
     path = tmp_path / "hand_eye.json"
-    bad = result(WARNING, REFUSAL, X=nothing, covariance=np.full((6, 6), np.nan), eight_views_m=float("inf"))
+    bad = result(WARNING, REFUSAL, X=nothing, covariance=np.full((6, 6), np.nan), repeatability_95_m=float("inf"))
     write_result(path, bad, seen("one"))
     assert json.loads(path.read_text())["T_flange_camera"] is None
     with pytest.raises(HandEyeRefusedError, match=r"was refused when it was solved: views disagree by 4 mm") as refused:
@@ -131,7 +150,7 @@ def test_a_refused_calibration_is_written_and_never_loaded(tmp_path: Path) -> No
 @pytest.mark.parametrize(
     ("changes", "told"),
     [
-        ({"findings": [vars(WARNING), vars(REFUSAL)]}, "views disagree by 4 mm"),
+        ({"findings": [record_document(WARNING), record_document(REFUSAL)]}, "views disagree by 4 mm"),
         ({"verification": {"passed": False, "words": "the board appears 9 mm off", "views": [{}]}}, "appears 9 mm off"),
         ({"verdict": "refuse"}, "the file does not say why"),
     ],
@@ -170,7 +189,7 @@ def changed(matrix: np.ndarray, row: int, column: int, value: float) -> dict[str
 @pytest.mark.parametrize(
     ("changes", "told"),
     [
-        ({"covariance": changed(covariance(), 0, 1, 1e-3)}, "covariance.matrix: it is no covariance"),
+        ({"covariance": changed(covariance(), 0, 1, 1e-3)}, "covariance.matrix: this is not a covariance"),
         ({"covariance": changed(covariance(), 5, 5, -1e-8)}, "symmetric and positive definite"),
         ({"covariance": {"matrix": np.zeros((6, 6)).tolist()}}, "symmetric and positive definite"),
         ({"covariance": {"matrix": np.ones((6, 6)).tolist()}}, "symmetric and positive definite"),
@@ -187,7 +206,7 @@ def changed(matrix: np.ndarray, row: int, column: int, value: float) -> dict[str
         ({"covariance": {"matrix": covariance().tolist(), "units": ["deg"] * 3 + ["mm"] * 3}}, "its units is"),
         ({"covariance": {"matrix": covariance().tolist(), "side": "left"}}, "its side is 'left'"),
         ({"joint_covariance": np.eye(6).tolist()}, "joint_covariance[0] is [1.0, 0.0, "),
-        ({"joint_covariance": (np.eye(12) - np.ones((12, 12)) / 10).tolist()}, "no covariance of 12 or 17 errors"),
+        ({"joint_covariance": (np.eye(12) - np.ones((12, 12)) / 10).tolist()}, "not a covariance of 12 or 17 errors"),
         ({"intrinsics": {"K": [[800, 1, 640], [0, 800, 400], [0, 0, 1]]}}, "intrinsics.K: a pinhole matrix"),
         ({"intrinsics": {"K": np.zeros((3, 3)).tolist()}}, "intrinsics.K: a pinhole matrix"),
         ({"verdict": "good"}, "verdict is 'good'"),
@@ -195,9 +214,9 @@ def changed(matrix: np.ndarray, row: int, column: int, value: float) -> dict[str
         ({"findings": 3}, "findings is 3; a list"),
         ({"findings": ["bad"]}, "findings[0] is 'bad'; an object"),
         ({"T_base_board": np.diag([1.0, 1.0, -1.0, 1.0]).tolist()}, "T_base_board: the transform is mirrored"),
-        ({"board": {"kind": "charuco", "columns": 9}}, "the board does not tell dictionary"),
+        ({"board": {"kind": "charuco", "columns": 9}}, "the board has no dictionary"),
         ({"board": BOARD.to_json() | {"pitch_m": 25, "scale": 1.0}}, "looks like millimetres"),
-        ({"metrics": {"robot_sigma_m": -1.0}}, "robot_sigma_m is -1.0; a number from 0 on is needed"),
+        ({"metrics": {"robot_sigma_m": -1.0}}, "robot_sigma_m is -1.0; a number of at least 0 is needed"),
         ({"metrics": {"eight_views_m": "1 mm"}}, "eight_views_m is '1 mm'; a number is needed"),
         ({"intrinsics": {"K": [1, 2, 3]}}, "K[0] is 1; a list"),
         ({"T_flange_camera": None}, "T_flange_camera"),
@@ -248,14 +267,14 @@ def test_observations_are_read_again_to_the_last_digit(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("changes", "told"),
     [
-        ({"ids": [0, 3, 4, 11, 12, len(BOARD.points)]}, "not numbers of corners, each once from 0 to"),
-        ({"ids": [0, 3, 4, 11, 12, 12]}, "not numbers of corners"),
+        ({"ids": [0, 3, 4, 11, 12, len(BOARD.points)]}, "not different corner numbers from 0 to"),
+        ({"ids": [0, 3, 4, 11, 12, 12]}, "not different corner numbers"),
         ({"ids": [0, 3, 4, 11, 12, 1.5]}, "ids[5] is 1.5; a whole number is needed"),
         ({"ids": [0]}, "1 ids and 6 pixels"),
         ({"pixels": [[1, 2, 3]]}, "views[0].pixels[0] is [1, 2, 3]; a list of at most 2 is needed"),
         ({"pixels": [[1e999, 0]] * 6}, "a finite number is needed"),
         ({"name": ""}, "name is ''"),
-        ({"name": "two"}, "two views 'two'"),
+        ({"name": "two"}, "two views named 'two'"),
         ({"held_out": 1}, "true or false is needed"),
         ({"T_base_flange": np.diag([2.0, 2, 2, 1]).tolist()}, "not rigid"),
         ({"corner_sigma_px": "good"}, "corner_sigma_px is 'good'; a number is needed"),
@@ -318,7 +337,7 @@ def test_what_cannot_be_used_is_not_activated(tmp_path: Path) -> None:
         activate(written(tmp_path / "run", result(), T_flange_camera=[1, 2]), active)
     with pytest.raises(HandEyeMissingError):
         activate(tmp_path / "run" / "none.json", active)
-    with pytest.raises(HandEyeOfTheFutureError):
+    with pytest.raises(HandEyeFutureDateError):
         activate(written(tmp_path / "run", result(), created="2999-01-01T00:00:00+00:00"), active)
     with pytest.raises(HandEyeMismatchError, match="made with camera 1944, this is camera 777"):
         activate(written(tmp_path / "run", result(), camera_id="1944"), active, camera_id="777")

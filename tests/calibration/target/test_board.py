@@ -1,10 +1,10 @@
-"""A board is what it says, or is refused with what is wrong."""
+"""Boards are valid, or rejected with the reason."""
 
 import cv2
 import numpy as np
 import pytest
 
-from calibration.target.board import MARKERS, Board, BoardError, default_board
+from calibration.target.board import MARKER_COUNTS, Board, BoardError, board_with_defaults
 from calibration.target.rendering import render_board
 
 BOARDS = [
@@ -16,7 +16,7 @@ BOARDS = [
 
 
 @pytest.mark.parametrize("board", BOARDS, ids=str)
-def test_from_json_gives_what_to_json_told(board: Board):
+def test_from_json_inverts_to_json(board: Board):
     assert Board.from_json(board.to_json()) == board
 
 
@@ -24,7 +24,7 @@ def test_from_json_gives_what_to_json_told(board: Board):
     ("change", "words"),
     [
         ({"kind": "april"}, "charuco, checkerboard, circles"),
-        ({"columns": 2}, "2 columns: a whole number from 3"),
+        ({"columns": 2}, "2 columns: use a whole number from 3"),
         ({"columns": 9.0}, "9.0 columns"),
         ({"columns": True}, "True columns"),
         ({"rows": 6}, "6 rows: an odd number"),
@@ -32,14 +32,14 @@ def test_from_json_gives_what_to_json_told(board: Board):
         ({"pitch_m": 0.0}, "pitch_m is 0 m"),
         ({"pitch_m": float("nan")}, "a number of metres"),
         ({"pitch_m": "26"}, "a number of metres"),
-        ({"marker_m": 0.026}, "must be smaller"),
-        ({"marker_m": 0.002}, "at least 30% of them"),
+        ({"marker_m": 0.026}, "must be smaller than the squares"),
+        ({"marker_m": 0.002}, "at least 30% of their side"),
         ({"dictionary": "DICT_4X4"}, "no dictionary 'DICT_4X4'"),
         ({"columns": 21}, "73 markers, and DICT_4X4_50 has 50"),
-        ({"columns": 3, "rows": 3}, "has 4 corners: 6 are needed"),
+        ({"columns": 3, "rows": 3}, "has 4 corners, and at least 6 are needed"),
     ],
 )
-def test_what_no_board_is_is_refused(change: dict, words: str):
+def test_invalid_boards_are_rejected(change: dict, words: str):
     with pytest.raises(BoardError) as error:
         Board(**change)
     assert words in str(error.value)
@@ -50,25 +50,25 @@ def test_what_no_board_is_is_refused(change: dict, words: str):
     ("document", "words"),
     [
         ([1, 2], "an object with kind"),
-        ({"kind": "charuco", "columns": 9, "rows": 7, "pitch_m": 0.026}, "does not tell dictionary, marker_m"),
-        ({"kind": "circles", "columns": 9, "rows": 7, "pitch": 0.02}, "does not tell pitch_m"),
-        ({"kind": "circles", "columns": 9, "rows": 7, "pitch_m": 0.02, "marker_m": 0.01}, "tells marker_m"),
-        ({"kind": ["charuco"], "columns": 9, "rows": 7, "pitch_m": 0.02}, "of kind \"['charuco']\""),
+        ({"kind": "charuco", "columns": 9, "rows": 7, "pitch_m": 0.026}, "has no dictionary, marker_m"),
+        ({"kind": "circles", "columns": 9, "rows": 7, "pitch": 0.02}, "has no pitch_m"),
+        ({"kind": "circles", "columns": 9, "rows": 7, "pitch_m": 0.02, "marker_m": 0.01}, "unknown members (marker_m)"),
+        ({"kind": ["charuco"], "columns": 9, "rows": 7, "pitch_m": 0.02}, "kind is \"['charuco']\""),
     ],
 )
-def test_what_no_document_of_a_board_is_is_refused(document: object, words: str):
+def test_invalid_documents_are_rejected(document: object, words: str):
     with pytest.raises(BoardError) as error:
         Board.from_json(document)
     assert words in str(error.value)
 
 
-def test_even_rows_are_refused_of_charuco_only():
+def test_even_rows_are_rejected_for_charuco_only():
     assert Board("checkerboard", 9, 6, 0.025).rows == 6
     assert Board("circles", 4, 10, 0.02).rows == 10
 
 
 def test_dictionaries_are_those_of_opencv():
-    for name, count in MARKERS.items():
+    for name, count in MARKER_COUNTS.items():
         assert len(cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, name)).bytesList) == count, name
 
 
@@ -76,12 +76,12 @@ def test_points_are_opencvs_corners():
     board = Board()
     dictionary = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_50)
     opencv = cv2.aruco.CharucoBoard((board.columns, board.rows), board.pitch_m, board.marker_m, dictionary)
-    corners = np.array(opencv.getChessboardCorners()) + [*board.corner_of_print, 0.0]
+    corners = np.array(opencv.getChessboardCorners()) + [*board.print_corner, 0.0]
     np.testing.assert_allclose(board.points, corners, atol=1e-8)  # OpenCV's are float32
 
 
 def test_z_points_into_the_paper():
-    # Seen straight on, as printed, x goes right and y goes down, so that z goes on along the line of sight.
+    # Seen from the front, x points right and y down, so that z points along the line of sight.
     board = Board()
     picture = render_board(board, 30)
     dictionary = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_50)
@@ -94,7 +94,7 @@ def test_z_points_into_the_paper():
 
 
 @pytest.mark.parametrize("kind", ["checkerboard", "circles"])
-def test_what_a_board_without_markers_is_told_of_them_makes_no_other_board(kind: str) -> None:
-    board = default_board({"kind": kind, "pitch_m": 0.03, "marker_m": 0.02, "dictionary": "DICT_5X5_50"})
-    assert board == default_board({"kind": kind, "pitch_m": 0.03})
+def test_marker_fields_of_a_board_without_markers_are_ignored(kind: str) -> None:
+    board = board_with_defaults({"kind": kind, "pitch_m": 0.03, "marker_m": 0.02, "dictionary": "DICT_5X5_50"})
+    assert board == board_with_defaults({"kind": kind, "pitch_m": 0.03})
     assert board == Board.from_json(board.to_json())

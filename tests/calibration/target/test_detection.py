@@ -1,4 +1,4 @@
-"""Boards are found in rendered pictures where they are: numbers, pixels, and how exactly."""
+"""Detection of boards in rendered images: numbers, pixels and accuracy of the corners."""
 
 from itertools import pairwise
 from pathlib import Path
@@ -37,7 +37,7 @@ def test_corners_of_fifteen_views_read_from_files(K: NDArray[np.float64], distan
         possible += int(((truth >= 3) & (truth <= np.array(image_size(K)) - 4)).all(axis=1).sum())
         image = np.asarray(cv2.imread(str(tmp_path / f"{view}.png")), dtype=np.uint8)
         sighting = detect_board(image, CHARUCO)
-        assert sighting.numbered
+        assert sighting.is_numbering_unique
         errors.append(sighting.pixels - truth[sighting.ids])
     found = np.vstack(errors)
     assert len(found) >= 0.99 * possible
@@ -58,7 +58,7 @@ def test_corners_in_poor_light(light: dict[str, float]):
     assert np.linalg.norm(sighting.pixels - truth, axis=1).max() <= 0.15
 
 
-def test_what_hides_corners_shifts_no_others():
+def test_hidden_corners_shift_no_others():
     image, truth = picture(distance_m=0.36)
     for start, end in pairwise(truth[[3, 20, 47]]):
         cv2.line(image, start.astype(int).tolist(), end.astype(int).tolist(), 230, 9, cv2.LINE_AA)
@@ -78,7 +78,7 @@ def test_part_of_a_charuco_board_is_enough():
     assert np.linalg.norm(sighting.pixels - truth[sighting.ids], axis=1).max() <= 0.15
 
 
-def test_lens_that_bends_the_board():
+def test_lens_distortion():
     distortion = np.array([-0.2, 0.02, 0.001, -0.001])
     T = board_before_camera(CHARUCO, 0.36, 20.0, roll_deg=30.0)
     image = render(CHARUCO, T, K_640, np.random.default_rng(0))
@@ -92,7 +92,7 @@ def test_lens_that_bends_the_board():
     assert np.linalg.norm(sighting.pixels - truth[sighting.ids], axis=1).max() <= 0.2
 
 
-def test_markers_of_another_size_than_told_shift_little():
+def test_a_wrong_marker_size_shifts_corners_little():
     printed = Board(marker_m=0.019)
     image, truth = picture(printed)
     sighting = detect_board(image, CHARUCO)
@@ -123,7 +123,7 @@ def test_no_sigma_from_few_corners():
 
 
 @pytest.mark.parametrize("axis", [0, 1])
-def test_mirrored_image_is_told(axis: int):
+def test_a_mirrored_image_is_reported(axis: int):
     image, _ = picture()
     with pytest.raises(BoardMirroredError, match="switch off the camera's flip or mirror") as error:
         detect_board(np.flip(image, axis), CHARUCO)
@@ -140,13 +140,13 @@ def test_upside_down_is_not_mirrored():
 @pytest.mark.parametrize(
     ("board", "words"),
     [
-        (CHARUCO, "none of its markers"),
+        (CHARUCO, "nor any of its markers"),
         (Board("checkerboard", 10, 7, 0.025), "all of its 10 x 7 squares"),
         (Board("circles", 10, 8, 0.02), "all of its 10 x 8 dots"),
     ],
     ids=str,
 )
-def test_nothing_there(board: Board, words: str):
+def test_an_image_without_a_board(board: Board, words: str):
     image = np.clip(np.random.default_rng(0).normal(12.0, 5.0, (400, 640)), 0, 255).astype(np.uint8)
     with pytest.raises(BoardNotSeenError) as error:
         detect_board(image, board)
@@ -158,21 +158,21 @@ def test_nothing_there(board: Board, words: str):
 @pytest.mark.parametrize(
     "other", [Board(dictionary="DICT_5X5_50"), Board("charuco", 7, 5, 0.036, 0.027), Board("checkerboard", 9, 7, 0.026)]
 )
-def test_another_board_is_not_taken_for_it(other: Board):
+def test_another_board_is_not_detected(other: Board):
     image, _ = picture(other)
     with pytest.raises(BoardNotSeenError, match="check that it is charuco 9 x 7"):
         detect_board(image, CHARUCO)
 
 
-def test_corners_on_a_line_are_refused():
+def test_corners_on_a_line_are_rejected():
     image, truth = picture(roll_deg=0.0, tilt_deg=0.0)
     below = int((truth[:8, 1].mean() + truth[8:16, 1].mean()) / 2)
     image[below + 3 :] = 110
-    with pytest.raises(BoardNotSeenError, match=r"the 8 corners seen .* lie on a line"):
+    with pytest.raises(BoardNotSeenError, match=r"the 8 visible corners .* lie on a line"):
         detect_board(image, CHARUCO)
 
 
-def test_too_few_corners_are_refused():
+def test_too_few_corners_are_rejected():
     image, truth = picture(roll_deg=0.0, tilt_deg=0.0)
     below, right = ((truth[0] + truth[9 + 8 * 1]) / 2).astype(int)[::-1] + 16
     image[below:] = 110
@@ -192,7 +192,7 @@ def test_too_few_corners_are_refused():
         ("image.png", "a str"),
     ],
 )
-def test_what_no_image_is_is_refused(image: NDArray[np.uint8], words: str):
+def test_arrays_that_are_no_images_are_rejected(image: NDArray[np.uint8], words: str):
     with pytest.raises(BoardImageError) as error:
         detect_board(image, CHARUCO)
     assert words in str(error.value)

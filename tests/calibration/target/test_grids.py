@@ -1,4 +1,4 @@
-"""Checkerboards and circle grids: found exactly, and numbered as far as the image tells where to begin."""
+"""Checkerboards and circle grids: accuracy of the corners, and uniqueness of the numbering."""
 
 import numpy as np
 import pytest
@@ -6,8 +6,9 @@ from numpy.typing import NDArray
 
 from calibration.errors import BoardNotSeenError
 from calibration.target.board import Board
-from calibration.target.detection import BoardSighting, detect_board, symmetric_numberings
-from calibration.target.rendering import DOTS
+from calibration.target.corner_ordering import symmetric_numberings
+from calibration.target.detection import BoardSighting, detect_board
+from calibration.target.rendering import DOT_DIAMETERS
 from tests.calibration.rendered_board import K_640, K_1280, board_before_camera, render, true_pixels
 
 
@@ -17,7 +18,7 @@ def sight(
     *,
     K: NDArray[np.float64] = K_640,
     distance_m: float = 0.45,
-    dots: tuple[float, float] = DOTS,
+    dots: tuple[float, float] = DOT_DIAMETERS,
 ) -> tuple[BoardSighting, NDArray[np.float64]]:
     """What is found in an image, and where all corners truly are (N, 2)."""
     T = board_before_camera(board, distance_m, 28.0, tilt_axis_deg=50.0, roll_deg=roll_deg)
@@ -40,9 +41,9 @@ def off_px(sighting: BoardSighting, truth: NDArray[np.float64]) -> float:
     ],
     ids=str,
 )
-def test_numbering_that_the_image_tells(board: Board, roll_deg: float):
+def test_unique_numbering(board: Board, roll_deg: float):
     sighting, truth = sight(board, roll_deg)
-    assert sighting.numbered
+    assert sighting.is_numbering_unique
     assert sighting.ids.tolist() == list(range(len(truth)))
     assert off_px(sighting, truth) <= 0.12
     assert sighting.corner_sigma_px is not None
@@ -61,9 +62,9 @@ def test_numbering_that_the_image_tells(board: Board, roll_deg: float):
     ],
     ids=str,
 )
-def test_numbering_that_the_image_leaves_open(board: Board, ways: int, roll_deg: float):
-    sighting, truth = sight(board, roll_deg, dots=(DOTS[0], DOTS[0]))
-    assert not sighting.numbered
+def test_ambiguous_numbering(board: Board, ways: int, roll_deg: float):
+    sighting, truth = sight(board, roll_deg, dots=(DOT_DIAMETERS[0], DOT_DIAMETERS[0]))
+    assert not sighting.is_numbering_unique
     assert len(sighting.ids) == len(truth)
     numberings = symmetric_numberings(board)
     assert len(numberings) == ways
@@ -85,7 +86,7 @@ def test_numbering_that_the_image_leaves_open(board: Board, ways: int, roll_deg:
     ],
     ids=str,
 )
-def test_renumberings_turn_the_board_upon_itself(board: Board, ways: int):
+def test_symmetric_numberings_map_the_board_to_itself(board: Board, ways: int):
     numberings = symmetric_numberings(board)
     assert len(numberings) == ways
     assert numberings[0].tolist() == list(range(len(board.points)))
@@ -104,18 +105,18 @@ def test_dots_of_any_size_are_found_at_their_middle(dots: tuple[float, float]):
     # Their centroids are off by up to 0.2 px (the first dot's by 0.5) with this much perspective.
     board = Board("circles", 9, 7, 0.025)
     sighting, truth = sight(board, 20.0, K=K_1280, distance_m=0.36, dots=dots)
-    assert sighting.numbered
+    assert sighting.is_numbering_unique
     assert len(sighting.ids) == len(truth)
     assert off_px(sighting, truth) <= 0.15
 
 
-def test_columns_and_rows_confused_is_told():
+def test_swapped_columns_and_rows_are_reported():
     board = Board("circles", 10, 8, 0.02)
     T = board_before_camera(board, 0.45, 20.0)
     image = render(board, T, K_640, np.random.default_rng(0))
     for wrong, shown in ((Board("circles", 8, 10, 0.02), image), (board, image[:, ::-1])):
         with pytest.raises(
-            BoardNotSeenError, match=r"larger dot is not at a corner .* check that the image is not mirr"
+            BoardNotSeenError, match=r"larger dot of the circle grid is not at .* check that the image is not mirrored"
         ):
             detect_board(shown, wrong)
 
@@ -135,5 +136,5 @@ def test_other_dots_around_a_grid_do_no_harm():
     for place in ((40, 60), (600, 350), (90, 330), (560, 50), (320, 20)):
         image[(x - place[0]) ** 2 + (y - place[1]) ** 2 < 36] = 20
     sighting = detect_board(image, board)
-    assert sighting.numbered
+    assert sighting.is_numbering_unique
     assert off_px(sighting, true_pixels(board, T, K_640)) <= 0.12

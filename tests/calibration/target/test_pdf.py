@@ -1,4 +1,4 @@
-"""The printed board: true to scale, with what is needed around it, and the same bytes each time."""
+"""The printed board: true to scale, with its margin and description, and the same bytes each time."""
 
 import re
 import zlib
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from calibration.target.board import Board, BoardError
 from calibration.target.detection import detect_board
-from calibration.target.pdf import PAPERS_MM, board_page, write_board_pdf
+from calibration.target.pdf import PAPER_SIZES_MM, draw_board_page, write_board_pdf
 
 MM_PER_POINT = 25.4 / 72
 DPI = 150
@@ -40,21 +40,21 @@ def pages_text(pdf: bytes) -> str:
 
 def raster(board: Board, paper: str) -> NDArray[np.uint8]:
     """The page as printed at so many dots per inch, (H, W) grey."""
-    page = board_page(board, paper)
+    page = draw_board_page(board, paper)
     page.set_dpi(DPI)
     canvas = FigureCanvasAgg(page)
     canvas.draw()
     return np.asarray(canvas.buffer_rgba())[:, :, 0].copy()
 
 
-@pytest.mark.parametrize("paper", PAPERS_MM)
+@pytest.mark.parametrize("paper", PAPER_SIZES_MM)
 def test_page_has_the_papers_size(paper: str, tmp_path: Path):
     write_board_pdf(Board(), tmp_path / "board.pdf", paper)
     content = (tmp_path / "board.pdf").read_bytes()
     box = re.search(rb"/MediaBox \[ 0 0 ([\d.]+) ([\d.]+) \]", content)
     assert box is not None
     size = [float(points) * MM_PER_POINT for points in box.groups()]
-    assert size == pytest.approx(PAPERS_MM[paper], abs=0.01)  # across, as the board is wider than high
+    assert size == pytest.approx(PAPER_SIZES_MM[paper], abs=0.01)  # across, as the board is wider than high
     assert content.count(b"/Type /Page ") == 1
 
 
@@ -89,7 +89,7 @@ def test_board_on_the_page_is_found_true_to_scale(board: Board):
 
 
 @pytest.mark.parametrize("board", BOARDS, ids=str)
-@pytest.mark.parametrize("paper", PAPERS_MM)
+@pytest.mark.parametrize("paper", PAPER_SIZES_MM)
 def test_edges_stay_white_and_words_on_the_page(board: Board, paper: str):
     image = raster(board, paper)
     edge = int(5.0 / 25.4 * DPI)
@@ -101,7 +101,7 @@ def test_edges_stay_white_and_words_on_the_page(board: Board, paper: str):
 
 @pytest.mark.parametrize("board", [*BOARDS, Board("charuco", 3, 5, 0.009, 0.007)], ids=str)
 def test_words_lie_on_the_page_and_off_the_board(board: Board):
-    page = board_page(board)
+    page = draw_board_page(board)
     renderer = FigureCanvasAgg(page).get_renderer()
     boxes = [text.get_window_extent(renderer) for text in page.texts]
     whole = page.bbox
@@ -120,7 +120,7 @@ def test_words_lie_on_the_page_and_off_the_board(board: Board):
 
 
 def test_same_board_gives_the_same_bytes(tmp_path: Path):
-    write_board_pdf(Board(), tmp_path / "1.pdf")
+    write_board_pdf(Board(), str(tmp_path / "1.pdf"))  # A path may be a string.
     write_board_pdf(Board(), tmp_path / "2.pdf")
     content = (tmp_path / "1.pdf").read_bytes()
     assert content == (tmp_path / "2.pdf").read_bytes()
@@ -130,15 +130,15 @@ def test_same_board_gives_the_same_bytes(tmp_path: Path):
 @pytest.mark.parametrize(
     ("board", "paper", "words"),
     [
-        (Board(pitch_m=0.03, marker_m=0.023), "a4", "270 x 210 mm, .* take a3 paper or a pitch of at most 28 mm"),
-        (Board(pitch_m=0.06, marker_m=0.046), "a3", "a3 paper: take a pitch of at most 39.5 mm"),
-        (Board("checkerboard", 100, 100, 0.005), "a4", "take a pitch of at most 1.5 mm"),
-        (Board("circles", 40, 30, 0.009), "a4", "take a3 paper or a pitch of at most 6.5 mm"),
-        (Board(), "a5", "no paper 'a5' here: one of a4, letter, a3"),
+        (Board(pitch_m=0.03, marker_m=0.023), "a4", "270 x 210 mm, .* use a3 paper or a pitch of at most 28 mm"),
+        (Board(pitch_m=0.06, marker_m=0.046), "a3", "a3 paper .*: use a pitch of at most 39.5 mm"),
+        (Board("checkerboard", 100, 100, 0.005), "a4", "use a pitch of at most 1.5 mm"),
+        (Board("circles", 40, 30, 0.009), "a4", "use a3 paper or a pitch of at most 6.5 mm"),
+        (Board(), "a5", "paper size 'a5' is unknown: use one of a4, letter, a3"),
     ],
     ids=str,
 )
-def test_what_does_not_fit_is_refused_with_what_would(board: Board, paper: str, words: str, tmp_path: Path):
+def test_a_board_that_does_not_fit_is_rejected_with_a_remedy(board: Board, paper: str, words: str, tmp_path: Path):
     with pytest.raises(BoardError, match=words):
         write_board_pdf(board, tmp_path / "board.pdf", paper)
     assert not (tmp_path / "board.pdf").exists()

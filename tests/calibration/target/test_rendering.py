@@ -1,11 +1,11 @@
-"""The picture of a board is what is printed, exactly."""
+"""The rendered image of a board equals the print."""
 
 import cv2
 import numpy as np
 import pytest
 
 from calibration.target.board import Board
-from calibration.target.rendering import DOTS, board_shapes, render_board
+from calibration.target.rendering import DOT_DIAMETERS, board_shapes, render_board
 
 
 def opencv_picture(board: Board, pixels_per_pitch: int) -> np.ndarray:
@@ -57,11 +57,11 @@ def test_first_dot_is_the_larger_one():
     for number, point in enumerate(board.points):
         x, y = np.round(picture.origin_px + picture.pixels_per_m * point[:2]).astype(int)
         diameter = (picture.pixels[y, x - 20 : x + 20] < 128).sum() / 40
-        assert diameter == pytest.approx(DOTS[number == 0], abs=0.03)  # a pixel is 0.025
+        assert diameter == pytest.approx(DOT_DIAMETERS[number == 0], abs=0.03)  # a pixel is 0.025
 
 
-def test_no_picture_without_pixels():
-    with pytest.raises(ValueError, match="no picture"):
+def test_no_image_without_pixels():
+    with pytest.raises(ValueError, match="no image has"):
         render_board(Board(), 0)
-    with pytest.raises(ValueError, match="no picture"):
+    with pytest.raises(ValueError, match="no image has"):
         render_board(Board(), 10, margin_pitches=-1.0)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from calibration.verification.drift import CHANCE, LATEST, LEAST, RECENT, ScanError, judge_drift
+from calibration.verification.drift import LATEST_SCANS, MAX_P_VALUE, MAX_SCANS, MIN_SCANS, ScanError, judge_drift
 
 CALIBRATION = np.diag(np.repeat([0.001, 0.0004], 3) ** 2)
 SCAN_SIGMA = np.array([0.0006, 0.0012, 0.002, 0.0007, 0.0004, 0.0005])
@@ -24,24 +24,24 @@ def test_false_alarms_are_as_rare_as_said() -> None:
         # The worst of cells: the robot errs alike in all scans.
         error = np.sqrt(np.diag(CALIBRATION)) * rng.standard_normal(6) + SCAN_SIGMA * rng.standard_normal(6)
         drift = judge_drift([scan(error)] * 5, CALIBRATION)
-        chances.append(drift.chance)
+        chances.append(drift.p_value)
         alarms += drift.drifted
     # Even from 0 to 1: a mean of 0.5 +- 0.014. Of 400, 8 +- 2.8 are below 0.02.
     assert np.mean(chances) == pytest.approx(0.5, abs=0.05)
-    assert alarms <= 400 * CHANCE + 9
+    assert alarms <= 400 * MAX_P_VALUE + 9
 
 
 @pytest.mark.parametrize("axis", range(6))
 def test_a_drift_is_told_with_its_size(axis: int) -> None:
     off = np.zeros(6)
     off[axis] = np.radians(0.5) if axis < 3 else 0.004  # 4 to 7 sigma
-    drift = judge_drift([scan(off)] * LEAST, CALIBRATION)
+    drift = judge_drift([scan(off)] * MIN_SCANS, CALIBRATION)
     assert drift.drifted
-    assert drift.chance < CHANCE
+    assert drift.p_value < MAX_P_VALUE
     # What a scan tells of is believed but for a small share: (2 mrad / 17.5 mrad)^2 at most.
-    np.testing.assert_allclose(drift.off, off, rtol=0.03, atol=1e-12)
-    assert ("mm and 0.00 degrees" if axis >= 3 else "0.0 mm and 0.") in drift.words
-    assert "calibrate anew" in drift.words
+    np.testing.assert_allclose(drift.error, off, rtol=0.03, atol=1e-12)
+    assert ("mm and 0.00 degrees" if axis >= 3 else "0.0 mm and 0.") in drift.message
+    assert "calibrate again" in drift.message
 
 
 def test_directions_that_strings_do_not_tell_of_count_for_nothing() -> None:
@@ -52,18 +52,18 @@ def test_directions_that_strings_do_not_tell_of_count_for_nothing() -> None:
     information = np.linalg.inv(units) @ Q @ np.diag([4.0, 4.0, 0, 0, 0, 0]) @ Q.T @ np.linalg.inv(units)
     hidden = units @ Q[:, 2] * 100
     shown = units @ Q[:, 0] * 10
-    assert judge_drift([ScanError(information, information @ hidden)] * 4, CALIBRATION).chance > 0.99
+    assert judge_drift([ScanError(information, information @ hidden)] * 4, CALIBRATION).p_value > 0.99
     assert judge_drift([ScanError(information, information @ shown)] * 4, CALIBRATION).drifted
     nothing = ScanError(np.zeros((6, 6)), np.zeros(6))
     drift = judge_drift([nothing] * 4, CALIBRATION)
-    assert (drift.chance, drift.drifted, drift.off_m, drift.off_rad) == (1.0, False, 0.0, 0.0)
+    assert (drift.p_value, drift.drifted, drift.off_m, drift.off_rad) == (1.0, False, 0.0, 0.0)
 
 
 def test_many_scans_from_the_same_viewpoints_know_no_more_than_one() -> None:
     off = 1.5 * SCAN_SIGMA
-    one, many = judge_drift([scan(off)], CALIBRATION), judge_drift([scan(off)] * RECENT, CALIBRATION)
-    assert many.chance == pytest.approx(one.chance, rel=1e-9)
-    np.testing.assert_allclose(many.off, one.off, rtol=1e-9, atol=0)
+    one, many = judge_drift([scan(off)], CALIBRATION), judge_drift([scan(off)] * MAX_SCANS, CALIBRATION)
+    assert many.p_value == pytest.approx(one.p_value, rel=1e-9)
+    np.testing.assert_allclose(many.error, one.error, rtol=1e-9, atol=0)
 
 
 def test_weak_scans_count_little() -> None:
@@ -71,80 +71,80 @@ def test_weak_scans_count_little() -> None:
     drift = judge_drift([strong, weak, weak, weak], CALIBRATION)
     # A ten thousandth of the weight each: 3 micrometres of their 10 mm.
     assert drift.off_m < 0.0001
-    assert drift.chance > 0.9
+    assert drift.p_value > 0.9
     alone = judge_drift([scan(np.full(6, 0.004))] * 3, CALIBRATION)
     among_weak = judge_drift([scan(np.full(6, 0.004))] * 3 + [scan(np.zeros(6), SCAN_SIGMA * 100)] * 10, CALIBRATION)
     assert alone.drifted
     assert among_weak.drifted
-    np.testing.assert_allclose(among_weak.off, alone.off, rtol=0.08, atol=0.0)
+    np.testing.assert_allclose(among_weak.error, alone.error, rtol=0.08, atol=0.0)
 
 
 def test_one_scan_that_is_wrong_raises_nothing() -> None:
     good, wrong = scan(np.zeros(6)), scan(np.full(6, 0.02))
-    for count in (2, 5, RECENT - 1):
+    for count in (2, 5, MAX_SCANS - 1):
         assert not judge_drift([good] * count + [wrong], CALIBRATION).drifted
-    assert not judge_drift([wrong] * (LEAST - 1), CALIBRATION).drifted
-    assert judge_drift([wrong] * LEAST, CALIBRATION).drifted
+    assert not judge_drift([wrong] * (MIN_SCANS - 1), CALIBRATION).drifted
+    assert judge_drift([wrong] * MIN_SCANS, CALIBRATION).drifted
 
 
 @pytest.mark.parametrize(("count", "told"), [(0, "there are none"), (1, "there is 1, by"), (2, "there are 2, by")])
 def test_too_few_scans_agree_with_nothing(count: int, told: str) -> None:
-    words = judge_drift([scan(np.zeros(6))] * count, CALIBRATION).words
-    assert f"is not known: {LEAST} scans with it are needed, and {told}" in words
-    assert "agree" not in words
-    assert "agree with the calibration" in judge_drift([scan(np.zeros(6))] * LEAST, CALIBRATION).words
+    message = judge_drift([scan(np.zeros(6))] * count, CALIBRATION).message
+    assert f"whether the calibration has drifted: {MIN_SCANS} scans with it are needed, and {told}" in message
+    assert "agree" not in message
+    assert "agree with the calibration" in judge_drift([scan(np.zeros(6))] * MIN_SCANS, CALIBRATION).message
 
 
 def test_scans_of_which_one_is_wrong_do_not_agree() -> None:
     drift = judge_drift([scan(np.zeros(6))] * 2 + [scan(np.full(6, 0.02))], CALIBRATION)
-    assert (drift.chance < CHANCE, drift.drifted) == (True, False)
-    assert "do not agree with the calibration" in drift.words
-    assert "not without one of them" in drift.words
+    assert (drift.p_value < MAX_P_VALUE, drift.drifted) == (True, False)
+    assert "do not agree with the calibration" in drift.message
+    assert "Without one of these scans they agree" in drift.message
 
 
 def test_only_recent_scans_count() -> None:
-    drifted, mended = [scan(np.full(6, 0.01))] * 5, [scan(np.zeros(6))] * RECENT
+    drifted, mended = [scan(np.full(6, 0.01))] * 5, [scan(np.zeros(6))] * MAX_SCANS
     drift = judge_drift(drifted + mended, CALIBRATION)
-    assert (drift.scans, drift.drifted, drift.off_m) == (RECENT, False, 0.0)
+    assert (drift.scans, drift.drifted, drift.off_m) == (MAX_SCANS, False, 0.0)
 
 
 def test_a_camera_that_is_knocked_is_told_of_within_some_scans() -> None:
-    before = [scan(np.zeros(6))] * RECENT
+    before = [scan(np.zeros(6))] * MAX_SCANS
     knocked = scan(np.full(6, 0.01))
     assert not judge_drift([*before, knocked], CALIBRATION).drifted
-    drift = judge_drift(before + [knocked] * LATEST, CALIBRATION)
-    assert (drift.drifted, drift.scans) == (True, LATEST)
+    drift = judge_drift(before + [knocked] * LATEST_SCANS, CALIBRATION)
+    assert (drift.drifted, drift.scans) == (True, LATEST_SCANS)
     assert drift.off_m == pytest.approx(0.01 * np.sqrt(3), rel=0.05)
 
 
 def test_a_knock_that_hides_the_calibrations_own_error_is_told_of_by_the_first_scans() -> None:
     was, now = np.array([0, 0, 0, 0, -0.0015, 0]), np.array([0, 0, 0, 0, 0.0015, 0])
-    first, latest = [scan(was)] * LATEST, [scan(now)] * LATEST
+    first, latest = [scan(was)] * LATEST_SCANS, [scan(now)] * LATEST_SCANS
     assert not judge_drift(first, CALIBRATION).drifted
     assert not judge_drift(first + latest, CALIBRATION).drifted
     drift = judge_drift(first + latest, CALIBRATION, first)
-    assert (drift.drifted, drift.from_first, drift.scans) == (True, True, LATEST)
-    np.testing.assert_allclose(drift.off, now - was, rtol=0.03, atol=1e-9)
-    assert "from where the first scans" in drift.words
+    assert (drift.drifted, drift.from_first, drift.scans) == (True, True, LATEST_SCANS)
+    np.testing.assert_allclose(drift.error, now - was, rtol=0.03, atol=1e-9)
+    assert "from where the first scans" in drift.message
     # Neither with one that is wrong, nor by too few first ones.
     assert not judge_drift([*first, *first, scan(now)], CALIBRATION, first).drifted
-    assert not judge_drift(first + latest, CALIBRATION, first[: LEAST - 1]).drifted
+    assert not judge_drift(first + latest, CALIBRATION, first[: MIN_SCANS - 1]).drifted
 
 
 def test_first_scans_that_know_little_raise_nothing() -> None:
-    first, latest = [scan(np.full(6, -0.002), SCAN_SIGMA * 10)] * LATEST, [scan(np.zeros(6))] * LATEST
+    first, latest = [scan(np.full(6, -0.002), SCAN_SIGMA * 10)] * LATEST_SCANS, [scan(np.zeros(6))] * LATEST_SCANS
     assert not judge_drift(first + latest, CALIBRATION, first).drifted
     assert not judge_drift(latest + first, CALIBRATION, latest).drifted
 
 
 def test_without_a_scan_there_is_nothing_to_tell() -> None:
     drift = judge_drift([], CALIBRATION)
-    assert (drift.scans, drift.chance, drift.drifted) == (0, 1.0, False)
-    assert drift.off.tolist() == [0.0] * 6
+    assert (drift.scans, drift.p_value, drift.drifted) == (0, 1.0, False)
+    assert drift.error.tolist() == [0.0] * 6
 
 
 def test_a_calibration_that_knows_itself_well_is_held_to_it() -> None:
     off = np.array([0, 0, 0, 0, 0.0015, 0])
     assert not judge_drift([scan(off)] * 5, CALIBRATION).drifted
-    assert judge_drift([scan(off)] * 5, CALIBRATION / 25).chance < judge_drift([scan(off)] * 5, CALIBRATION).chance
+    assert judge_drift([scan(off)] * 5, CALIBRATION / 25).p_value < judge_drift([scan(off)] * 5, CALIBRATION).p_value
     assert judge_drift([scan(off * 1.4)] * 5, CALIBRATION / 25).drifted

@@ -104,7 +104,7 @@ def test_a_camera_that_was_moved_is_told(seed: int, off_m: float, off_degrees: f
     verification = verify(case(seed).result, case(seed).later(camera=drift))
     assert not verification.passed
     assert verification.board_moved_m is None
-    assert "calibrate anew" in verification.words
+    assert "calibrate again" in verification.message
 
 
 @pytest.mark.parametrize("seed", range(8))
@@ -131,7 +131,7 @@ def test_a_board_that_was_moved_does_not_speak_against_the_camera(seed: int) -> 
     middle = np.append(case(seed).recorded.observations.board.points.mean(axis=0), 1.0)
     way = float(np.linalg.norm((moved @ middle - middle)[:3]))
     assert verification.board_moved_m == pytest.approx(way, abs=0.001)  # 3 sigma of the views' mean
-    assert "the board was moved by" in verification.words
+    assert "the board was moved by" in verification.message
 
 
 def turned_in_place(degrees: float, tilt_degrees: float = 0.0) -> NDArray[np.float64]:
@@ -147,14 +147,14 @@ def turned_in_place(degrees: float, tilt_degrees: float = 0.0) -> NDArray[np.flo
 @pytest.mark.parametrize("degrees", [1.0, -10.0, 90.0, 179.95])
 def test_a_board_that_was_turned_in_place_does_not_speak_against_the_camera(degrees: float, seed: int) -> None:
     verification = verify(case(seed).result, case(seed).later(board=turned_in_place(degrees)))
-    assert verification.passed, verification.words
+    assert verification.passed, verification.message
     # Not moved, but for the noise. Turned: the views see it to 0.05 degrees, and near half a turn from either side.
     assert verification.board_moved_m is not None
     assert verification.board_turned_rad is not None
     assert verification.board_moved_m < 0.001
     assert np.degrees(verification.board_turned_rad) == pytest.approx(abs(degrees), abs=0.15)
     told = f"the board was turned by {np.degrees(verification.board_turned_rad):.2f} degrees since"
-    assert told in verification.words
+    assert told in verification.message
 
 
 @pytest.mark.parametrize("seed", SEEDS)
@@ -163,7 +163,7 @@ def test_a_camera_that_was_turned_about_its_view_is_no_board_that_was_turned(deg
     later = case(seed).later(camera=from_rotation_vector((0, 0, 0), (0, 0, np.radians(degrees))))
     verification = verify(case(seed).result, later)
     assert not verification.passed
-    assert "degrees" in verification.words  # it is the turn that tells, not the place
+    assert "degrees" in verification.message  # it is the turn that tells, not the place
 
 
 @pytest.mark.parametrize("seed", SEEDS)
@@ -175,13 +175,13 @@ def test_a_camera_that_was_moved_is_told_though_the_views_hardly_differ(
     near = case(seed, None, realistic_then_near)
     assert verify(near.result, near.later()).passed
     verification = verify(near.result, near.later(camera=from_rotation_vector(moved, (0, 0, 0))))
-    assert not verification.passed, verification.words
+    assert not verification.passed, verification.message
 
 
 def test_a_board_that_was_tilted_might_be_a_camera_that_was_turned() -> None:
     verification = verify(case(2).result, case(2).later(board=turned_in_place(20, tilt_degrees=1.0)))
     assert not verification.passed
-    tilt = float(verification.words.split("tilted by ")[1].split(maxsplit=1)[0])
+    tilt = float(verification.message.split("tilted by ")[1].split(maxsplit=1)[0])
     assert tilt == pytest.approx(1.0, abs=0.2)  # 0.1 degrees by one view's corners
 
 
@@ -195,7 +195,7 @@ def test_few_views_know_little_of_their_noise_and_a_good_calibration_passes_all_
     held, rest = order[:2], sorted(order[2:])
     result = solve_hand_eye(replace(recorded.observations, views=tuple(views[k] for k in rest)))
     verification = verify(result, replace(recorded.observations, views=tuple(views[k] for k in held)))
-    assert verification.passed, verification.words
+    assert verification.passed, verification.message
     assert verification.board_moved_m is None
 
 
@@ -215,14 +215,14 @@ def test_a_board_that_was_raised_might_be_a_camera_that_was_moved() -> None:
     # The board's z points into the table.
     verification = verify(case(2).result, case(2).later(board=from_rotation_vector((0, 0, -0.004), (0, 0, 0))))
     assert not verification.passed
-    assert "unless something was laid under it" in verification.words
+    assert "unless something was put under the board" in verification.message
 
 
 def test_one_view_alone_cannot_tell_the_board_from_the_camera() -> None:
     later = case(3).later(board=from_rotation_vector((0.02, 0, 0), (0, 0, 0)))
     verification = verify(case(3).result, replace(later, views=later.views[:1]))
     assert not verification.passed
-    assert "look from two sides" in verification.words
+    assert "take views from two sides" in verification.message
 
 
 def test_two_views_from_one_side_cannot_either() -> None:
@@ -232,7 +232,7 @@ def test_two_views_from_one_side_cannot_either() -> None:
     verification = verify(case(3).result, replace(later, views=views))
     assert not verification.passed
     assert verification.board_moved_m is None
-    assert "look from two sides" in verification.words
+    assert "take views from two sides" in verification.message
 
 
 @pytest.mark.parametrize(
@@ -261,7 +261,7 @@ def test_a_calibration_without_a_solution_passes_nothing(nothing: str) -> None:
     result = replace(case(0).result, **{nothing: np.full(getattr(case(0).result, nothing).shape, np.nan)})
     verification = verify(result, case(0).later())
     assert not verification.passed
-    assert "has no solution" in verification.words
+    assert "has no solution" in verification.message
 
 
 @pytest.mark.parametrize(
@@ -286,7 +286,7 @@ def test_views_without_enough_corners_pass_nothing() -> None:
     few = tuple(replace(view, ids=view.ids[:3], pixels=view.pixels[:3]) for view in later.views)
     verification = verify(case(0).result, replace(later, views=few))
     assert not verification.passed
-    assert "could not be made out" in verification.words
+    assert "was not found in any view" in verification.message
 
 
 def test_views_of_something_else_are_refused_by_name(tmp_path: Path) -> None:
@@ -329,7 +329,7 @@ def test_a_calibration_from_its_file_is_judged_as_before(tmp_path: Path) -> None
     straight = verify(case(4).result, case(4).later())
     assert loaded.worst_m == pytest.approx(straight.worst_m, abs=1e-9)
     assert loaded.expected_m == pytest.approx(straight.expected_m, rel=1e-6)
-    assert loaded.words == straight.words
+    assert loaded.message == straight.message
 
 
 def test_a_file_that_does_not_say_of_how_many_views_it_is_is_taken_to_be_of_few(tmp_path: Path) -> None:
@@ -343,7 +343,7 @@ def test_a_file_that_does_not_say_of_how_many_views_it_is_is_taken_to_be_of_few(
     def chance_mm(words: str) -> float:
         return float(words.split("about ")[1].split(maxsplit=1)[0])
 
-    assert chance_mm(verification.words) > 1.1 * chance_mm(straight.words)
+    assert chance_mm(verification.message) > 1.1 * chance_mm(straight.message)
 
 
 def test_the_fitted_camera_and_board_are_taken_not_the_told_ones() -> None:
@@ -356,7 +356,7 @@ def test_the_fitted_camera_and_board_are_taken_not_the_told_ones() -> None:
 
 def test_a_plain_file_cannot_be_verified(tmp_path: Path) -> None:
     write_hand_eye(tmp_path / "plain.json", case(0).result.X, created=datetime.now(UTC))
-    with pytest.raises(HandEyeInvalidError, match="does not tell where the board lay"):
+    with pytest.raises(HandEyeInvalidError, match="lacks the pose of the board"):
         verify(load_hand_eye(tmp_path / "plain.json", 1), case(0).later())
 
 

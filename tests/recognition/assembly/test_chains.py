@@ -1,4 +1,4 @@
-"""From fitted strands to chains: order, what is no string, ends, and what is told."""
+"""Chains of fitted strands: order, rejected surfaces, ends and messages."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -6,8 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from recognition.assembly.chains import assemble_fitted_chains, classify_ends
-from recognition.model.model import Chain
+from recognition.assembly.chains import ChainAssembly, assemble_fitted_chains, classify_ends
+from recognition.model.chains import Chain
 from recognition.parameters import ChainParameters
 from recognition.preprocessing.target_cloud import Scene
 from recognition.refinement.refinement import FittedStrand, Refinement, refine
@@ -24,20 +24,20 @@ Surface = tuple[np.ndarray, np.ndarray]
 
 def found(
     views: Registration, scene: Scene | None = None, parameters: ChainParameters = PARAMETERS
-) -> tuple[tuple[Chain, ...], list[str]]:
-    """What the graph method makes of the surface; of nothing it doubts that it is a string, and all of it."""
-    chains, doubts, warnings = found_or_doubted(views, scene, parameters)
-    assert doubts == []
-    return chains, warnings
+) -> tuple[tuple[Chain, ...], tuple[str, ...]]:
+    """The chains and warnings of the graph method, which must have no ambiguity."""
+    assembly = assembled(views, scene, parameters)
+    assert assembly.ambiguities == ()
+    return assembly.chains, assembly.warnings
 
 
-def found_or_doubted(
+def assembled(
     views: Registration, scene: Scene | None = None, parameters: ChainParameters = PARAMETERS
-) -> tuple[tuple[Chain, ...], list[str], list[str]]:
-    cover = HeightMap(views.points)
-    graph = trace_strands(views.points - parameters.r * views.normals, cover, parameters)
+) -> ChainAssembly:
+    height_map = HeightMap(views.points)
+    graph = trace_strands(views.points - parameters.r * views.normals, height_map, parameters)
     refinement = refine(graph.strands, views.points, views.normals, parameters)
-    return assemble_fitted_chains(refinement, views, cover, scene or Scene(), parameters)
+    return assemble_fitted_chains(refinement, views, height_map, scene or Scene(), parameters)
 
 
 def fitted(points: np.ndarray) -> FittedStrand:
@@ -72,7 +72,7 @@ def test_a_string_is_a_chain(seen: Callable, straight: Callable, registered: Cal
     axis = straight((0, 0, R), (0.12, 0, R))
     views = registered([seen([axis], noise=NOISE, seed=seed) for seed in range(3)])
     (chain,), warnings = found(views)
-    assert warnings == []
+    assert warnings == ()
     assert (chain.id, chain.closed, chain.radius_m, chain.ends) == (0, False, R, ("free", "free"))
     assert chain.length_m == pytest.approx(0.12, abs=0.3 * R)
     np.testing.assert_array_equal(chain.views, 3)
@@ -85,7 +85,7 @@ def test_a_string_is_a_chain(seen: Callable, straight: Callable, registered: Cal
 def test_the_longest_comes_first_and_each_begins_at_the_smaller_x(
     seen: Callable, straight: Callable, registered: Callable
 ) -> None:
-    # Told from their far ends.
+    # Given from their far ends.
     strings = [straight((0.08, 0, R), (0, 0, R)), straight((0.1, 0.04, R), (-0.02, 0.05, R))]
     chains, _ = found(registered([seen(strings, noise=NOISE)]))
     assert [chain.id for chain in chains] == [0, 1]
@@ -118,31 +118,32 @@ def test_an_end_at_the_border_of_the_workspace_is_unseen(
     assert chain.ends == ("free", "free")
 
 
-def test_an_end_that_goes_on_under_another_strand_is_unseen(seen: Callable, straight: Callable) -> None:
+def test_an_end_that_continues_under_another_strand_is_unseen(seen: Callable, straight: Callable) -> None:
     over = straight((0, -0.05, 3 * R), (0, 0.05, 3 * R))
-    cover = HeightMap(seen([over])[0])
+    height_map = HeightMap(seen([over])[0])
     line = straight((-0.06, 0, R), (-R, 0, R), 0.003)
-    assert classify_ends(fitted(line), cover, Scene(), PARAMETERS) == ("free", "unseen")
-    assert classify_ends(fitted(line[::-1]), cover, Scene(), PARAMETERS) == ("unseen", "free")
-    # Well before it, and on top of it, it is seen to end.
-    assert classify_ends(fitted(line - (0.02, 0, 0)), cover, Scene(), PARAMETERS) == ("free", "free")
-    assert classify_ends(fitted(line + (R, 0, 4 * R)), cover, Scene(), PARAMETERS) == ("free", "free")
-    assert classify_ends(replace(fitted(line), closed=True), cover, Scene(), PARAMETERS) == ("free", "free")
+    assert classify_ends(fitted(line), height_map, Scene(), PARAMETERS) == ("free", "unseen")
+    assert classify_ends(fitted(line[::-1]), height_map, Scene(), PARAMETERS) == ("unseen", "free")
+    # Well before the other strand, and on top of it, the end was observed.
+    assert classify_ends(fitted(line - (0.02, 0, 0)), height_map, Scene(), PARAMETERS) == ("free", "free")
+    assert classify_ends(fitted(line + (R, 0, 4 * R)), height_map, Scene(), PARAMETERS) == ("free", "free")
+    assert classify_ends(replace(fitted(line), closed=True), height_map, Scene(), PARAMETERS) == ("free", "free")
 
 
 @pytest.mark.parametrize(
-    ("share", "told", "doubted"),
+    ("share", "n_warnings", "n_ambiguities"),
     [(1, 0, 0), (0.93, 0, 0), (1.07, 0, 0), (0.8, 1, 0), (1.15, 1, 0), (1.4, 1, 0), (0.65, 0, 1)],
 )
-def test_a_radius_that_contradicts_the_told_one_is_told_and_much_less_of_it_is_in_doubt(
-    seen: Callable, straight: Callable, registered: Callable, share: float, told: int, doubted: int
+def test_a_radius_that_contradicts_the_given_one_is_a_warning_and_a_much_smaller_one_an_ambiguity(
+    seen: Callable, straight: Callable, registered: Callable, share: float, n_warnings: int, n_ambiguities: int
 ) -> None:
     axis = straight((0, 0, share * R), (0.12, 0, share * R))
-    (chain,), doubts, warnings = found_or_doubted(registered([seen([axis], radii=[share * R], noise=NOISE)]))
-    assert (len(warnings), len(doubts)) == (told, doubted)
-    for said in warnings + doubts:
-        assert said.startswith(f"chain 0 measures {share * 4.2:.1f} mm in radius, not the 4.2 mm that was looked for")
-        assert ("tell the thinnest's radius" in said) == (share < 1)
+    assembly = assembled(registered([seen([axis], radii=[share * R], noise=NOISE)]))
+    (chain,) = assembly.chains
+    assert (len(assembly.warnings), len(assembly.ambiguities)) == (n_warnings, n_ambiguities)
+    for message in assembly.warnings + assembly.ambiguities:
+        assert message.startswith(f"chain 0 measures {share * 4.2:.1f} mm in radius, not the expected 4.2 mm")
+        assert ("give the radius of the thinnest string" in message) == (share < 1)
         assert chain.radius_m == pytest.approx(share * R, rel=0.02)
 
 
@@ -150,9 +151,10 @@ def test_strings_of_different_radii_lie_in_one_scene(
     seen: Callable, straight: Callable, registered: Callable, off_line: Callable
 ) -> None:
     axes = [straight((0, 0, 1.4 * R), (0.13, 0, 1.4 * R)), straight((0, 0.04, 0.6 * R), (0.1, 0.04, 0.6 * R))]
-    chains, doubts, _ = found_or_doubted(registered([seen(axes, radii=[1.4 * R, 0.6 * R], noise=NOISE)]))
-    (doubt,) = doubts  # the thinner one may be longer than what was found of it
-    assert doubt.startswith("chain 1 measures 2.5 mm")
+    assembly = assembled(registered([seen(axes, radii=[1.4 * R, 0.6 * R], noise=NOISE)]))
+    chains = assembly.chains
+    (ambiguity,) = assembly.ambiguities  # parts of the thinner string may be missing
+    assert ambiguity.startswith("chain 1 measures 2.5 mm")
     np.testing.assert_allclose([chain.radius_m / R for chain in chains], (1.4, 0.6), rtol=0.02, atol=0)
     for chain, axis in zip(chains, axes, strict=True):
         assert off_line(chain.points, [axis]).max() < 0.1 * R
@@ -178,41 +180,44 @@ def test_a_ring_is_closed_and_its_length_is_its_perimeter(seen: Callable, arc: C
     (chain,), warnings = found(registered([seen([arc(0.04, 0, 360)], noise=NOISE)]))
     assert chain.closed
     assert chain.ends == ("free", "free")
-    assert warnings == []
+    assert warnings == ()
     # 251.3 mm: the radius of its line is known to 0.02 r.
     assert chain.length_m == pytest.approx(2 * np.pi * 0.04, abs=2 * np.pi * 0.02 * R)
 
 
-def test_no_strands_are_no_chains_and_told(seen: Callable, straight: Callable, registered: Callable) -> None:
+def test_without_strands_there_are_no_chains_and_a_warning(
+    seen: Callable, straight: Callable, registered: Callable
+) -> None:
     views = registered([seen([straight((0, 0, R), (0.1, 0, R))])])
     nothing = Refinement([], np.full(len(views.points), -1), 0.0)
-    chains, doubts, warnings = assemble_fitted_chains(nothing, views, HeightMap(views.points), Scene(), PARAMETERS)
-    assert (chains, doubts) == ((), [])
-    (warning,) = warnings
+    assembly = assemble_fitted_chains(nothing, views, HeightMap(views.points), Scene(), PARAMETERS)
+    assert (assembly.chains, assembly.ambiguities) == ((), ())
+    (warning,) = assembly.warnings
     assert warning.startswith("no string of radius 4.2 mm found")
     assert warning.endswith("check the radius")
 
 
-def test_a_string_that_nothing_holds_up_is_told(seen: Callable, straight: Callable, registered: Callable) -> None:
-    def warnings(*strings: np.ndarray) -> list[str]:
+def test_a_string_that_nothing_supports_is_a_warning(seen: Callable, straight: Callable, registered: Callable) -> None:
+    def warnings(*strings: np.ndarray) -> tuple[str, ...]:
         return found(registered([seen(list(strings), noise=NOISE, seed=seed) for seed in range(2)]))[1]
 
-    (told,) = warnings(straight((0, 0, 1.6 * R), (0.15, 0, 1.6 * R)))
-    assert told.startswith("chain 0 lies 2.")
-    assert "above the table nearly all along" in told
+    (warning,) = warnings(straight((0, 0, 1.6 * R), (0.15, 0, 1.6 * R)))
+    assert warning.startswith("chain 0 lies 2.")
+    assert "above the table along nearly all its length" in warning
     # One that rests on another in the middle lies on the table elsewhere.
     over = straight((0, 0, R), (0.2, 0, R))
     over[:, 2] += 2 * R * np.exp(-(((over[:, 0] - 0.1) / 0.025) ** 2))
-    assert warnings(over, straight((0.1, -0.1, R), (0.1, 0.1, R))) == []
+    assert warnings(over, straight((0.1, -0.1, R), (0.1, 0.1, R))) == ()
 
 
-def test_a_string_that_may_be_a_bar_is_kept_and_told(seen: Callable, straight: Callable, registered: Callable) -> None:
+def test_a_string_that_may_be_a_bar_is_kept_and_ambiguous(
+    seen: Callable, straight: Callable, registered: Callable
+) -> None:
     line = straight((0, 0, R), (0.1, 0, R), 0.003)
     views = registered([seen([line])])
     strand = replace(fitted(line), out_of_round_m=0.0, squareness=0.1, squareness_sigma=0.1)
     refinement = Refinement([strand], np.zeros(len(views.points), dtype=np.int64), 0.0002)
-    (chain,), (doubt,), warnings = assemble_fitted_chains(
-        refinement, views, HeightMap(views.points), Scene(), PARAMETERS
-    )
-    assert (chain.id, warnings) == (0, [])
-    assert doubt.startswith("chain 0 at (50, 0, 4) mm may be no string but a bar with edges")
+    assembly = assemble_fitted_chains(refinement, views, HeightMap(views.points), Scene(), PARAMETERS)
+    (chain,), (ambiguity,) = assembly.chains, assembly.ambiguities
+    assert (chain.id, assembly.warnings) == (0, ())
+    assert ambiguity.startswith("chain 0 at (50, 0, 4) mm may be a bar with edges instead of a string")

@@ -1,11 +1,11 @@
-"""Sigmas and view counts of fitted strands, where both can be worked out by hand."""
+"""Sigmas and view counts of fitted strands, compared with values computed by hand."""
 
 from collections.abc import Callable
 
 import numpy as np
 import pytest
 
-from recognition.assembly.uncertainty import BRIDGE_BEND, FLOOR_M, SYSTEMATIC_SHARE, point_uncertainty
+from recognition.assembly.uncertainty import MIN_HIDDEN_BEND_RADII, MIN_SIGMA_M, SYSTEMATIC_SHARE, point_uncertainty
 from recognition.refinement.refinement import FittedStrand
 from recognition.registration.registration import Registration
 
@@ -21,25 +21,25 @@ def strand(hidden: np.ndarray | None = None, support: float = 40.0) -> FittedStr
 
 
 def views(seen: Callable, straight: Callable, *ends: float) -> list[tuple[np.ndarray, np.ndarray]]:
-    """What as many views saw: the string from x = -10 mm to each of these."""
+    """The surface that each view saw: the string from x = -10 mm to one of `ends`."""
     return [seen([straight((-0.01, 0, R), (end, 0, R))]) for end in ends]
 
 
 def test_views_are_counted_point_by_point(seen: Callable, straight: Callable, registered: Callable) -> None:
     _, count = point_uncertainty(strand(), registered(views(seen, straight, 0.11, 0.05, 0.03)), 0.0)
     assert np.issubdtype(count.dtype, np.integer)
-    # A view's last points belong to the nearest of the line's: to half a step on.
+    # The last points of a view belong to the nearest point of the line, up to half a step farther.
     np.testing.assert_array_equal(count, 1 + (X < 0.05 + 0.35 * R) + (X < 0.03 + 0.35 * R))
 
 
 def test_bridged_points_have_no_views(seen: Callable, straight: Callable, registered: Callable) -> None:
     hidden = (X > 0.04) & (X < 0.06)
-    # Even where there is some surface, of what hides it.
+    # Even where there is surface, of the strand that hides it.
     _, count = point_uncertainty(strand(hidden), registered(views(seen, straight, 0.11, 0.11)), 0.0)
     np.testing.assert_array_equal(count, np.where(hidden, 0, 2))
 
 
-def test_specks_and_other_strands_are_not_the_string_seen(
+def test_specks_and_other_strands_do_not_count_as_views(
     seen: Callable, straight: Callable, registered: Callable
 ) -> None:
     beside = seen([straight((0, 2 * R, R), (0.1, 2 * R, R))])
@@ -54,7 +54,7 @@ def test_more_views_are_better(seen: Callable, straight: Callable, registered: C
     # Independent views of POSE_M in each direction: the mean of n has a variance of 1 / n of it, and of the two
     # directions across the string one counts whole and the other half.
     sigma, _ = point_uncertainty(strand(), registered(views(seen, straight, *[0.11] * number), POSE_M), 0.0)
-    np.testing.assert_allclose(sigma, np.sqrt(1.5 * POSE_M**2 / number + FLOOR_M**2), rtol=1e-9, atol=0)
+    np.testing.assert_allclose(sigma, np.sqrt(1.5 * POSE_M**2 / number + MIN_SIGMA_M**2), rtol=1e-9, atol=0)
 
 
 def turned_by(registration: Registration, about: int, sigma_rad: float) -> Registration:
@@ -70,19 +70,21 @@ def test_a_rotation_counts_by_its_lever(seen: Callable, straight: Callable, regi
     for about, lever in ((2, X), (1, X), (0, np.full_like(X, R))):
         # About z it moves the string sideways, about y up and down; about its own direction only by its height.
         sigma, _ = point_uncertainty(strand(), turned_by(one_view, about, 0.01), 0.0)
-        np.testing.assert_allclose(sigma, np.hypot(0.01 * lever, FLOOR_M), rtol=1e-9, atol=0)
+        np.testing.assert_allclose(sigma, np.hypot(0.01 * lever, MIN_SIGMA_M), rtol=1e-9, atol=0)
 
 
 def test_a_displacement_along_the_string_is_no_error(seen: Callable, straight: Callable, registered: Callable) -> None:
     sigma, _ = point_uncertainty(strand(), turned_by(registered(views(seen, straight, 0.11)), 3, 0.01), 0.0)
-    np.testing.assert_allclose(sigma, FLOOR_M, rtol=1e-9, atol=0)
+    np.testing.assert_allclose(sigma, MIN_SIGMA_M, rtol=1e-9, atol=0)
 
 
-def test_the_fit_is_worth_its_points(seen: Callable, straight: Callable, registered: Callable) -> None:
+def test_the_variance_of_the_fit_follows_scatter_and_support(
+    seen: Callable, straight: Callable, registered: Callable
+) -> None:
     taken = registered(views(seen, straight, 0.11), 0.0)
     excess = [
         point_uncertainty(strand(support=support), taken, scatter)[0] ** 2
-        - FLOOR_M**2
+        - MIN_SIGMA_M**2
         - (SYSTEMATIC_SHARE * scatter) ** 2
         for scatter, support in ((0.0002, 40.0), (0.0004, 40.0), (0.0002, 10.0))
     ]
@@ -97,11 +99,13 @@ def test_bridges_are_less_certain_towards_their_middle(
 ) -> None:
     hidden = (X > 0.04) & (X < 0.06)
     sigma, _ = point_uncertainty(strand(hidden), registered(views(seen, straight, 0.11), 0.0), 0.0)
-    np.testing.assert_allclose(sigma[~hidden], FLOOR_M, rtol=1e-9, atol=0)
-    # Leaving the smooth way with the least bend radius from the nearest point seen.
-    way = np.abs(X[hidden, None] - X[~hidden]).min(axis=1)
-    np.testing.assert_allclose(sigma[hidden], np.hypot(way**2 / (2 * BRIDGE_BEND * R), FLOOR_M), rtol=1e-9, atol=0)
-    middle = len(way) // 2
+    np.testing.assert_allclose(sigma[~hidden], MIN_SIGMA_M, rtol=1e-9, atol=0)
+    # The string leaves the smooth path with the smallest bend radius, from the nearest point that was seen.
+    distance = np.abs(X[hidden, None] - X[~hidden]).min(axis=1)
+    np.testing.assert_allclose(
+        sigma[hidden], np.hypot(distance**2 / (2 * MIN_HIDDEN_BEND_RADII * R), MIN_SIGMA_M), rtol=1e-9, atol=0
+    )
+    middle = len(distance) // 2
     assert (np.diff(sigma[hidden][: middle + 1]) > 0).all()
     # The fit beside a bridge is the fit in it.
     noisy, _ = point_uncertainty(strand(hidden), registered(views(seen, straight, 0.11), 0.0), 0.0003)
@@ -113,5 +117,5 @@ def test_a_strand_that_no_view_saw_is_finite(registered: Callable) -> None:
     elsewhere = (np.array([(5.0, 5.0, 5.0)] * 5), np.array([(0.0, 0.0, 1.0)] * 5))
     sigma, count = point_uncertainty(strand(np.ones(len(X), dtype=bool)), registered([elsewhere]), 0.0002)
     assert np.isfinite(sigma).all()
-    assert sigma.min() > 10 * FLOOR_M
+    assert sigma.min() > 10 * MIN_SIGMA_M
     np.testing.assert_array_equal(count, 0)

@@ -1,12 +1,12 @@
-"""What is above the table and in no chain is told."""
+"""Surface above the table that is in no chain is reported."""
 
 from dataclasses import replace
 
 import numpy as np
 
-from recognition.assembly.unexplained import MOST, find_unexplained_surface
-from recognition.assembly.unexplained import unexplained_messages as in_words
-from recognition.model.model import Chain
+from recognition.assembly.unexplained import MAX_LISTED_PIECES, find_unexplained_surface
+from recognition.assembly.unexplained import unexplained_messages as messages_of
+from recognition.model.chains import Chain
 from recognition.parameters import ChainParameters
 
 
@@ -21,7 +21,7 @@ def chain(points: np.ndarray, closed: bool = False) -> Chain:
 
 
 def unexplained_messages(surface: np.ndarray, chains: list[Chain], parameters: ChainParameters) -> list[str]:
-    return in_words(find_unexplained_surface(surface, chains, parameters))
+    return messages_of(find_unexplained_surface(surface, chains, parameters))
 
 
 # Points so far apart that the middles of links are more than 2 r from both.
@@ -39,10 +39,10 @@ def test_the_surface_of_a_thicker_chain_is_explained(table_1: ChainParameters) -
     assert unexplained_messages(beside, [replace(ALONG_X, radius_m=0.006)], table_1) == []
 
 
-def test_something_else_is_told_with_its_size_and_place(table_1: ChainParameters) -> None:
+def test_other_surface_is_reported_with_size_and_position(table_1: ChainParameters) -> None:
     surface = np.vstack([line((0, 4), (100, 4), 1), line((20, 30), (60, 30), 1)])
-    (said,) = unexplained_messages(surface, [ALONG_X], table_1)
-    assert said == "something of 40 mm at (40, 30, 4) mm is above the table and in no chain"
+    (message,) = unexplained_messages(surface, [ALONG_X], table_1)
+    assert message == "something of 40 mm at (40, 30, 4) mm is above the table and in no chain"
 
 
 def test_pieces_smaller_than_r_cn_are_noise(table_1: ChainParameters) -> None:
@@ -54,10 +54,10 @@ def test_pieces_smaller_than_r_cn_are_noise(table_1: ChainParameters) -> None:
 
 
 def test_the_largest_come_first_and_the_rest_are_counted(table_1: ChainParameters) -> None:
-    surface = np.vstack([line((0, 30 + 10 * k), (20 + k, 30 + 10 * k), 1) for k in range(MOST + 2)])
-    told = unexplained_messages(surface, [ALONG_X], table_1)
-    assert [said.split()[2] for said in told[:MOST]] == ["26", "25", "24", "23", "22"]
-    assert told[MOST:] == ["and 2 more such things"]
+    surface = np.vstack([line((0, 30 + 10 * k), (20 + k, 30 + 10 * k), 1) for k in range(MAX_LISTED_PIECES + 2)])
+    messages = unexplained_messages(surface, [ALONG_X], table_1)
+    assert [message.split()[2] for message in messages[:MAX_LISTED_PIECES]] == ["26", "25", "24", "23", "22"]
+    assert messages[MAX_LISTED_PIECES:] == ["and 2 more such objects"]
 
 
 def test_a_closed_chain_explains_its_closing_link(table_1: ChainParameters) -> None:
@@ -67,9 +67,9 @@ def test_a_closed_chain_explains_its_closing_link(table_1: ChainParameters) -> N
     assert len(unexplained_messages(side, [chain(corners)], table_1)) == 1
 
 
-def test_without_chains_all_of_the_surface_is_told(table_1: ChainParameters) -> None:
-    """A table with string of another radius than told must not read like a bare one."""
-    (said,) = unexplained_messages(line((0, 0), (50, 0), 1), [], table_1)
-    assert said.startswith("something of 50 mm at (25, 0, ")
+def test_without_chains_all_of_the_surface_is_reported(table_1: ChainParameters) -> None:
+    """A table with strings of a radius other than the given one must not look like an empty table."""
+    (message,) = unexplained_messages(line((0, 0), (50, 0), 1), [], table_1)
+    assert message.startswith("something of 50 mm at (25, 0, ")
     assert unexplained_messages(np.empty((0, 3)), [], table_1) == []
     assert unexplained_messages(np.empty((0, 3)), [ALONG_X], table_1) == []

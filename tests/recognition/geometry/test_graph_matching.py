@@ -1,4 +1,4 @@
-"""The best couples of ends, against trying all of them."""
+"""The maximum weight matching of ends, compared with trying all sets of pairs."""
 
 from itertools import combinations
 
@@ -14,50 +14,50 @@ from recognition.geometry.graph_matching import matching_margins, maximum_weight
 Ends = NDArray[np.int64]
 ENDS = 6
 ALL = list(combinations(range(ENDS), 2))
-graphs = st.lists(st.tuples(st.sampled_from(ALL), st.integers(-3, 9)), max_size=9, unique_by=lambda couple: couple[0])
+graphs = st.lists(st.tuples(st.sampled_from(ALL), st.integers(-3, 9)), max_size=9, unique_by=lambda pair: pair[0])
 
 
-def most(couples: list[tuple[tuple[int, int], int]]) -> int:
-    """The largest gain of any set of couples that share no end."""
-    if not couples:
+def max_gain(pairs: list[tuple[tuple[int, int], int]]) -> int:
+    """The largest gain of any set of pairs that share no end."""
+    if not pairs:
         return 0
-    (ends, gain), rest = couples[0], couples[1:]
-    return max(most(rest), gain + most([other for other in rest if not set(ends) & set(other[0])]))
+    (ends, gain), rest = pairs[0], pairs[1:]
+    return max(max_gain(rest), gain + max_gain([other for other in rest if not set(ends) & set(other[0])]))
 
 
-def arrays(couples: list[tuple[tuple[int, int], int]]) -> tuple[Ends, Ends, NDArray[np.float64]]:
-    a, b = np.array([ends for ends, _ in couples], dtype=np.int64).reshape(-1, 2).T
-    return a, b, np.array([gain for _, gain in couples], dtype=np.float64)
+def arrays(pairs: list[tuple[tuple[int, int], int]]) -> tuple[Ends, Ends, NDArray[np.float64]]:
+    a, b = np.array([ends for ends, _ in pairs], dtype=np.int64).reshape(-1, 2).T
+    return a, b, np.array([gain for _, gain in pairs], dtype=np.float64)
 
 
 @given(graphs)
-def test_no_other_couples_gain_more(couples: list[tuple[tuple[int, int], int]]) -> None:
-    a, b, gain = arrays(couples)
-    taken = maximum_weight_matching(a, b, gain)
-    ends = [*a[taken], *b[taken]]
+def test_no_other_pairs_gain_more(pairs: list[tuple[tuple[int, int], int]]) -> None:
+    a, b, gain = arrays(pairs)
+    matched = maximum_weight_matching(a, b, gain)
+    ends = [*a[matched], *b[matched]]
     assert len(ends) == len(set(ends))
-    assert gain[taken].sum() == most(couples)
-    for couple, margin in zip(taken, matching_margins(taken, a, b, gain), strict=True):
-        assert margin == most(couples) - most([*couples[:couple], *couples[couple + 1 :]])
+    assert gain[matched].sum() == max_gain(pairs)
+    for pair, margin in zip(matched, matching_margins(matched, a, b, gain), strict=True):
+        assert margin == max_gain(pairs) - max_gain([*pairs[:pair], *pairs[pair + 1 :]])
 
 
-def test_of_couples_equally_good_the_same_are_taken_each_time() -> None:
-    # Two answers gain 3. Releases of rustworkx before 0.18 give now this one and now that.
-    couples = arrays([((0, 2), 2), ((0, 4), 1), ((1, 4), 1), ((2, 4), 2), ((3, 4), 1)])
-    answers = {tuple(maximum_weight_matching(*couples)) for _ in range(50)}
+def test_equally_good_matchings_are_decided_the_same_each_time() -> None:
+    # Two answers gain 3. Releases of rustworkx before 0.18 return either of them.
+    pairs = arrays([((0, 2), 2), ((0, 4), 1), ((1, 4), 1), ((2, 4), 2), ((3, 4), 1)])
+    answers = {tuple(maximum_weight_matching(*pairs)) for _ in range(50)}
     assert len(answers) == 1
 
 
-def test_where_too_many_compete_no_couple_is_sure(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(recognition.geometry.graph_matching, "MOST_RIVALS", 2)
+def test_margins_are_zero_if_too_many_ends_compete(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(recognition.geometry.graph_matching, "MAX_COMPETING_ENDS", 2)
     a, b, gain = arrays([((0, 1), 2), ((2, 3), 5), ((3, 4), 3)])
     assert matching_margins(maximum_weight_matching(a, b, gain), a, b, gain).tolist() == [2.0, 0.0]
 
 
 def test_a_thousand_ends_are_matched() -> None:
-    # Far more than real scenes have: a search that grew with the number of sets would not end.
+    # Far more than real scenes have. A search over all sets would not end.
     rng = np.random.default_rng(1)
     a, b = np.unique(np.sort(rng.integers(0, 1000, (5000, 2)), axis=1), axis=0).T
     a, b = a[a != b], b[a != b]
-    taken = maximum_weight_matching(a, b, rng.uniform(0.5, 1.0, len(a)))
-    assert len(set(a[taken]) | set(b[taken])) == 2 * len(taken) > 900
+    matched = maximum_weight_matching(a, b, rng.uniform(0.5, 1.0, len(a)))
+    assert len(set(a[matched]) | set(b[matched])) == 2 * len(matched) > 900

@@ -1,4 +1,4 @@
-"""Where polylines cross as seen from above."""
+"""Intersections of polylines in the projection onto the table."""
 
 from itertools import combinations
 
@@ -22,7 +22,7 @@ def strand(points: np.ndarray, closed: bool = False) -> Strand:
 
 
 def crosses(a: np.ndarray, b: np.ndarray, c: np.ndarray, d: np.ndarray) -> bool:
-    """Whether the link from a to b crosses that from c to d, by which side of one the other's ends lie on."""
+    """Return whether link ab crosses link cd: the ends of each lie on different sides of the other."""
 
     def side(p: np.ndarray, q: np.ndarray, of: np.ndarray) -> float:
         return float(np.sign((q - p)[0] * (of - p)[1] - (q - p)[1] * (of - p)[0]))
@@ -31,7 +31,7 @@ def crosses(a: np.ndarray, b: np.ndarray, c: np.ndarray, d: np.ndarray) -> bool:
 
 
 @given(walks)
-def test_every_couple_of_links_that_crosses_is_found(points: list[np.ndarray]) -> None:
+def test_every_pair_of_links_that_intersects_is_found(points: list[np.ndarray]) -> None:
     links = [(k, m, walk[m], walk[m + 1]) for k, walk in enumerate(points) for m in range(len(walk) - 1)]
     expected = {
         (i, j)
@@ -40,12 +40,12 @@ def test_every_couple_of_links_that_crosses_is_found(points: list[np.ndarray]) -
     }
     found = find_intersections([strand(walk) for walk in points])
     # Links that only touch may count or not.
-    assert expected <= {meeting.strands for meeting in found}
-    assert [meeting.strands for meeting in found] == sorted(meeting.strands for meeting in found)
-    for meeting in found:
+    assert expected <= {intersection.strands for intersection in found}
+    assert [intersection.strands for intersection in found] == sorted(intersection.strands for intersection in found)
+    for intersection in found:
         for k in (0, 1):
-            place = points_at(points[meeting.strands[k]], np.array([meeting.s_m[k]]))[0]
-            np.testing.assert_allclose(place, [*meeting.xy, meeting.heights_m[k]], rtol=0, atol=1e-6)
+            point = points_at(points[intersection.strands[k]], np.array([intersection.s_m[k]]))[0]
+            np.testing.assert_allclose(point, [*intersection.xy, intersection.heights_m[k]], rtol=0, atol=1e-6)
 
 
 @pytest.mark.parametrize("turned", [False, True])
@@ -57,8 +57,8 @@ def test_a_crossing_in_a_rings_first_point_is_found_once(turned: bool) -> None:
     assert found.s_m[1] == pytest.approx(0.7, abs=1e-9)
 
 
-def test_a_ring_that_crosses_itself_in_its_first_point_does_so_once() -> None:
-    # An eight that begins in the middle.
+def test_a_ring_that_crosses_itself_in_its_first_point_is_found_once() -> None:
+    # A figure eight that begins in its middle.
     t = np.linspace(0, 2 * np.pi, 80, endpoint=False)
     eight = np.column_stack([np.sin(t), np.sin(2 * t) / 2, np.cos(t)])
     (found,) = find_intersections([strand(eight, closed=True)])
@@ -67,6 +67,6 @@ def test_a_ring_that_crosses_itself_in_its_first_point_does_so_once() -> None:
     assert sorted(found.heights_m) == pytest.approx([-1, 1], abs=1e-9)
 
 
-def test_links_of_no_length_cross_nothing() -> None:
+def test_links_of_zero_length_intersect_nothing() -> None:
     assert find_intersections([strand(np.zeros((3, 3))), strand(np.array([(-1.0, 0, 1), (1, 0, 1)]))]) == []
     assert find_intersections([]) == []

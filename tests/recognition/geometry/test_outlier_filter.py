@@ -12,7 +12,7 @@ def sheet() -> np.ndarray:
     return np.column_stack([x.ravel(), y.ravel(), np.zeros(900)]) * 0.001
 
 
-def test_points_off_a_surface_are_found_and_the_surface_stays() -> None:
+def test_points_off_a_surface_are_removed_and_the_surface_is_kept() -> None:
     off = np.array([[0.015, 0.015, 0.02], [0.06, 0.0, 0.0], [-0.03, 0.01, 0.001]])
     points = np.vstack([sheet(), off])
     # Shuffled: the answer must not depend on the order.
@@ -23,7 +23,7 @@ def test_points_off_a_surface_are_found_and_the_surface_stays() -> None:
 
 
 def test_an_even_cloud_on_a_circle_has_no_outlier() -> None:
-    # Every point of it has the same neighbourhood, so that only rounding tells them apart.
+    # Every point has the same neighbourhood, so that their distances differ by rounding only.
     angle = np.arange(400) / 400 * 2 * np.pi
     circle = np.column_stack([np.cos(angle), np.sin(angle), np.zeros(400)]) * 0.1
     assert inlier_mask(circle, LINE_RATIO).all()
@@ -41,13 +41,13 @@ def test_the_rule_by_brute_force(ratio: float) -> None:
     np.testing.assert_array_equal(inlier_mask(points, ratio), expected)
 
 
-def test_too_small_a_cloud_is_kept_whole() -> None:
+def test_a_cloud_too_small_for_the_statistic_is_kept() -> None:
     scattered = np.random.default_rng(2).uniform(size=(NEIGHBOURS, 3)) ** 5
     assert inlier_mask(scattered).tolist() == [True] * NEIGHBOURS
     assert inlier_mask(np.empty((0, 3))).shape == (0,)
 
 
-def test_points_in_one_place_are_not_outliers() -> None:
-    # Centre points of an exact cylinder fall together ring by ring: their neighbours could not be nearer.
+def test_coincident_points_are_not_outliers() -> None:
+    # The centre points of an exact cylinder coincide ring by ring.
     rings = np.repeat(np.linspace((0.0, 0.0, 0.0), (0.049, 0.0, 0.0), 50), 24, axis=0)
     assert inlier_mask(rings).all()

@@ -1,4 +1,4 @@
-"""Grasps with known answers, and what holds of those on any chains."""
+"""Grasps with known values, and properties of the grasps on random chains."""
 
 from dataclasses import replace
 from itertools import pairwise
@@ -8,9 +8,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from recognition.grasping.candidates import FAR_M
+from recognition.grasping.candidates import MAX_RELEVANT_DISTANCE_M
 from recognition.grasping.gripper import Gripper
-from recognition.model.model import Chain, Crossing, PointChainModel, StrandPoint
+from recognition.model.chains import Chain, Crossing, StrandPoint
+from recognition.model.model import PointChainModel
 from service.model_schema import GraspDocument
 from tests.recognition.straight_strings import (
     GRIPPER,
@@ -25,10 +26,10 @@ from tests.recognition.straight_strings import (
 
 
 @pytest.mark.parametrize("degrees", [0, 37, 180, -110])
-def test_a_straight_string_is_taken_from_above_and_across(degrees: float) -> None:
+def test_a_straight_string_is_grasped_from_above_and_across(degrees: float) -> None:
     grasps, warnings = grasps_of(straight(degrees=degrees))
     assert warnings == []
-    # Every 5 mm or so, but half a finger from the ends.
+    # About every 5 mm, except half a finger from the ends.
     s = np.sort([grasp.s_m for grasp in grasps])
     np.testing.assert_allclose((s[0], s[-1]), (HALF_FINGER, 0.2 - HALF_FINGER), rtol=0, atol=1e-9)
     np.testing.assert_allclose(np.diff(s), 0.005, rtol=0, atol=1e-9)
@@ -43,17 +44,17 @@ def test_a_straight_string_is_taken_from_above_and_across(degrees: float) -> Non
         # The table stops the fingertips before they reach the string's lowest point.
         assert grasp.reach_m == pytest.approx(R - GRIPPER.table_clearance_m, abs=1e-9)
         assert grasp.table_clearance_m == pytest.approx(GRIPPER.table_clearance_m, abs=1e-9)
-        assert grasp.clearance_m == FAR_M
+        assert grasp.clearance_m == MAX_RELEVANT_DISTANCE_M
     # The best is in the middle, and they come in order.
-    assert min(grasps[0].s_m, 0.2 - grasps[0].s_m) > FAR_M
+    assert min(grasps[0].s_m, 0.2 - grasps[0].s_m) > MAX_RELEVANT_DISTANCE_M
     scores = [grasp.score for grasp in grasps]
     assert scores == sorted(scores, reverse=True)
     assert 0 < scores[-1] < scores[0] <= 1
 
 
 def test_the_opening_grows_with_sigma_and_bend() -> None:
-    unsure = replace(straight(), sigma_m=np.full(51, 0.001))
-    grasps, _ = grasps_of(unsure)
+    uncertain = replace(straight(), sigma_m=np.full(51, 0.001))
+    grasps, _ = grasps_of(uncertain)
     assert {round(grasp.opening_m, 9) for grasp in grasps} == {0.0164}  # 8.4 + 2 * 2 sigma + 4
     sure = grasps_of(straight())[0][0].score
     assert grasps[0].score == pytest.approx(sure / (1 + (2 / 4.2) ** 2), rel=1e-6)
@@ -64,13 +65,13 @@ def test_the_opening_grows_with_sigma_and_bend() -> None:
     # Half a finger along a circle of 30 mm, it is 5^2 / 60 mm off the tangent.
     bend = 0.03 * (1 - np.cos(HALF_FINGER / 0.03))
     np.testing.assert_allclose([grasp.opening_m for grasp in grasps], 0.0124 + 2 * bend, rtol=0, atol=2e-5)
-    # All the way round: a closed chain has no end to keep away from.
+    # All around: a closed chain has no end.
     assert len(grasps) == int(ring.length_m / 0.005) + 1
     scores = [grasp.score for grasp in grasps]
     assert max(scores) - min(scores) < 0.01
 
 
-def test_none_where_no_view_saw_the_string() -> None:
+def test_no_grasp_where_no_view_saw_the_string() -> None:
     seen = straight()
     views = seen.views.copy()
     views[25] = 0  # at 100 mm; its neighbours, 4 mm on, were seen
@@ -97,7 +98,7 @@ def test_strands_side_by_side_need_room_for_a_finger(apart: float, possible: boo
         assert "would touch" in warnings[0]
 
 
-def test_a_stroke_smaller_than_the_string_is_said() -> None:
+def test_a_stroke_smaller_than_the_string_is_a_warning() -> None:
     grasps, warnings = grasps_of(straight(), gripper=Gripper(stroke_m=0.012))
     assert grasps == ()
     (warning,) = warnings
@@ -106,7 +107,7 @@ def test_a_stroke_smaller_than_the_string_is_said() -> None:
     assert "opens 12.0 mm" in warning
 
 
-def test_a_string_too_thin_for_fingers_above_the_table_is_said() -> None:
+def test_a_string_too_thin_for_fingers_above_the_table_is_a_warning() -> None:
     thin = replace(straight(z=0.001), radius_m=0.001)
     grasps, warnings = grasps_of(thin)
     assert grasps == ()
@@ -115,36 +116,36 @@ def test_a_string_too_thin_for_fingers_above_the_table_is_said() -> None:
     assert {round(grasp.reach_m, 6) for grasp in grasps} == {0.0005}
 
 
-def test_a_chain_shorter_than_a_finger_is_said() -> None:
+def test_a_chain_shorter_than_a_finger_is_a_warning() -> None:
     grasps, warnings = grasps_of(straight(length=0.009))
     assert grasps == ()
-    assert "9 mm are no longer than a finger is wide" in warnings[0]
+    assert "its length of 9 mm is not more than the width of a finger" in warnings[0]
 
 
 def test_no_string_no_grasp() -> None:
     assert grasps_of() == ((), [])
 
 
-def test_a_long_string_has_places_all_along() -> None:
+def test_a_long_string_has_grasps_along_its_whole_length() -> None:
     grasps, _ = grasps_of(straight(length=10.0))
     s = np.sort([grasp.s_m for grasp in grasps])
     assert len(s) == 100
     np.testing.assert_allclose(np.diff(s), (10 - 2 * HALF_FINGER) / 99, rtol=0, atol=1e-9)
 
 
-def test_turning_the_chain_round_turns_the_grasps() -> None:
+def test_reversing_the_chain_turns_the_grasps() -> None:
     (there, _), (back, _) = grasps_of(straight()), grasps_of(replace(straight(), points=straight().points[::-1].copy()))
     assert len(there) == len(back)
-    by_place = {round(0.2 - grasp.s_m, 6): grasp for grasp in back}
+    by_position = {round(0.2 - grasp.s_m, 6): grasp for grasp in back}
     for grasp in there:
-        other = by_place[round(grasp.s_m, 6)].T_base_grasp
+        other = by_position[round(grasp.s_m, 6)].T_base_grasp
         np.testing.assert_allclose(other[:, :2], -grasp.T_base_grasp[:, :2], rtol=0, atol=1e-9)
         np.testing.assert_allclose(other[:, 2:], grasp.T_base_grasp[:, 2:], rtol=0, atol=1e-9)
 
 
 @st.composite
 def odd_chains(draw: st.DrawFn) -> tuple[Chain, ...]:
-    """Chains that wander about in space, stand still, rise or have a single point."""
+    """Random chains: some have steps of zero length, some a single point, some are above or below the table."""
     chains = []
     for number in range(draw(st.integers(1, 3))):
         rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
@@ -163,7 +164,7 @@ def odd_chains(draw: st.DrawFn) -> tuple[Chain, ...]:
 
 @settings(max_examples=50, deadline=None)
 @given(odd_chains(), st.integers(0, 60), st.floats(0, 0.1))
-def test_whatever_the_chains_grasps_are_possible_ones(chains: tuple[Chain, ...], count: int, spread: float) -> None:
+def test_grasps_on_random_chains_are_possible(chains: tuple[Chain, ...], count: int, spread: float) -> None:
     surface = np.random.default_rng(count).normal((0, 0, TABLE_Z), spread, (count, 3))
     crossings = tuple(
         Crossing(k, np.zeros(3), StrandPoint(a.id, a.length_m / 3), StrandPoint(b.id, b.length_m / 2), 0, 1, 1, 0.6)
@@ -177,7 +178,7 @@ def test_whatever_the_chains_grasps_are_possible_ones(chains: tuple[Chain, ...],
         np.testing.assert_allclose(T[:3, :3].T @ T[:3, :3], np.eye(3), rtol=0, atol=1e-9)
         assert 0 <= grasp.s_m <= chains[grasp.chain].length_m
         assert 2 * chains[grasp.chain].radius_m < grasp.opening_m <= GRIPPER.stroke_m
-        assert GRIPPER.clearance_m <= grasp.clearance_m <= FAR_M
+        assert GRIPPER.clearance_m <= grasp.clearance_m <= MAX_RELEVANT_DISTANCE_M
         assert grasp.table_clearance_m >= GRIPPER.table_clearance_m - 1e-9
         assert 0 <= grasp.score <= 1
 
@@ -186,11 +187,11 @@ def test_the_document_holds_grasps_to_a_micrometre() -> None:
     grasps, _ = grasps_of(straight(degrees=33))
     document = PointChainModel("enhanced", PARAMETERS, (straight(degrees=33),), grasps=grasps).to_json()
     assert len(document["grasps"]) == len(grasps)
-    told, grasp = document["grasps"][0], grasps[0]
-    GraspDocument.model_validate(told)
-    np.testing.assert_allclose(told["T_base_grasp"], grasp.T_base_grasp, rtol=0, atol=5e-7)
-    # Rotations keep their figures, or the frame would not be rigid any more.
-    rotation = np.array(told["T_base_grasp"])[:3, :3]
+    written, grasp = document["grasps"][0], grasps[0]
+    GraspDocument.model_validate(written)
+    np.testing.assert_allclose(written["T_base_grasp"], grasp.T_base_grasp, rtol=0, atol=5e-7)
+    # Rotations keep all their digits; otherwise the frame would no longer be rigid.
+    rotation = np.array(written["T_base_grasp"])[:3, :3]
     np.testing.assert_allclose(rotation @ rotation.T, np.eye(3), rtol=0, atol=1e-8)
-    assert told["s_m"] == pytest.approx(grasp.s_m, abs=5e-7)
-    assert told["score"] == pytest.approx(grasp.score, abs=5e-5)
+    assert written["s_m"] == pytest.approx(grasp.s_m, abs=5e-7)
+    assert written["score"] == pytest.approx(grasp.score, abs=5e-5)

@@ -1,4 +1,4 @@
-"""Grasps where strands cross, and that none of those on simulated tangles touches the true strings."""
+"""Grasps near crossings, and clearance of the grasps on simulated tangles from the true strings."""
 
 import numpy as np
 import pytest
@@ -6,7 +6,7 @@ from scipy.spatial import KDTree
 
 from cell.simulation.scenes import make_scene
 from recognition.assembly.crossings import find_crossings
-from recognition.model.model import Chain, Crossing, StrandPoint
+from recognition.model.chains import Chain, Crossing, StrandPoint
 from recognition.strand import Strand
 from tests.recognition.straight_strings import (
     GRIPPER,
@@ -33,30 +33,30 @@ def crossed(height: float, confidence: float = 1.0) -> tuple[Chain, Chain, Cross
     )
 
 
-def test_none_near_a_crossing_on_the_strand_underneath() -> None:
+def test_no_grasp_near_a_crossing_on_the_lower_strand() -> None:
     under, over, crossing = crossed(height=3 * R)
     grasps, _ = grasps_of(under, over, crossings=(crossing,))
     away = PARAMETERS.r_cn + HALF_FINGER
     below = np.abs([grasp.s_m - 0.1 for grasp in grasps if grasp.chain == 0])
     assert away <= below.min() < away + 0.005
-    # The strand above can be taken there, as long as the fingertips stay above the one below by their clearance.
+    # The upper strand can be grasped there if the fingertips keep their clearance from the lower one.
     above = [grasp for grasp in grasps if grasp.chain == 1 and abs(grasp.s_m - 0.1) < 0.004]
     assert above
     for grasp in above:
         tips = 3 * R - grasp.reach_m - 2 * R
-        assert grasp.clearance_m == pytest.approx(tips, abs=2e-4)  # balls fill the string but for r / 30
+        assert grasp.clearance_m == pytest.approx(tips, abs=2e-4)  # balls fill the string up to r / 30
         assert grasp.clearance_m >= GRIPPER.clearance_m
     best_away = max(grasp.score for grasp in grasps if grasp.chain == 1)
     assert max(grasp.score for grasp in above) < best_away / 2
 
 
-def test_a_strand_pressed_into_the_one_below_is_not_taken_there() -> None:
+def test_a_strand_pressed_into_the_lower_one_is_not_grasped_there() -> None:
     under, over, crossing = crossed(height=R + 0.6 * 2 * R)
     grasps, _ = grasps_of(under, over, crossings=(crossing,))
     assert min(abs(grasp.s_m - 0.1) for grasp in grasps if grasp.chain == 1) > R
 
 
-def test_where_over_and_under_are_not_certain_neither_is_taken() -> None:
+def test_neither_strand_of_an_uncertain_crossing_is_grasped() -> None:
     under, over, crossing = crossed(height=3 * R, confidence=0.7)
     grasps, _ = grasps_of(under, over, crossings=(crossing,))
     away = PARAMETERS.r_cn + HALF_FINGER
@@ -65,7 +65,7 @@ def test_where_over_and_under_are_not_certain_neither_is_taken() -> None:
 
 def laid(curves: tuple[np.ndarray, ...]) -> tuple[tuple[Chain, ...], tuple[Crossing, ...]]:
     strands = [Strand(curve + np.array([0, 0, TABLE_Z]), np.zeros(len(curve), dtype=bool)) for curve in curves]
-    crossings, _ = find_crossings(strands, NOTHING, PARAMETERS)
+    crossings = find_crossings(strands, NOTHING, PARAMETERS).crossings
     return tuple(chain(strand.points, k) for k, strand in enumerate(strands)), tuple(crossings)
 
 
@@ -78,7 +78,7 @@ def test_no_finger_is_in_a_string_or_the_table(name: str) -> None:
     tree = KDTree(np.vstack([c.points for c in chains]))
     for grasp in grasps:
         fingers = finger_points(grasp)
-        # 0.2 mm: the curves are polylines of 1 mm, the balls fill a string but for r / 30.
+        # 0.2 mm: the curves are polylines of 1 mm, the balls fill a string up to r / 30.
         assert tree.query(fingers)[0].min() > R + GRIPPER.clearance_m - 2e-4
         assert fingers[:, 2].min() - TABLE_Z == pytest.approx(grasp.table_clearance_m, abs=1e-9)
         assert grasp.table_clearance_m > GRIPPER.table_clearance_m - 1e-9

@@ -1,4 +1,4 @@
-"""The gripper's dimensions, and distances from the way it takes, by hand."""
+"""Dimensions of the gripper, and distances from its swept volume, computed by hand."""
 
 import math
 from typing import Any
@@ -6,7 +6,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from recognition.grasping.gripper import Gripper, InvalidGripperError, swept_distance
+from recognition.errors import InvalidGripperError
+from recognition.grasping.gripper import Gripper, swept_distance
 
 GRIPPER = Gripper(finger_width_m=0.01, finger_thickness_m=0.005, finger_depth_m=0.04, stroke_m=0.08, palm_width_m=0.06)
 """With the opening and reach below: fingers from x = 6 to 11, |y| <= 5, z <= 3; palm |x| <= 45, |y| <= 30, z <= -37."""
@@ -33,7 +34,7 @@ def test_distances_by_hand(point: tuple[float, float, float], expected: float) -
     np.testing.assert_allclose(found, expected / 1000, rtol=0, atol=1e-12)
 
 
-def test_the_room_between_the_fingers_counts_for_what_must_not_be_gripped() -> None:
+def test_the_space_between_the_fingers_counts_for_points_that_must_not_be_gripped() -> None:
     points = np.array([(0, 0, 0), (0, 0, 5), (14, 9, 0)]) / 1000
     found = swept_distance(points, np.full(3, OPENING), np.full(3, REACH), GRIPPER, np.full(3, True))
     np.testing.assert_allclose(found, (0, 0.002, 0.005), rtol=0, atol=1e-12)
@@ -52,11 +53,11 @@ def test_the_room_between_the_fingers_counts_for_what_must_not_be_gripped() -> N
         ({"clearance_m": True}, "clearance_m is True"),
     ],
 )
-def test_dimensions_of_no_gripper_are_refused(wrong: dict[str, Any], said: str) -> None:
+def test_invalid_dimensions_are_refused(wrong: dict[str, Any], said: str) -> None:
     with pytest.raises(InvalidGripperError) as refused:
         Gripper(**wrong)
     assert said in str(refused.value)
 
 
-def test_margins_may_be_nothing() -> None:
+def test_margins_may_be_zero() -> None:
     assert Gripper(opening_margin_m=0, clearance_m=0, table_clearance_m=0).clearance_m == 0

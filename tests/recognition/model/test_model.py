@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from recognition.model.model import METHODS, Chain, Crossing, Grasp, PointChainModel, Quality, StrandPoint, ViewQuality
+from recognition.model.chains import Chain, Crossing, Grasp, StrandPoint
+from recognition.model.model import METHODS, PointChainModel, Quality, ViewQuality
 from recognition.parameters import ChainParameters
 
 T_BASE_GRASP = np.array([(0.6, -0.8, 0, 0.1), (-0.8, -0.6, 0, -0.2), (0, 0, -1, 1 / 3), (0, 0, 0, 1)])
@@ -38,7 +39,7 @@ def model(table_1: ChainParameters) -> PointChainModel:
         table_1,
         (chain(0, SQUARE), chain(1, SQUARE + 0.01)),
         (crossing(0, (0, 0.09), (0, 0.02), 1), crossing(1, (1, 0.05), (0, 0.04), -1)),
-        Quality(views, ("not certain",), ("left out",)),
+        Quality(views, ("not certain",), ("excluded",)),
         {"preprocess": 0.05123456789},
         grasps=(Grasp(1, 0.02, T_BASE_GRASP, 0.0124, 0.0032, 0.03, 0.001, 2 / 3),),
     )

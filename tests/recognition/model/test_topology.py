@@ -11,16 +11,11 @@ from hypothesis import strategies as st
 
 from cell.simulation.scenes import make_scene
 from recognition.assembly.crossings import find_crossings
-from recognition.model.model import Chain, Crossing, PointChainModel, StrandPoint
-from recognition.model.topology import (
-    CrossingElement,
-    EndElement,
-    PData,
-    SegmentElement,
-    TopologyError,
-    gauss_code,
-    p_data,
-)
+from recognition.errors import TopologyError
+from recognition.model.chains import Chain, Crossing, StrandPoint
+from recognition.model.document import p_data_document
+from recognition.model.model import PointChainModel
+from recognition.model.topology import CrossingElement, EndElement, PData, SegmentElement, gauss_code, p_data
 from recognition.parameters import ChainParameters
 from recognition.strand import Strand
 from tests.recognition.invariants import Strings, gauss_code_of, linking_number, mirrored, turned_round, writhe
@@ -36,7 +31,7 @@ def chain(number: int, points: np.ndarray, closed: bool = False) -> Chain:
 def laid(*curves: np.ndarray, closed: bool = False) -> Strings:
     """Chains along exact curves, and their crossings, over and under by the curves' heights."""
     strands = [Strand(points, np.zeros(len(points), dtype=bool), closed) for points in curves]
-    crossings, _ = find_crossings(strands, np.empty((0, 3)), PARAMETERS)
+    crossings = find_crossings(strands, np.empty((0, 3)), PARAMETERS).crossings
     return tuple(chain(k, points, closed) for k, points in enumerate(curves)), tuple(crossings)
 
 
@@ -98,7 +93,7 @@ def test_closed_chains_by_hand() -> None:
     eight = np.column_stack([0.1 * np.cos(t), 0.05 * np.sin(2 * t), 0.01 + 0.008 * np.sin(t)])
     chains, crossings = laid(eight, closed=True)
     crossed = p_data(chains, crossings)
-    # It is highest at pi / 2, its first pass. The chain begins in the segment that is told last.
+    # It is highest at pi / 2, its first pass. The chain begins in the last segment.
     assert crossed.matrix.tolist() == [[0, 1, -1], [-1, 0, 0], [1, 0, 0]]
     begins, ends = spans(crossed)[-1]
     assert begins < chains[0].length_m < ends
@@ -106,18 +101,18 @@ def test_closed_chains_by_hand() -> None:
 
 
 def spans(data: PData) -> list[tuple[float, float]]:
-    """Where each segment begins and ends."""
+    """Return the arc lengths of the beginning and the end of each segment."""
     return [element.s_m for element in data.elements if isinstance(element, SegmentElement)]
 
 
 def test_no_string_has_no_elements() -> None:
     data = p_data((), ())
     assert (data.elements, data.matrix.shape) == ((), (0, 0))
-    assert data.to_json() == {"elements": [], "matrix": []}
+    assert p_data_document(data) == {"elements": [], "matrix": []}
 
 
 def test_the_document_names_every_element() -> None:
-    document = json.loads(json.dumps(p_data(*laid(LOOP)).to_json(), allow_nan=False))
+    document = json.loads(json.dumps(p_data_document(p_data(*laid(LOOP))), allow_nan=False))
     assert [element["id"] for element in document["elements"]] == list(range(6))
     assert [element["kind"] for element in document["elements"]] == ["end"] * 2 + ["crossing"] + ["segment"] * 3
     assert document["elements"][0] == {"id": 0, "kind": "end", "chain": 0, "which": "first", "s_m": 0.0, "end": "free"}
@@ -126,7 +121,7 @@ def test_the_document_names_every_element() -> None:
 
 
 def test_linking_numbers() -> None:
-    # Heights differ where the rings meet: the wavy one goes over the flat one at one place, under it at the other.
+    # Heights differ where the rings meet: the wavy one goes over the flat one at one point and under it at the other.
     chains, crossings = laid(circle(0.0) - np.array([0, 0, 0.02]), circle(0.06, waves=1), closed=True)
     assert len(crossings) == 2
     hopf = linking_number(chains, crossings, 0, 1)
@@ -244,7 +239,7 @@ def test_numbering_crossings_otherwise_changes_nothing(strings: Strings, random:
     ]
 
 
-def test_nor_does_it_where_three_strands_meet_in_one_place() -> None:
+def test_nor_does_it_where_three_strands_meet_in_one_point() -> None:
     line = np.column_stack([np.linspace(0, 1, 11), np.zeros((11, 2))])
     chains = tuple(chain(k, line) for k in range(3))
     lowest, at = StrandPoint(0, 0.5), np.zeros(3)
@@ -271,8 +266,11 @@ def test_turning_every_chain_round_reverses_every_walk(strings: Strings) -> None
         assert any(turned[k:] + turned[:k] == there for k in range(max(len(there), 1)))
 
 
-def test_the_model_tells_both() -> None:
+def test_the_document_has_both() -> None:
     chains, crossings = laid(LOOP)
     model = PointChainModel("enhanced", PARAMETERS, chains, crossings)
     topology = model.to_json()["topology"]
-    assert topology == {"gauss_code": gauss_code(chains, crossings), "p_data": p_data(chains, crossings).to_json()}
+    assert topology == {
+        "gauss_code": gauss_code(chains, crossings),
+        "p_data": p_data_document(p_data(chains, crossings)),
+    }

@@ -1,4 +1,4 @@
-"""Which part of the table the pictures show, and how that is told."""
+"""Coverage of the table by the views, and the message about uncovered parts."""
 
 import re
 import time
@@ -17,10 +17,10 @@ from cell.simulation.simulate import WORKSPACE_HALF_M, SimulatedScan, simulate
 from recognition.parameters import ChainParameters
 from recognition.pipeline import recognise
 from recognition.preprocessing.coverage import (
-    MOST_SQUARES,
-    NOTABLE_SHARE,
+    MAX_SQUARES,
+    MIN_REPORTED_SHARE,
+    CameraFrustum,
     Coverage,
-    ImagedArea,
     coverage_message,
     coverage_warnings,
     table_coverage,
@@ -30,35 +30,35 @@ from recognition.preprocessing.target_cloud import Scene, preprocess
 K = np.array([[400.0, 0.0, 319.5], [0.0, 400.0, 199.5], [0.0, 0.0, 1.0]])
 
 
-def look(T_base_camera: NDArray[np.float64]) -> ImagedArea:
-    return ImagedArea(K, 640, 400, T_base_camera)
+def frustum(T_base_camera: NDArray[np.float64]) -> CameraFrustum:
+    return CameraFrustum(K, 640, 400, T_base_camera)
 
 
-def above(x: float, y: float, height_m: float) -> ImagedArea:
-    """Looks straight down; the image's x axis is the base's y."""
+def above(x: float, y: float, height_m: float) -> CameraFrustum:
+    """Return the frustum of a camera that points straight down. The x axis of the image is the y axis of the base."""
     T = np.eye(4)
     T[:3, :3] = np.array([(0, 1, 0), (1, 0, 0), (0, 0, -1)])
     T[:3, 3] = x, y, height_m
-    return look(T)
+    return frustum(T)
 
 
-def coverage_of(pictures: NDArray[np.int64], side_m: float = 1.0) -> Coverage:
-    return Coverage((0.0, side_m), (0.0, side_m), pictures)
+def coverage_of(view_count: NDArray[np.int64], side_m: float = 1.0) -> Coverage:
+    return Coverage((0.0, side_m), (0.0, side_m), view_count)
 
 
 def test_a_camera_straight_above_sees_a_rectangle() -> None:
     # 0.4 m above the table, 1 mm a pixel: 639 mm along y and 399 mm along x, about (0.1, -0.2).
     coverage = table_coverage([above(0.1, -0.2, 0.5)], (-0.5, 0.5), (-0.6, 0.6), 0.1)
-    assert coverage.pictures.shape == (100, 120)
+    assert coverage.view_count.shape == (100, 120)
     x, y = -0.495 + 0.01 * np.arange(100), -0.595 + 0.01 * np.arange(120)
     expected = np.outer(np.abs(x - 0.1) <= 0.1995, np.abs(y + 0.2) <= 0.3195)
-    np.testing.assert_array_equal(coverage.pictures, expected)
-    assert coverage.share == 0.0, "one picture is not enough"
+    np.testing.assert_array_equal(coverage.view_count, expected)
+    assert coverage.covered_share == 0.0, "one view is not enough"
 
 
-def test_oblique_pictures_are_counted_place_by_place() -> None:
+def test_oblique_views_are_counted_square_by_square() -> None:
     poses = [look_at(np.array([0.4, 0.1, -0.2]), azimuth, 0.8, 0.5, 0.3) for azimuth in (0.3, 2.0, 4.5)]
-    coverage = table_coverage([look(T) for T in poses], (0.0, 0.9), (-0.5, 0.5), -0.2)
+    coverage = table_coverage([frustum(T) for T in poses], (0.0, 0.9), (-0.5, 0.5), -0.2)
     x, y = np.meshgrid(0.005 + 0.01 * np.arange(90), -0.495 + 0.01 * np.arange(100), indexing="ij")
     places = np.column_stack([x.ravel(), y.ravel(), np.full(x.size, -0.2)])
     counted = np.zeros(len(places), dtype=np.int64)
@@ -66,87 +66,87 @@ def test_oblique_pictures_are_counted_place_by_place() -> None:
         seen = transform_points(inverse(T), places)
         pixels = (seen @ K.T)[:, :2] / seen[:, 2:]
         counted += (seen[:, 2] > 0) & np.all((pixels >= 0) & (pixels <= (639, 399)), axis=1)
-    np.testing.assert_array_equal(coverage.pictures.ravel(), counted)
-    assert 0.1 < coverage.share < 0.9
+    np.testing.assert_array_equal(coverage.view_count.ravel(), counted)
+    assert 0.1 < coverage.covered_share < 0.9
 
 
-def test_what_lies_behind_a_camera_is_not_in_its_picture() -> None:
+def test_what_lies_behind_a_camera_is_not_in_its_view() -> None:
     up = above(0.0, 0.0, 0.5).T_base_camera @ np.diag([1.0, -1.0, -1.0, 1.0])
-    assert table_coverage([look(up)] * 2, (-0.5, 0.5), (-0.5, 0.5), 0.0).share == 0.0
+    assert table_coverage([frustum(up)] * 2, (-0.5, 0.5), (-0.5, 0.5), 0.0).covered_share == 0.0
 
 
-def test_a_large_workspace_is_looked_at_in_larger_squares() -> None:
+def test_a_large_workspace_has_larger_squares() -> None:
     coverage = table_coverage([above(0.0, 0.0, 9.0)] * 2, (-5.0, 5.0), (0.0, 0.004), 0.0)
-    assert coverage.pictures.shape == (MOST_SQUARES, 1)
+    assert coverage.view_count.shape == (MAX_SQUARES, 1)
     # 9 m up it sees 22.5 mm a pixel, 399 of them along x.
-    assert coverage.share == pytest.approx(399 * 0.0225 / 10, abs=2 / MOST_SQUARES)
+    assert coverage.covered_share == pytest.approx(399 * 0.0225 / 10, abs=2 / MAX_SQUARES)
 
 
-def test_next_to_nothing_is_not_told() -> None:
-    pictures = np.full((100, 100), 8)
-    assert coverage_message(coverage_of(pictures)) is None
-    pictures[: round(100 * NOTABLE_SHARE)] = 1
-    assert coverage_message(coverage_of(pictures)) is None
-    pictures[: round(100 * NOTABLE_SHARE) + 1] = 1
-    assert coverage_message(coverage_of(pictures)) is not None
+def test_a_sliver_is_not_reported() -> None:
+    view_count = np.full((100, 100), 8)
+    assert coverage_message(coverage_of(view_count)) is None
+    view_count[: round(100 * MIN_REPORTED_SHARE)] = 1
+    assert coverage_message(coverage_of(view_count)) is None
+    view_count[: round(100 * MIN_REPORTED_SHARE) + 1] = 1
+    assert coverage_message(coverage_of(view_count)) is not None
 
 
-def test_a_corner_is_told_by_its_place() -> None:
-    pictures = np.full((100, 100), 2)
-    pictures[80:, :30] = 1
-    assert coverage_message(coverage_of(pictures)) == (
-        "6 % of the table in the workspace (600 cm2) is in fewer than 2 pictures, and strings there may be missed or "
-        "cut short; that is at x 0.80 to 1.00 m, y 0.00 to 0.30 m"
+def test_an_uncovered_corner_is_reported_with_its_position() -> None:
+    view_count = np.full((100, 100), 2)
+    view_count[80:, :30] = 1
+    assert coverage_message(coverage_of(view_count)) == (
+        "6 % of the table in the workspace (600 cm2) is in fewer than 2 views, and strings there may be missed or "
+        "cut short; this part lies within x 0.80 to 1.00 m, y 0.00 to 0.30 m"
     )
 
 
-def test_a_rim_is_told_by_what_it_is_around() -> None:
-    pictures = np.zeros((100, 100), dtype=np.int64)
-    pictures[10:70, 20:90] = 3
-    assert (coverage_message(coverage_of(pictures)) or "").endswith(
-        "wholly in view is x 0.10 to 0.70 m, y 0.20 to 0.90 m"
+def test_for_an_uncovered_border_the_covered_rectangle_is_reported() -> None:
+    view_count = np.zeros((100, 100), dtype=np.int64)
+    view_count[10:70, 20:90] = 3
+    assert (coverage_message(coverage_of(view_count)) or "").endswith(
+        "the largest covered rectangle is x 0.10 to 0.70 m, y 0.20 to 0.90 m"
     )
 
 
-def test_what_is_wholly_in_view_is_so() -> None:
+def test_the_reported_rectangle_is_covered() -> None:
     x, y = np.meshgrid(np.arange(100), np.arange(100), indexing="ij")
     coverage = coverage_of(np.where((x - 45) ** 2 + (y - 55) ** 2 < 40**2, 2, 0))
-    words = coverage_message(coverage) or ""
-    x0, x1, y0, y1 = (round(100 * float(figure)) for figure in re.findall(r"\d\.\d\d", words))
-    assert coverage.in_view[x0:x1, y0:y1].all()
-    # The largest rectangle in a disc has 2 / pi of it; steps of 5 cm cost some.
+    message = coverage_message(coverage) or ""
+    x0, x1, y0, y1 = (round(100 * float(figure)) for figure in re.findall(r"\d\.\d\d", message))
+    assert coverage.is_covered[x0:x1, y0:y1].all()
+    # The largest rectangle in a disc has 2 / pi of it; steps of 5 cm lose some.
     assert (x1 - x0) * (y1 - y0) > 0.8 * 2 * 40**2
 
 
-def test_words_are_found_where_nothing_or_no_piece_is_in_view() -> None:
+def test_no_covered_square_or_no_covered_rectangle_has_a_message() -> None:
     nothing = coverage_message(coverage_of(np.zeros((40, 40), dtype=np.int64)))
-    assert (nothing or "").endswith("that is all of it")
+    assert (nothing or "").endswith("this part is the whole table in the workspace")
     board = np.indices((100, 100)).sum(axis=0) % 2 * 2
-    assert (coverage_message(coverage_of(board)) or "").endswith("that is here and there")
+    assert (coverage_message(coverage_of(board)) or "").endswith("this part is scattered over the table")
 
 
 def test_it_takes_less_than_five_milliseconds() -> None:
     # The required bound, for the largest grid and eight views: in the processor's time, of the best of many: others
     # share its core.
-    looks = [look(look_at(np.zeros(3), azimuth, 0.8, 0.3, 0.2)) for azimuth in np.arange(8.0)]
+    frustums = [frustum(look_at(np.zeros(3), azimuth, 0.8, 0.3, 0.2)) for azimuth in np.arange(8.0)]
     spent = []
     for _ in range(100):
         began = time.process_time()
-        assert coverage_message(table_coverage(looks, (-0.6, 0.6), (-0.6, 0.6), 0.0)) is not None
+        assert coverage_message(table_coverage(frustums, (-0.6, 0.6), (-0.6, 0.6), 0.0)) is not None
         spent.append(time.process_time() - began)
     assert min(spent) < 0.005
 
 
 @pytest.mark.parametrize("name", SCENES)
 def test_simulated_scans_show_all_of_their_workspace(name: str) -> None:
-    # As `pointchain simulate` makes them unless told otherwise.
+    # As `pointchain simulate` makes them by default.
     camera, scene = camera_model("oak-d-pro"), make_scene(name, 0)
     points = np.vstack(scene.curves) if scene.curves else np.zeros((1, 3))
     size = (camera.width, camera.height)
     poses = viewpoints(points, camera.K, size, camera.near_m, camera.working_m, 8)
     half = max(WORKSPACE_HALF_M, float(np.abs(points[:, :2]).max()) + 0.03)
-    looks = [ImagedArea(camera.K, *size, T) for T in poses]
-    assert coverage_message(table_coverage(looks, (-half, half), (-half, half), 0.0)) is None
+    frustums = [CameraFrustum(camera.K, *size, T) for T in poses]
+    assert coverage_message(table_coverage(frustums, (-half, half), (-half, half), 0.0)) is None
 
 
 @pytest.fixture(scope="module")
@@ -159,20 +159,20 @@ def warned(scan: SimulatedScan, workspace_m: tuple[float, float] | None, views: 
     parameters = ChainParameters.for_radius(scan.header.string_radius_m or 0.0042)
     model = recognise(scan.views[:views], parameters, Scene(0.0, box)).model
     assert len(model.chains) == 1
-    return [warning for warning in model.quality.warnings if "pictures" in warning]
+    return [warning for warning in model.quality.warnings if "in fewer than" in warning]
 
 
-def test_a_model_tells_what_its_pictures_do_not_show(scan: SimulatedScan) -> None:
+def test_a_model_warns_about_what_its_views_do_not_show(scan: SimulatedScan) -> None:
     assert warned(scan, (-0.15, 0.15)) == []
-    assert warned(scan, None) == [], "there is no workspace to be whole"
-    (words,) = warned(scan, (-0.6, 0.6))
-    looks = [ImagedArea(view.K, 320, 200, view.T_base_camera) for view in scan.views]
+    assert warned(scan, None) == [], "there is no workspace to cover"
+    (message,) = warned(scan, (-0.6, 0.6))
+    frustums = [CameraFrustum(view.K, 320, 200, view.T_base_camera) for view in scan.views]
     # Poses are corrected by a millimetre or two.
-    share = table_coverage(looks, (-0.6, 0.6), (-0.6, 0.6), 0.0).share
-    assert float(words.split(" %")[0]) == pytest.approx(100 * (1 - share), abs=1.0)
+    share = table_coverage(frustums, (-0.6, 0.6), (-0.6, 0.6), 0.0).covered_share
+    assert float(message.split(" %")[0]) == pytest.approx(100 * (1 - share), abs=1.0)
 
 
-def test_a_missing_view_is_missed(scan: SimulatedScan) -> None:
+def test_a_missing_view_reduces_coverage(scan: SimulatedScan) -> None:
     every, fewer = (float(warned(scan, (-0.6, 0.6), views)[0].split(" %")[0]) for views in (4, 2))
     assert fewer > every + 2
 
@@ -181,11 +181,11 @@ def test_only_views_that_show_something_count(scan: SimulatedScan, table_1: Chai
     scene = Scene(0.0, ((-0.15, 0.15), (-0.15, 0.15), (0.0, 0.12)))
     targets = [preprocess(view, table_1, scene) for view in scan.views]
     assert coverage_warnings(targets, range(4), scene) == []
-    # Views that were left out although they saw something contradict the others.
-    (words,) = coverage_warnings(targets, [0], scene)
-    assert words.startswith("100 %")
-    # Of a view that saw the table alone it is known that no string is there.
+    # Views that were excluded although they saw something contradict the others.
+    (message,) = coverage_warnings(targets, [0], scene)
+    assert message.startswith("100 %")
+    # A view that saw only the table shows that no string is there.
     empty = [replace(target, points=np.zeros((0, 3))) for target in targets[1:]]
     assert coverage_warnings([targets[0], *empty], [0], scene) == []
-    blind = [replace(target, points=np.zeros((0, 3)), in_workspace=0) for target in targets[1:]]
-    assert coverage_warnings([targets[0], *blind], [0], scene) == [words]
+    blind = [replace(target, points=np.zeros((0, 3)), n_in_workspace=0) for target in targets[1:]]
+    assert coverage_warnings([targets[0], *blind], [0], scene) == [message]

@@ -1,4 +1,4 @@
-"""Rim pixels are taken off, straight edges stay."""
+"""Flying pixels are removed; straight edges stay."""
 
 from dataclasses import dataclass
 
@@ -20,13 +20,13 @@ def image(depth: np.ndarray, focal_px: float = 440.0) -> Image:
     return Image(depth.astype(np.uint16), 1e-4, np.diag([focal_px, focal_px, 1.0]))
 
 
-def kept(picture: Image, parameters: ChainParameters) -> np.ndarray:
-    """(H, W) which of all pixels stay."""
-    rows, columns = np.indices(picture.depth.shape).reshape(2, -1)
-    return is_on_surface(picture, rows, columns, parameters).reshape(picture.depth.shape)
+def kept(depth_image: Image, parameters: ChainParameters) -> np.ndarray:
+    """Return the mask (H, W) of the pixels that stay."""
+    rows, columns = np.indices(depth_image.depth.shape).reshape(2, -1)
+    return is_on_surface(depth_image, rows, columns, parameters).reshape(depth_image.depth.shape)
 
 
-def test_a_straight_edge_stays_and_what_flies_goes(table_1: ChainParameters) -> None:
+def test_a_straight_edge_stays_and_flying_pixels_go(table_1: ChainParameters) -> None:
     depth = np.full((30, 40), 4400)
     depth[:, 20:] = 4200  # 20 mm nearer
     depth[10, 20] = 4300  # half way between
@@ -34,12 +34,12 @@ def test_a_straight_edge_stays_and_what_flies_goes(table_1: ChainParameters) -> 
     depth[25, 30] = 0  # a hole
     result = kept(image(depth), table_1)
     gone = np.argwhere(~result[1:-1, 1:-1]) + 1
-    # The flying ones, the hole, and no pixel of the edge but the two beside the one that flies.
+    # The flying pixels, the hole, and of the edge only the two pixels beside the flying one.
     assert {(10, 20), (20, 10), (25, 30)} <= {tuple(pixel) for pixel in gone}
     assert {tuple(pixel) for pixel in gone} - {(10, 20), (20, 10), (25, 30)} <= {(9, 20), (11, 20)}
 
 
-def test_the_slope_of_a_string_is_no_rim(table_1: ChainParameters) -> None:
+def test_the_slope_of_a_string_stays(table_1: ChainParameters) -> None:
     # A string along the image's columns, seen from 0.4 m: 9 pixels wide.
     across = (np.arange(40) - 20) * 0.4 / 440.0
     height = np.sqrt(np.maximum(table_1.r**2 - across**2, 0.0))
@@ -49,10 +49,10 @@ def test_the_slope_of_a_string_is_no_rim(table_1: ChainParameters) -> None:
 
 
 @pytest.mark.parametrize(("focal_px", "stays"), [(440.0, False), (90.0, True)])
-def test_a_string_two_pixels_wide_is_not_all_rim(table_1: ChainParameters, focal_px: float, stays: bool) -> None:
+def test_a_string_two_pixels_wide_stays(table_1: ChainParameters, focal_px: float, stays: bool) -> None:
     depth = np.full((30, 40), 4400)
     depth[:, 20] = 4200
-    # One pixel wide it is a spike where a string should have nine pixels, and a string where it should have two.
+    # One pixel wide: a spike if a string is nine pixels wide, a string if a string is two pixels wide.
     assert kept(image(depth, focal_px), table_1)[5:25, 20].all() == stays
 
 

@@ -1,4 +1,4 @@
-"""Each view is brought to the table's known height and tilt."""
+"""Each view is aligned to the nominal height and tilt of the table."""
 
 import numpy as np
 import pytest
@@ -12,7 +12,7 @@ from recognition.preprocessing.table_plane import table_alignment
 def table_points(
     height_m: float, slope_x: float, slope_y: float, half_m: tuple[float, float] = (0.2, 0.15)
 ) -> np.ndarray:
-    """(4000, 3) points of the plane z = height + slope_x x + slope_y y."""
+    """Return (4000, 3) points of the plane z = height + slope_x x + slope_y y."""
     rng = np.random.default_rng(5)
     xy = rng.uniform(-1, 1, (4000, 2)) * half_m
     return np.column_stack([xy, height_m + xy @ (slope_x, slope_y)])
@@ -23,14 +23,14 @@ def table_points(
     ("height_m", "slope_x", "slope_y"),
     [(0.0, 0.0, 0.0), (0.0025, 0.0, 0.0), (-0.003, 0.008, -0.005), (0.001, -0.012, 0.0)],
 )
-def test_known_height_and_tilt_are_recovered(
+def test_nominal_height_and_tilt_are_recovered(
     table_1: ChainParameters, table_z_m: float, height_m: float, slope_x: float, slope_y: float
 ) -> None:
     points = table_points(table_z_m + height_m, slope_x, slope_y)
-    T = rigid(table_alignment(points, table_z_m, table_1), "T_levelling")
-    # An exact plane comes to z but for the sine that stands for the angle: 0.012^3 / 6 over 0.25 m is 0.1 um.
+    T = rigid(table_alignment(points, table_z_m, table_1), "T_table_alignment")
+    # Exact but for the sine used as the angle: 0.012^3 / 6 over 0.25 m is 0.1 um.
     np.testing.assert_allclose(transform_points(T, points)[:, 2], table_z_m, rtol=0, atol=1e-6)
-    # The table says nothing of turns about the vertical nor of shifts along it: none is made at its middle.
+    # The table determines neither yaw nor horizontal shift: neither is corrected at its centre.
     assert abs(Rotation.from_matrix(T[:3, :3]).as_rotvec()[2]) < 1e-12
     middle = points.mean(axis=0)
     np.testing.assert_allclose(transform_points(T, middle[None])[0, :2], middle[:2], rtol=0, atol=1e-10)
@@ -53,11 +53,11 @@ def test_noise_averages_out(table_1: ChainParameters) -> None:
     points = table_points(-0.002, 0.0, 0.006)
     noisy = points + np.array([0.0, 0.0, 0.001]) * np.random.default_rng(7).standard_normal(points.shape)
     T = table_alignment(noisy, 0.0, table_1)
-    # 1 mm over 4000 points: 0.016 mm at the middle, twice that at the rim; four sigma of it, rounded up.
+    # 1 mm over 4000 points: 0.016 mm at the centre, twice that at the edge; four sigma, rounded up.
     np.testing.assert_allclose(transform_points(T, points)[:, 2], 0.0, rtol=0, atol=0.00015)
 
 
-def test_untouched_when_no_table_is_seen(table_1: ChainParameters) -> None:
+def test_no_correction_without_a_visible_table(table_1: ChainParameters) -> None:
     points = table_points(0.001, 0.0, 0.0)
     few = points[:80]
     string_only = points + np.array([0.0, 0.0, 0.008])
@@ -71,7 +71,7 @@ def test_untouched_when_no_table_is_seen(table_1: ChainParameters) -> None:
     ("height_m", "slope_x", "slope_y"),
     [(0.0048, 0.0, 0.0), (-0.006, 0.0, 0.0), (0.0, 0.025, 0.0), (0.0, 0.016, -0.016)],
 )
-def test_untouched_when_the_plane_is_farther_off_than_a_pose_can_be(
+def test_no_correction_beyond_the_limit_of_a_pose_error(
     table_1: ChainParameters, height_m: float, slope_x: float, slope_y: float
 ) -> None:
     points = table_points(height_m, slope_x, slope_y)

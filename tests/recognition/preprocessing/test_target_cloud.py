@@ -1,4 +1,4 @@
-"""Depth images to target point clouds."""
+"""Target point clouds of depth images."""
 
 from typing import Any
 
@@ -7,8 +7,9 @@ import pytest
 
 from calibration.geometry.transforms import from_rotation_vector, inverse, transform_points
 from cell.devices import View
+from recognition.errors import InvalidSceneError
 from recognition.parameters import ChainParameters
-from recognition.preprocessing.target_cloud import InvalidSceneError, Scene, deproject, preprocess
+from recognition.preprocessing.target_cloud import Scene, deproject, preprocess
 
 EXACT = {"rtol": 0, "atol": 1e-14}
 """A few roundings of doubles below a metre."""
@@ -24,7 +25,7 @@ def view_of(depth: np.ndarray, T_base_camera: np.ndarray = T_BASE_CAMERA, unit_m
 
 
 def pixels(counts: dict[tuple[int, int], int]) -> np.ndarray:
-    """An 80 x 100 depth image that is 0 but at those (v, u)."""
+    """Return an 80 x 100 depth image with the given counts at (v, u), else 0."""
     depth = np.zeros((80, 100))
     for (v, u), count in counts.items():
         depth[v, u] = count
@@ -32,20 +33,20 @@ def pixels(counts: dict[tuple[int, int], int]) -> np.ndarray:
 
 
 def at_heights(*heights_mm: float) -> np.ndarray:
-    """A depth image of four pixels (2 x 2, apart from the next) that high above the table z = 0 for each height."""
+    """Return a depth image with 2 x 2 separate pixels at each height above the table z = 0."""
     counts = [round((0.5 - h / 1000) / 1e-4) for h in heights_mm]
     return pixels({(40 + v, 3 * k + u): count for k, count in enumerate(counts) for v in (0, 1) for u in (0, 1)})
 
 
 def four(v: int, u: int) -> list[tuple[int, int]]:
-    """That pixel and three beside it: enough of a surface not to be taken for the fringe of one."""
+    """Return a pixel and three neighbours: together they pass the filter of flying pixels."""
     return [(v, u), (v, u + 1), (v + 1, u), (v + 1, u + 1)]
 
 
-def test_a_pixel_lands_where_it_does_by_hand() -> None:
+def test_deprojection_agrees_with_a_calculation_by_hand() -> None:
     # (80 - 50) / 100 * 0.5 = 0.15 right, (20 - 40) / 200 * 0.5 = -0.05 down, 0.5 m ahead.
     points = deproject(view_of(pixels({(20, 80): 5000})), np.array([20, 0]), np.array([80, 0]))
-    # The other one is not measured: the camera itself.
+    # The other pixel is not measured and gives the position of the camera.
     np.testing.assert_allclose(points, [(0.25, 0.25, 0.0), (0.1, 0.2, 0.5)], **EXACT)
 
 
@@ -62,9 +63,9 @@ def test_every_pixel_of_an_oblique_view_is_on_its_ray() -> None:
 def test_points_up_to_the_threshold_are_removed(table_1: ChainParameters) -> None:
     target = preprocess(view_of(at_heights(0.0, 4.9, 5.1, 9.0)), table_1, Scene())
     np.testing.assert_allclose(np.sort(target.points[:, 2]), [0.0051] * 4 + [0.009] * 4, rtol=0, atol=1e-9)
-    assert (target.view, target.measured, target.in_workspace) == (7, 16, 16)
-    # So few points are no table: nothing was levelled.
-    np.testing.assert_array_equal(target.T_levelling, np.eye(4))
+    assert (target.view, target.n_measured, target.n_in_workspace) == (7, 16, 16)
+    # Too few points for a table plane: no alignment.
+    np.testing.assert_array_equal(target.T_table_alignment, np.eye(4))
     np.testing.assert_allclose(target.T_base_camera, T_BASE_CAMERA, **EXACT)
 
 
@@ -73,34 +74,34 @@ def test_the_threshold_is_measured_from_the_table(table_1: ChainParameters) -> N
     np.testing.assert_allclose(target.points[:, 2], [0.1051] * 4, rtol=0, atol=1e-9)
 
 
-def test_points_outside_the_workspace_are_not_looked_at(table_1: ChainParameters) -> None:
+def test_points_outside_the_workspace_are_removed(table_1: ChainParameters) -> None:
     # All at z = 0.01, 0.49 m ahead: x = 0.1 + (u - 50) / 100 * 0.49, y = 0.2 - (v - 40) / 200 * 0.49.
     inside, left, behind = four(40, 50), four(40, 20), four(10, 50)
     depth = pixels(dict.fromkeys((*inside, *left, *behind), 4900))
     box = ((0.0, 0.2), (0.15, 0.25), (0.0, 0.1))
     target = preprocess(view_of(depth), table_1, Scene(workspace_m=box))
     np.testing.assert_allclose(target.points[0], (0.1, 0.2, 0.01), **EXACT)
-    assert (len(target.points), target.measured, target.in_workspace) == (4, 12, 4)
+    assert (len(target.points), target.n_measured, target.n_in_workspace) == (4, 12, 4)
     too_low = Scene(workspace_m=((0.0, 0.2), (0.15, 0.25), (-0.1, 0.009)))
-    assert preprocess(view_of(depth), table_1, too_low).in_workspace == 0
+    assert preprocess(view_of(depth), table_1, too_low).n_in_workspace == 0
 
 
-def test_the_table_scatters_about_the_floor_of_the_box_and_still_counts(table_1: ChainParameters) -> None:
+def test_table_points_just_below_the_floor_are_in_the_workspace(table_1: ChainParameters) -> None:
     box = ((-1.0, 1.0), (-1.0, 1.0), (0.0, 0.1))
     target = preprocess(view_of(at_heights(-2.0, 1.0, -50.0)), table_1, Scene(workspace_m=box))
-    assert target.in_workspace == 8
+    assert target.n_in_workspace == 8
 
 
-def test_a_view_whose_pose_is_off_is_levelled_first(table_1: ChainParameters) -> None:
+def test_a_view_with_a_pose_error_is_aligned_first(table_1: ChainParameters) -> None:
     depth = np.full((80, 100), 5000)
     depth[40:42, 30:70] = 4920
-    # The arm says that the camera is 2 mm higher than it is.
+    # The arm reports the camera 2 mm too high.
     T_error = from_rotation_vector((0.0, 0.0, 0.002), (0, 0, 0))
     target = preprocess(view_of(depth, T_error @ T_BASE_CAMERA), table_1, Scene())
-    # Told heights of 2 and 10 mm; the ridge of 8 mm is found at 8 mm. Exact but for the fit's roundings.
+    # The reported heights are 2 and 10 mm; the ridge of 8 mm is found at 8 mm, but for roundings of the fit.
     assert len(target.points) == 80
     np.testing.assert_allclose(target.points[:, 2], 0.008, rtol=0, atol=1e-12)
-    np.testing.assert_allclose(target.T_levelling, inverse(T_error), rtol=0, atol=1e-12)
+    np.testing.assert_allclose(target.T_table_alignment, inverse(T_error), rtol=0, atol=1e-12)
     np.testing.assert_allclose(target.T_base_camera, T_BASE_CAMERA, rtol=0, atol=1e-12)
 
 
@@ -115,11 +116,11 @@ def test_a_view_whose_pose_is_off_is_levelled_first(table_1: ChainParameters) ->
     ],
     ids=["empty", "one pixel", "two alike", "two", "saturated"],
 )
-def test_empty_and_constant_depth_are_told(
+def test_empty_and_constant_depth_are_recognised(
     table_1: ChainParameters, depth: np.ndarray, measured: int, constant: bool
 ) -> None:
     target = preprocess(view_of(depth), table_1, Scene())
-    assert (target.measured, target.constant) == (measured, constant)
+    assert (target.n_measured, target.constant_depth) == (measured, constant)
     assert target.points.shape == (len(target.points), 3)
 
 
@@ -134,12 +135,12 @@ def test_empty_and_constant_depth_are_told(
         ({"workspace_m": ((0, 1), (0, 1), (0, float("inf")))}, "x0 < x1 and so on is needed"),
     ],
 )
-def test_a_scene_that_cannot_be_is_refused(arguments: dict[str, Any], message: str) -> None:
+def test_an_invalid_scene_is_an_error(arguments: dict[str, Any], message: str) -> None:
     with pytest.raises(InvalidSceneError, match=message):
         Scene(**arguments)
 
 
-def test_the_points_of_a_large_image_are_counted_on_a_sample(table_1: ChainParameters) -> None:
+def test_the_points_of_a_large_image_are_counted_by_a_sample(table_1: ChainParameters) -> None:
     depth = np.full((500, 700), 5000)
     depth[200:300, 100:200] = 4900
     K_large = np.array([[700.0, 0.0, 350.0], [0.0, 700.0, 250.0], [0.0, 0.0, 1.0]])
@@ -147,19 +148,37 @@ def test_the_points_of_a_large_image_are_counted_on_a_sample(table_1: ChainParam
     half = Scene(workspace_m=((0.1, 1.0), (-1.0, 1.0), (0.0, 0.1)))
     for scene, share in ((Scene(), 1.0), (half, 0.5)):
         target = preprocess(view, table_1, scene)
-        assert target.measured == 350_000
-        # A column of the sample more or less.
-        assert target.in_workspace == pytest.approx(350_000 * share, rel=0.02)
-    # All of the plate is kept but for its four corners, which have three neighbours.
+        assert target.n_measured == 350_000
+        # The sample may have a column more or fewer.
+        assert target.n_in_workspace == pytest.approx(350_000 * share, rel=0.02)
+    # The plate is kept except for its four corners, which have three neighbours.
     assert len(preprocess(view, table_1, Scene()).points) == 9996
 
 
 @pytest.mark.parametrize("far_m", [1e3, 1e20, 1e200])
-def test_a_pose_beyond_all_reach_shows_nothing(table_1: ChainParameters, far_m: float) -> None:
+def test_a_pose_beyond_the_reach_shows_nothing(table_1: ChainParameters, far_m: float) -> None:
     T = T_BASE_CAMERA.copy()
     T[0, 3] = far_m
     view = View(0, np.full((80, 100), 4900, dtype=np.uint16), 1e-4, K, T, np.eye(4))
     target = preprocess(view, table_1, Scene())
-    assert (len(target.points), target.in_workspace) == (0, 0)
+    assert (len(target.points), target.n_in_workspace) == (0, 0)
     T[0, 3], T[2, 3] = 0.1, far_m
-    assert preprocess(View(0, view.depth, 1e-4, K, T, np.eye(4)), table_1, Scene()).in_workspace == 0
+    assert preprocess(View(0, view.depth, 1e-4, K, T, np.eye(4)), table_1, Scene()).n_in_workspace == 0
+
+
+@pytest.mark.parametrize(
+    ("point", "is_near"),
+    [
+        ((0.0, 0.0, 0.05), False),
+        ((0.095, 0.0, 0.05), True),
+        ((0.0, -0.195, 0.05), True),
+        ((0.0, 0.0, 0.095), True),
+        ((0.0, 0.0, 0.001), False),
+        ((0.3, 0.0, 0.05), True),
+    ],
+    ids=["inside", "right side", "front side", "top", "floor", "outside"],
+)
+def test_the_border_of_the_workspace_is_its_sides_and_its_top(point: tuple[float, float, float], is_near: bool) -> None:
+    scene = Scene(workspace_m=((-0.1, 0.1), (-0.2, 0.2), (0.0, 0.1)))
+    assert scene.is_near_border(np.array(point), 0.01) == is_near
+    assert not Scene().is_near_border(np.array(point), 0.01)

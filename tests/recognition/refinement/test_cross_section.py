@@ -1,4 +1,4 @@
-"""Round tubes and square bars, told apart by their profiles."""
+"""Round tubes and square bars, distinguished by their profiles."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -13,7 +13,7 @@ from cell.simulation.simulate import simulate
 from recognition.parameters import ChainParameters
 from recognition.pipeline import recognise
 from recognition.preprocessing.target_cloud import Scene
-from recognition.refinement.cross_section import FEW_STRETCHES, STRETCH, CrossSections, measure_cross_sections
+from recognition.refinement.cross_section import MIN_SECTIONS, SECTION_LINKS, CrossSections, measure_cross_sections
 from recognition.refinement.tube_fit import TubeFit
 
 R = 0.0042
@@ -30,59 +30,59 @@ def bar(length: float, noise: float = 0.0, seed: int = 0) -> Surface:
     return points + np.random.default_rng(seed).normal(0, noise, (len(points), 1)) * normals, normals
 
 
-def judged(surface: Surface, *lines: np.ndarray, r: float = R) -> CrossSections:
+def measured(surface: Surface, *lines: np.ndarray, r: float = R) -> CrossSections:
     fit = TubeFit(lines, r, *surface)
     return measure_cross_sections(fit, fit.assign())
 
 
 @pytest.mark.parametrize(("r", "offset"), [(R, (0, 0)), (0.9 * R, (0, 0)), (1.1 * R, (0, 0)), (R, (0.05, -0.08))])
-def test_a_tube_is_round_though_its_radius_or_place_is_a_little_wrong(
+def test_a_tube_is_round_although_its_radius_or_position_is_a_little_wrong(
     seen: Callable, straight: Callable, r: float, offset: tuple[float, float]
 ) -> None:
     surface = seen([straight((0, 0, R), (0.1, 0, R))])
     line = straight((0, 0, R), (0.1, 0, R), STEP) + R * np.array([0, *offset])
-    found = judged(surface, line, r=r)
+    found = measured(surface, line, r=r)
     # To first order both are among what is fitted; some 0.1 squared is left.
     assert abs(found.squareness[0]) < 0.03
     assert found.squareness_sigma[0] < 0.03
 
 
 def test_a_bar_is_square(straight: Callable) -> None:
-    found = judged(bar(0.1), straight((0, 0, R), (0.1, 0, R), STEP))
+    found = measured(bar(0.1), straight((0, 0, R), (0.1, 0, R), STEP))
     # Its faces are exactly what is fitted.
     assert found.squareness[0] == pytest.approx(1.0, abs=0.02)
     assert found.out_of_round_m[0] > 0.05 * R
 
 
 @pytest.mark.parametrize("noise", [0.05, 0.2])
-def test_noise_makes_no_bar_of_a_tube_and_sigma_tells_it(seen: Callable, straight: Callable, noise: float) -> None:
+def test_noise_does_not_make_a_tube_a_bar_and_sigma_covers_it(seen: Callable, straight: Callable, noise: float) -> None:
     axis = straight((0, 0, R), (0.1, 0, R))
-    found = [judged(seen([axis], noise=noise * R, seed=seed), axis[::3]) for seed in range(30)]
+    found = [measured(seen([axis], noise=noise * R, seed=seed), axis[::3]) for seed in range(30)]
     squareness = np.array([each.squareness[0] for each in found])
     z = squareness / np.array([each.squareness_sigma[0] for each in found])
     # Hardly a bias, and far from what makes a bar.
     assert abs(squareness.mean()) < 0.1
-    # Of 30 the spread comes out within a quarter of itself; a sigma from six stretches scatters as much again.
+    # Of 30 the spread comes out within a quarter of itself; a sigma from six sections scatters as much again.
     assert 0.6 < z.std() < 1.7
 
 
-def test_lines_are_judged_each_by_itself(seen: Callable, straight: Callable) -> None:
+def test_each_line_is_measured_by_itself(seen: Callable, straight: Callable) -> None:
     string = straight((0, 0.05, R), (0.1, 0.05, R))
     points, normals = (np.vstack(parts) for parts in zip(seen([string]), bar(0.1), strict=True))
-    found = judged((points, normals), string[::3], straight((0, 0, R), (0.1, 0, R), STEP))
+    found = measured((points, normals), string[::3], straight((0, 0, R), (0.1, 0, R), STEP))
     np.testing.assert_allclose(found.squareness, (0, 1), rtol=0, atol=0.02)
     assert found.out_of_round_m[0] < 0.01 * R
 
 
-def test_of_too_little_nothing_is_told(seen: Callable, straight: Callable) -> None:
-    links = STRETCH * (FEW_STRETCHES - 1)
+def test_too_little_surface_gives_no_measure(seen: Callable, straight: Callable) -> None:
+    links = SECTION_LINKS * (MIN_SECTIONS - 1)
     line = straight((0, 0, R), (links * STEP, 0, R), STEP)
-    found = judged(seen([straight((0, 0, R), (0.1, 0, R))]), line)
+    found = measured(seen([straight((0, 0, R), (0.1, 0, R))]), line)
     assert (found.squareness[0], found.squareness_sigma[0]) == (0.0, np.inf)
     # A wall: only one side of the profile is seen.
     points, normals = bar(0.1)
     one_side = (normals[:, 1] > 0) | (points[:, 1] > 0.8 * R)
-    found = judged((points[one_side], normals[one_side]), straight((0, 0, R), (0.1, 0, R), STEP))
+    found = measured((points[one_side], normals[one_side]), straight((0, 0, R), (0.1, 0, R), STEP))
     assert found.out_of_round_m[0] == R
 
 

@@ -1,4 +1,4 @@
-"""Lines continued or cut to where the surface about them ends."""
+"""Lines extended or cut to where the surface about them ends."""
 
 from collections.abc import Callable
 
@@ -25,7 +25,7 @@ def test_a_straight_line_ends_where_the_string_does(
     axis = straight((0, 0, R), (0.1, 0, R))
     surface, normals = seen([axis], noise=noise * R)
     ended = localise_end(line_from(start * R), surface, normals, R)
-    # Of the surface's places, 1 mm (0.24 r) apart, the 95th percentile of the last 2 r.
+    # The end is the 95th percentile of the surface of the last 2 r; its points are 1 mm (0.24 r) apart.
     assert abs(ended[0, 0]) < 0.25 * R
     assert off_line(ended, [axis]).max() < 0.25 * R
     # The rest of the line is what it was, and the spacing about the same.
@@ -37,7 +37,7 @@ def test_a_straight_line_ends_where_the_string_does(
 
 @pytest.mark.parametrize("beyond", [-1.5, -0.7, 0.0, 0.7])
 @pytest.mark.parametrize("radius", [0.03, 0.06])
-def test_a_bend_is_carried_on(seen: Callable, arc: Callable, radius: float, beyond: float) -> None:
+def test_a_bend_is_extrapolated(seen: Callable, arc: Callable, radius: float, beyond: float) -> None:
     string = arc(radius, 0, 100)
     surface, normals = seen([string], noise=NOISE)
     first = -np.degrees(beyond * R / radius)
@@ -48,7 +48,7 @@ def test_a_bend_is_carried_on(seen: Callable, arc: Callable, radius: float, beyo
 
 
 def test_it_ends_before_another_string_that_lies_across(seen: Callable, straight: Callable) -> None:
-    # It butts against the other's side: their surfaces are one, but the other's looks another way.
+    # It butts against the other's side: their surfaces are connected, but their normals differ.
     ending = straight((0, 0, R), (0.1, 0, R))
     across = straight((-1.05 * R, -0.04, R), (-1.05 * R, 0.04, R))
     surface, normals = seen([ending, across], noise=NOISE)
@@ -77,7 +77,7 @@ def test_a_line_with_no_surface_about_it_stays(seen: Callable, straight: Callabl
     np.testing.assert_array_equal(localise_end(line_from(0), np.empty((0, 3)), np.empty((0, 3)), R), line_from(0))
 
 
-def test_lines_of_a_few_points_are_taken(seen: Callable, straight: Callable) -> None:
+def test_lines_of_a_few_points_are_accepted(seen: Callable, straight: Callable) -> None:
     surface, normals = seen([straight((0, 0, R), (0.012, 0, R))], noise=NOISE)
     for count in (2, 3, 4):
         ended = localise_end(line_from(0.5 * R)[:count], surface, normals, R)

@@ -1,4 +1,4 @@
-"""Two lines over one piece of string become one; strings that only come near one another stay two."""
+"""Merging of two lines over one piece of string; strings that only come near each other stay two."""
 
 from collections.abc import Callable
 
@@ -68,7 +68,7 @@ def test_strings_that_end_near_one_another_stay_two(straight: Callable) -> None:
             assert merge_overlapping_ends([strand(one), strand(other)], PARAMETERS) is None
 
 
-def test_short_pieces_do_not_meet_themselves_and_nothing_meets_nothing(straight: Callable) -> None:
+def test_short_pieces_and_empty_scenes_are_not_merged(straight: Callable) -> None:
     assert merge_overlapping_ends([], PARAMETERS) is None
     piece = strand(straight((0, 0, R), (0.004, 0, R)))
     assert merge_overlapping_ends([piece], PARAMETERS) is None

@@ -1,4 +1,4 @@
-"""Strands brought onto the axes of the tubes that were measured."""
+"""Strands fitted to the axes of the measured tubes."""
 
 from collections.abc import Callable
 
@@ -45,7 +45,7 @@ def test_a_line_that_is_off_lands_on_the_axis_of_a_clean_tube(
     fitted = only(axis[::4] + R * np.array(offset), seen([axis], noise=0.02 * R))
     assert off_line(fitted.points, [axis]).max() < 0.03 * R
     assert fitted.measured_radius_m == pytest.approx(R, rel=0.02)
-    # What is measured does not contradict what is told, so that holds.
+    # The measured radius does not contradict the expected one, so the expected one is used.
     assert fitted.radius_m == R
     # The percentile that an end is taken from is good for some tenths of a millimetre.
     assert end_errors(fitted, axis).max() < 0.1 * R
@@ -60,7 +60,7 @@ def test_bends_do_not_draw_it_inwards_nor_one_side_upwards(seen: Callable, off_l
     curve = wave()
     surface = seen([curve], noise=noise * R)
     fitted = only(curve[::4] + (0, 0, 0.3 * R), surface)
-    # Some 30 points bear each of the line's: noise / sqrt(30) is 0.02 r, and the largest of 60 is three times that.
+    # About 30 points support each point of the line: noise / sqrt(30) is 0.02 r; the largest of 60 is three times that.
     assert off_line(fitted.points, [curve]).max() < 0.03 * R + 0.6 * noise * R
     # No bias: the mean of all is ten times better.
     assert abs(float((fitted.points[:, 2] - R).mean())) < 0.02 * R
@@ -71,11 +71,11 @@ def test_bends_do_not_draw_it_inwards_nor_one_side_upwards(seen: Callable, off_l
 def test_ends_are_neither_shortened_nor_run_past(seen: Callable, off_line: Callable, cut: float) -> None:
     curve = wave()
     surface = seen([curve], noise=NOISE)
-    way = curve[0] - curve[1]
-    way /= np.linalg.norm(way)
+    direction = curve[0] - curve[1]
+    direction /= np.linalg.norm(direction)
     # The line comes 1.5 r short of the end, or runs 1.5 r past it straight on.
     inner = curve[arc_length(curve) > -cut * R]
-    start = np.vstack([curve[0] + way * R * cut, inner]) if cut > 0 else inner
+    start = np.vstack([curve[0] + direction * R * cut, inner]) if cut > 0 else inner
     fitted = only(start, surface)
     assert end_errors(fitted, curve).max() < 0.3 * R
     assert arc_length(fitted.points)[-1] == pytest.approx(arc_length(curve)[-1], abs=0.3 * R)
@@ -87,7 +87,7 @@ def test_the_radius_is_measured(seen: Callable, straight: Callable, share: float
     axis = straight((0, 0, share * R), (0.15, 0, share * R))
     fitted = only(axis[::4] + (0, 0.2 * R, 0.1 * R), seen([axis], radii=[share * R], noise=NOISE))
     assert fitted.measured_radius_m == pytest.approx(share * R, rel=0.02)
-    # Within 12 % the told one holds.
+    # Within 12 % the expected radius is used.
     assert fitted.radius_m == (R if abs(share - 1) < 0.12 else fitted.measured_radius_m)
 
 
@@ -102,7 +102,7 @@ def test_the_radius_is_measured_on_a_string_that_rests_on_something_too(
 
 def test_the_table_need_not_be_at_zero(seen: Callable, straight: Callable) -> None:
     axis = straight((0, 0, -0.2 + R), (0.15, 0, -0.2 + R))
-    # Noise along the line of sight makes the fitted radius 5 % too large; how high the top is above the table tells.
+    # Noise along the line of sight makes the fitted radius 5 % too large. The height of the top gives the radius.
     surface, normals = seen([axis], radii=[1.05 * R])
     surface = surface - (0, 0, 0.05 * R)
     found = refine([strand(axis[::4])], surface, normals, PARAMETERS, table_z_m=-0.2)
@@ -167,7 +167,7 @@ def test_points_are_evenly_spaced(seen: Callable) -> None:
     assert steps.max() < 1.5 * 0.7 * R
 
 
-def test_other_things_and_flying_points_count_nothing(seen: Callable, off_line: Callable) -> None:
+def test_other_objects_and_flying_points_have_no_weight(seen: Callable, off_line: Callable) -> None:
     curve = wave()
     surface, normals = seen([curve], noise=NOISE)
     rng = np.random.default_rng(1)
@@ -227,7 +227,7 @@ def test_nothing_to_fit_or_to_fit_to(seen: Callable, straight: Callable) -> None
 
 
 @pytest.mark.parametrize("count", [1, 3, 500])
-def test_all_points_in_one_place_give_finite_lines(straight: Callable, count: int) -> None:
+def test_equal_points_give_finite_lines(straight: Callable, count: int) -> None:
     points, up = np.tile((0.05, 0.0, 2 * R), (count, 1)), np.tile((0.0, 0.0, 1.0), (count, 1))
     found = refine([strand(straight((0, 0, R), (0.1, 0, R))[::4])], points, up, PARAMETERS)
     for fitted in found.strands:
@@ -237,9 +237,9 @@ def test_all_points_in_one_place_give_finite_lines(straight: Callable, count: in
 
 
 @settings(deadline=None, max_examples=5, derandomize=True)
-@given(turn=st.floats(0, 2 * np.pi), place=st.tuples(*[st.floats(-1, 1)] * 3), scale=st.floats(0.3, 3))
+@given(turn=st.floats(0, 2 * np.pi), shift=st.tuples(*[st.floats(-1, 1)] * 3), scale=st.floats(0.3, 3))
 def test_the_fit_moves_and_grows_with_the_string(
-    seen: Callable, heap: Callable, turn: float, place: tuple[float, ...], scale: float
+    seen: Callable, heap: Callable, turn: float, shift: tuple[float, ...], scale: float
 ) -> None:
     strands = heap((0, 70), 2 * R, half=0.04)
     surface, normals = seen(strands, noise=NOISE)
@@ -248,11 +248,11 @@ def test_the_fit_moves_and_grows_with_the_string(
     rotation = np.array([(c, -s, 0), (s, c, 0), (0, 0, 1)])
 
     def moved(points: np.ndarray) -> np.ndarray:
-        return scale * (points @ rotation.T + np.array(place))
+        return scale * (points @ rotation.T + np.array(shift))
 
     lines = [strand(moved(c[::4])) for c in strands]
     parameters = ChainParameters.for_radius(scale * R)
-    after = refine(lines, moved(surface), normals @ rotation.T, parameters, table_z_m=scale * place[2])
+    after = refine(lines, moved(surface), normals @ rotation.T, parameters, table_z_m=scale * shift[2])
     for one, other in zip(before.strands, after.strands, strict=True):
         # No voxels here: but for a point that rounding puts beyond a limit, the same sums.
         np.testing.assert_allclose(other.points, moved(one.points), rtol=0, atol=0.01 * scale * R)
@@ -269,7 +269,7 @@ def test_the_order_of_the_surface_points_hardly_matters(seen: Callable, heap: Ca
         order = np.random.default_rng(seed).permutation(len(surface))
         after = refine([strand(c[::4]) for c in strands], surface[order], normals[order], PARAMETERS)
         for one, other in zip(before.strands, after.strands, strict=True):
-            # The first look takes a part of the points, so the fit begins elsewhere and ends within its noise.
+            # The first fit uses a part of the points, so the last fit starts elsewhere and ends within its noise.
             assert arc_length(other.points)[-1] == pytest.approx(arc_length(one.points)[-1], abs=0.2 * R)
             assert off_line(other.points, [one.points]).max() < 0.1 * R
             assert other.measured_radius_m == pytest.approx(one.measured_radius_m, rel=0.02)

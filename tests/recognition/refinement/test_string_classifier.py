@@ -1,4 +1,4 @@
-"""Which fitted strands are strings, judged by the surface beside them."""
+"""Classification of fitted strands by the surface beside them."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -7,30 +7,37 @@ import numpy as np
 
 from recognition.parameters import ChainParameters
 from recognition.refinement.refinement import FittedStrand, Refinement
-from recognition.refinement.string_classifier import classify_strings, may_be_square
+from recognition.refinement.string_classifier import StringClassification, classify_strings, may_be_square
 
 R = 0.0042
 PARAMETERS = ChainParameters.for_radius(R)
-NOT_ROUND = ["left out a piece of 100 mm at (50, 0, 4) mm: not round like a string"]
+NOT_ROUND = ["excluded a piece of 100 mm at (50, 0, 4) mm: not round like a string"]
 
 
 def fitted(points: np.ndarray) -> FittedStrand:
     n = len(points)
-    return FittedStrand(points, False, np.zeros(n, dtype=bool), np.full(n, 40.0), R, R, 0.0, 0.0, 0.05)
+    return FittedStrand(
+        points=points,
+        closed=False,
+        bridged=np.zeros(n, dtype=bool),
+        support=np.full(n, 40.0),
+        radius_m=R,
+        measured_radius_m=R,
+        out_of_round_m=0.0,
+        squareness=0.0,
+        squareness_sigma=0.05,
+    )
 
 
 def selected(surface: np.ndarray, *strands: FittedStrand, owned: float = 1.0) -> tuple[list[FittedStrand], list[str]]:
-    """The strings among the strands, and what is left out; this share of the surface nearest to each lies on its tube,
-    the rest on none."""
-    kept, doubts, left_out = judged(surface, *strands, owned=owned)
-    assert doubts == []
-    return kept, left_out
+    """Return the strings and the warnings of a classification without ambiguities."""
+    found = classified(surface, *strands, owned=owned)
+    assert found.ambiguities == ()
+    return list(found.strings), list(found.warnings)
 
 
-def judged(
-    surface: np.ndarray, *strands: FittedStrand, owned: float = 1.0
-) -> tuple[list[FittedStrand], list[str], list[str]]:
-    """With what may be a string too."""
+def classified(surface: np.ndarray, *strands: FittedStrand, owned: float = 1.0) -> StringClassification:
+    """Classify strands. The share `owned` of the surface nearest to each lies on its tube, and the rest on none."""
     distance = np.array([np.linalg.norm(surface[:, None] - s.points, axis=2).min(axis=1) for s in strands])
     on = np.arange(len(surface)) % 100 < 100 * owned
     return classify_strings(
@@ -41,65 +48,67 @@ def judged(
 def test_a_string_has_its_surface_to_itself(seen: Callable, straight: Callable) -> None:
     line = straight((0, 0, R), (0.1, 0, R), 0.003)
     surface, _ = seen([line])
-    (kept,), told = selected(surface, fitted(line))
+    (kept,), warnings = selected(surface, fitted(line))
     np.testing.assert_array_equal(kept.points, line)
-    assert told == []
+    assert warnings == []
     # Some of it is noise; beside the edge of a box, whose faces go on, half of it is no tube's.
     assert len(selected(surface, fitted(line), owned=0.8)[0]) == 1
     assert selected(surface, fitted(line), owned=0.5) == ([], NOT_ROUND)
 
 
-def test_a_profile_that_is_no_circle_is_no_strings(seen: Callable, straight: Callable) -> None:
+def test_a_strand_with_a_profile_that_is_no_circle_is_no_string(seen: Callable, straight: Callable) -> None:
     line = straight((0, 0, R), (0.1, 0, R), 0.003)
     surface, _ = seen([line])
     assert len(selected(surface, replace(fitted(line), out_of_round_m=0.03 * R))[0]) == 1
     assert selected(surface, replace(fitted(line), out_of_round_m=0.05 * R)) == ([], NOT_ROUND)
 
 
-def test_the_profile_of_a_square_bar_is_no_strings_unless_it_may_be_either(seen: Callable, straight: Callable) -> None:
+def test_a_strand_with_the_profile_of_a_square_bar_is_no_string_unless_it_may_be_either(
+    seen: Callable, straight: Callable
+) -> None:
     line = straight((0, 0, R), (0.1, 0, R), 0.003)
     surface, _ = seen([line])
 
-    def kept_and_doubted(squareness: float, sigma: float) -> tuple[bool, bool]:
+    def is_kept_and_may_be_square(squareness: float, sigma: float) -> tuple[bool, bool]:
         strand = replace(fitted(line), squareness=squareness, squareness_sigma=sigma)
-        kept, told = selected(surface, strand)
-        assert told == ([] if kept else NOT_ROUND)
+        kept, warnings = selected(surface, strand)
+        assert warnings == ([] if kept else NOT_ROUND)
         return len(kept) == 1, may_be_square(strand)
 
-    # Kept, doubted.
-    assert kept_and_doubted(0.1, 0.05) == (True, False)
-    assert kept_and_doubted(-0.3, 0.05) == (True, False)
-    assert kept_and_doubted(0.4, 0.05) == (False, True)
+    assert is_kept_and_may_be_square(0.1, 0.05) == (True, False)
+    assert is_kept_and_may_be_square(-0.3, 0.05) == (True, False)
+    assert is_kept_and_may_be_square(0.4, 0.05) == (False, True)
     # Two sigmas to either side.
-    assert kept_and_doubted(0.1, 0.1) == (True, True)
-    assert kept_and_doubted(0.4, 0.25) == (True, True)
-    assert kept_and_doubted(0.0, np.inf) == (True, True)
+    assert is_kept_and_may_be_square(0.1, 0.1) == (True, True)
+    assert is_kept_and_may_be_square(0.4, 0.25) == (True, True)
+    assert is_kept_and_may_be_square(0.0, np.inf) == (True, True)
 
 
-def test_what_is_hardly_borne_or_short_is_none(seen: Callable, straight: Callable) -> None:
+def test_a_poorly_supported_or_short_piece_is_no_string(seen: Callable, straight: Callable) -> None:
     line, longer = straight((0, 0, R), (0.1, 0, R), 0.003), straight((0, 0.04, R), (0.12, 0.04, R), 0.003)
     surface, _ = seen([line, longer])
     assert len(selected(surface, fitted(line), fitted(longer))[0]) == 2
-    # Less than half of it is borne by surface as the longest is.
+    # Less than half of it has the support of the longest.
     hardly = replace(fitted(line), support=np.where(np.arange(len(line)) < 10, 40.0, 4.0))
-    (kept,), told = selected(surface, hardly, fitted(longer))
+    (kept,), warnings = selected(surface, hardly, fitted(longer))
     np.testing.assert_array_equal(kept.points, longer)
-    assert told == ["left out a piece of 100 mm at (50, 0, 4) mm: hardly seen"]
-    (kept,), told = selected(surface, fitted(line[:7]), fitted(longer))
-    assert told == ["left out a piece of 18 mm at (9, 0, 4) mm: too short to be told from noise"]
+    assert warnings == ["excluded a piece of 100 mm at (50, 0, 4) mm: hardly seen"]
+    (kept,), warnings = selected(surface, fitted(line[:7]), fitted(longer))
+    assert warnings == ["excluded a piece of 18 mm at (9, 0, 4) mm: too short to be distinguished from noise"]
 
 
-def test_a_long_piece_that_is_hardly_borne_may_be_a_string(seen: Callable, straight: Callable) -> None:
+def test_a_long_poorly_supported_piece_may_be_a_string(seen: Callable, straight: Callable) -> None:
     line, longer = straight((0, 0, R), (0.2, 0, R), 0.003), straight((0, 0.04, R), (0.22, 0.04, R), 0.003)
     surface, _ = seen([line, longer])
     hardly = replace(fitted(line), support=np.where(np.arange(len(line)) < 10, 40.0, 4.0))
-    (kept,), doubts, left_out = judged(surface, hardly, fitted(longer))
+    found = classified(surface, hardly, fitted(longer))
+    (kept,) = found.strings
     np.testing.assert_array_equal(kept.points, longer)
-    assert doubts == ["left out a piece of 200 mm at (100, 0, 4) mm: hardly seen, so it may be a string"]
-    assert left_out == []
+    assert found.ambiguities == ("excluded a piece of 200 mm at (100, 0, 4) mm: hardly seen, so it may be a string",)
+    assert found.warnings == ()
 
 
-def test_what_lies_on_another_ones_tube_speaks_for_none(seen: Callable, straight: Callable) -> None:
+def test_surface_on_the_tube_of_another_strand_does_not_count(seen: Callable, straight: Callable) -> None:
     # A string, and a rim beside it: half of what is nearest to the rim lies on no tube, or on the string's.
     line, rim = straight((0, 0, R), (0.12, 0, R), 0.003), straight((0, 2 * R, R), (0.1, 2 * R, R), 0.003)
     surface, _ = seen([line, rim])
@@ -108,9 +117,10 @@ def test_what_lies_on_another_ones_tube_speaks_for_none(seen: Callable, straight
     for elsewhere in (-1, 0):
         owner = np.where(half, elsewhere, beside_rim.astype(np.int64))
         found = Refinement([fitted(line), fitted(rim)], owner, 0.0002)
-        (kept,), _, told = classify_strings(found, surface, PARAMETERS)
+        classification = classify_strings(found, surface, PARAMETERS)
+        (kept,) = classification.strings
         np.testing.assert_array_equal(kept.points, line)
-        assert len(told) == 1
+        assert len(classification.warnings) == 1
 
 
 def test_the_longest_comes_first_and_each_begins_at_the_smaller_x(seen: Callable, straight: Callable) -> None:
@@ -120,7 +130,7 @@ def test_the_longest_comes_first_and_each_begins_at_the_smaller_x(seen: Callable
     np.testing.assert_array_equal(kept[1].points, lines[0][::-1])
 
 
-def test_turning_a_strand_round_turns_all_that_goes_with_its_points(seen: Callable, straight: Callable) -> None:
+def test_reversing_a_strand_reverses_all_values_of_its_points(seen: Callable, straight: Callable) -> None:
     line = straight((0.1, 0, R), (0, 0, R), 0.003)
     support = np.linspace(10.0, 50.0, len(line))
     bridged = np.arange(len(line)) < 3
@@ -131,11 +141,8 @@ def test_turning_a_strand_round_turns_all_that_goes_with_its_points(seen: Callab
 
 
 def test_no_strands_no_strings() -> None:
-    assert classify_strings(Refinement([], np.empty(0, dtype=np.int64), 0.0), np.empty((0, 3)), PARAMETERS) == (
-        [],
-        [],
-        [],
-    )
+    nothing = classify_strings(Refinement([], np.empty(0, dtype=np.int64), 0.0), np.empty((0, 3)), PARAMETERS)
+    assert (nothing.strings, nothing.ambiguities, nothing.warnings) == ((), (), ())
 
 
 def test_a_tube_that_reaches_into_the_table_is_no_string(seen: Callable, straight: Callable) -> None:
@@ -144,11 +151,11 @@ def test_a_tube_that_reaches_into_the_table_is_no_string(seen: Callable, straigh
     sunk = line - (0, 0, 0.45 * R)
     assert selected(surface, fitted(sunk)) == (
         [],
-        ["left out a piece of 100 mm at (50, 0, 2) mm: its tube would reach into the table"],
+        ["excluded a piece of 100 mm at (50, 0, 2) mm: its tube would reach into the table"],
     )
     # One end alone may be wrong; and heights count from the table.
     sunk[4:, 2] = R
     assert len(selected(surface, fitted(sunk))[0]) == 1
     lower = fitted(line - (0, 0, R))
     refinement = Refinement([lower], np.zeros(len(surface), dtype=np.int64), 0.0002)
-    assert len(classify_strings(refinement, surface - (0, 0, R), PARAMETERS, -R)[0]) == 1
+    assert len(classify_strings(refinement, surface - (0, 0, R), PARAMETERS, -R).strings) == 1

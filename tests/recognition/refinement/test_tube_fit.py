@@ -1,4 +1,4 @@
-"""Lines fitted so that a surface lies one radius from them, on exact tubes."""
+"""Tube fit on exact tubes: the surface lies one radius from the lines."""
 
 from collections.abc import Callable
 
@@ -16,11 +16,11 @@ def line(start: tuple[float, float, float], end: tuple[float, float, float]) -> 
     return np.linspace(a, b, round(np.linalg.norm(b - a) / STEP) + 1)
 
 
-def settled(fit: TubeFit, steps: int = 8, radius_tie: float | None = None) -> TubeFit:
+def settled(fit: TubeFit, steps: int = 8, radius_sigma: float | None = None) -> TubeFit:
     assigned = fit.assign()
     for _ in range(steps):
-        fit.step(assigned, radius_tie)
-        assigned = fit.follow(assigned)
+        fit.step(assigned, radius_sigma)
+        assigned = fit.update_assignment(assigned)
     return fit
 
 
@@ -31,7 +31,7 @@ def test_a_tube_about_its_own_line_has_no_residuals(tube: Callable, straight: Ca
     assert len(np.unique(assigned.point)) == len(surface)
     np.testing.assert_allclose(assigned.residual, 0, rtol=0, atol=1e-12)
     np.testing.assert_allclose(assigned.outward, normals[assigned.point], rtol=0, atol=1e-9)
-    foot = fit.points[assigned.link, 0] + assigned.share * (
+    foot = fit.points[assigned.link, 0] + assigned.fraction * (
         fit.points[assigned.link + 1, 0] - fit.points[assigned.link, 0]
     )
     np.testing.assert_allclose(foot, surface[assigned.point, 0], rtol=0, atol=1e-12)
@@ -43,12 +43,12 @@ def test_each_point_of_a_crossing_goes_to_its_own_strand(seen: Callable, heap: C
     fit = TubeFit([under[::3], over[::3]], R, surface, normals)
     assigned = fit.assign()
     owner = np.array([np.linalg.norm(surface[:, None] - c, axis=2).min(axis=1) for c in (under, over)]).argmin(axis=0)
-    # At 2 r the tubes touch in one place, where either will do.
-    assert (fit.strand[assigned.link] == owner[assigned.point]).mean() > 0.995
+    # At 2 r the tubes touch at one point, which may belong to either.
+    assert (fit.line_of_point[assigned.link] == owner[assigned.point]).mean() > 0.995
     assert len(assigned.point) > 0.99 * len(surface)
 
 
-def test_what_lies_on_no_tube_or_looks_another_way_is_left_out(tube: Callable, straight: Callable) -> None:
+def test_surface_on_no_tube_or_with_another_normal_is_excluded(tube: Callable, straight: Callable) -> None:
     surface, normals = tube(straight((0, 0, R), (0.06, 0, R)), R, 0.2, np.pi - 0.2)
     lines = [line((0, 0, R), (0.06, 0, R))]
     assert len(TubeFit(lines, R, surface, -normals).assign().point) == 0
@@ -67,9 +67,9 @@ def test_a_line_that_is_off_is_brought_onto_the_axis(
     surface, normals = tube(straight((0, 0, R), (0.1, 0, R)), R, 0.2, np.pi - 0.2)
     start = line((0, 0, R), (0.1, 0, R))
     fit = settled(TubeFit([start + R * np.array(offset)], R, surface, normals))
-    # Gauss-Newton on an exact tube: only the hold that keeps points on their places is left, 1e-3 of the data.
+    # Gauss-Newton on an exact tube: only the term that keeps points in position is left, 1e-3 of the data.
     np.testing.assert_allclose(fit.points[:, 1:], start[:, 1:], rtol=0, atol=0.005 * R)
-    # Nothing measured tells where along the line the points are: they stay.
+    # No measurement shows where along the line the points are: they stay.
     np.testing.assert_allclose(fit.points[:, 0], start[:, 0], rtol=0, atol=0.02 * R)
 
 
@@ -79,10 +79,10 @@ def test_radii_are_fitted_line_by_line(seen: Callable, straight: Callable, share
     # A little noise, as the robust weights need: points exact on one line would make the other's look like outliers.
     surface, normals = seen(axes, radii=[share * R, R], noise=0.02 * R)
     lines = [line((0, 0, R), (0.08, 0, R)), line((0, 0.04, R), (0.08, 0.04, R))]
-    fit = settled(TubeFit(lines, R, surface, normals), radius_tie=0.3 * R)
+    fit = settled(TubeFit(lines, R, surface, normals), radius_sigma=0.3 * R)
     # 0.02 r of noise in a thousand points, and the tie weighs as one of them.
     np.testing.assert_allclose(fit.radii / R, (share, 1.0), rtol=0, atol=0.005)
-    np.testing.assert_allclose(fit.points[fit.line(0), 2], share * R, rtol=0, atol=0.02 * R)
+    np.testing.assert_allclose(fit.lines[0][:, 2], share * R, rtol=0, atol=0.02 * R)
     untied = settled(TubeFit(lines, R, surface, normals))
     np.testing.assert_array_equal(untied.radii, R)
 
@@ -116,9 +116,9 @@ def test_where_nothing_is_seen_the_line_stays_smooth(tube: Callable, arc: Callab
     assert np.abs(fit.points[:, 2] - R).max() < 0.1 * R
 
 
-def test_lines_of_two_points_and_surfaces_of_one_are_taken() -> None:
+def test_lines_of_two_points_and_surfaces_of_one_are_accepted() -> None:
     fit = TubeFit([line((0, 0, R), (0.7 * R, 0, R))], R, np.array([(0.001, 0.0, 2.1 * R)]), np.array([(0.0, 0.0, 1.0)]))
-    settled(fit, steps=4, radius_tie=0.3 * R)
+    settled(fit, steps=4, radius_sigma=0.3 * R)
     assert np.isfinite(fit.points).all()
     assert np.isfinite(fit.radii).all()
     # One point above the line: it lies on the tube afterwards.

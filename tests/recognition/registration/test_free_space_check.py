@@ -1,4 +1,4 @@
-"""Views that show another scene are found and left out; which, decides the majority."""
+"""Views that show another scene are found and excluded; the majority decides which."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -8,11 +8,11 @@ import pytest
 
 from calibration.geometry.transforms import from_rotation_vector
 from cell.devices import View
+from recognition.errors import ContradictingViewsError
 from recognition.parameters import ChainParameters
 from recognition.preprocessing.normals import NormalCloud
 from recognition.registration.free_space_check import (
     MAX_ROBOT_SIGMA,
-    ContradictingViewsError,
     find_inconsistent_views,
     free_space_violations,
 )
@@ -38,7 +38,7 @@ def strip(view: int, y_m: float, x_m: tuple[float, float] = (-0.1, 0.1)) -> Norm
     return NormalCloud(view, points[order], normals, np.eye(4), T_BASE_CAMERA, image(view, depth))
 
 
-def left_out(clouds: Sequence[NormalCloud], table_1: ChainParameters, robot: float = 1.0) -> dict[int, str]:
+def inconsistent(clouds: Sequence[NormalCloud], table_1: ChainParameters, robot: float = 1.0) -> dict[int, str]:
     return find_inconsistent_views(clouds, np.full(len(clouds), robot), table_1)
 
 
@@ -46,42 +46,42 @@ def test_views_of_one_scene_do_not_see_through_one_another(table_1: ChainParamet
     # A millimetre and a half is what poses may be off, and not yet another place.
     clouds = [strip(0, 0.0), strip(1, 0.0015), strip(2, -0.001)]
     np.testing.assert_array_equal(free_space_violations(clouds, table_1), 0.0)
-    assert left_out(clouds, table_1) == {}
+    assert inconsistent(clouds, table_1) == {}
 
 
 def test_a_strip_elsewhere_is_seen_through_altogether(table_1: ChainParameters) -> None:
-    through = free_space_violations([strip(0, 0.0), strip(1, 0.02)], table_1)
-    assert (np.diag(through) == 0).all()
-    assert min(through[0, 1], through[1, 0]) > 0.9
+    violations = free_space_violations([strip(0, 0.0), strip(1, 0.02)], table_1)
+    assert (np.diag(violations) == 0).all()
+    assert min(violations[0, 1], violations[1, 0]) > 0.9
 
 
 @pytest.mark.parametrize("count", [3, 4, 8])
-def test_the_one_that_contradicts_is_left_out_whatever_its_place(table_1: ChainParameters, count: int) -> None:
+def test_the_contradicting_view_is_excluded_in_any_position(table_1: ChainParameters, count: int) -> None:
     for wrong in (0, count - 1):
         clouds = [strip(10 + k, 0.02 if k == wrong else 0.0) for k in range(count)]
-        reasons = left_out(clouds, table_1)
+        reasons = inconsistent(clouds, table_1)
         assert list(reasons) == [10 + wrong]
         assert "contradicts the other views" in reasons[10 + wrong]
 
 
 def test_two_of_five_can_be_wrong_each_in_its_way(table_1: ChainParameters) -> None:
     places = [0.0, 0.02, 0.0, -0.03, 0.0]
-    assert sorted(left_out([strip(k, y) for k, y in enumerate(places)], table_1)) == [1, 3]
+    assert sorted(inconsistent([strip(k, y) for k, y in enumerate(places)], table_1)) == [1, 3]
 
 
 def test_a_shift_along_a_straight_strip_shows_at_its_ends(table_1: ChainParameters) -> None:
     clouds = [strip(k, 0.0) for k in range(4)]
     clouds[2] = strip(2, 0.0, (-0.08, 0.12))
-    assert list(left_out(clouds, table_1)) == [2]
+    assert list(inconsistent(clouds, table_1)) == [2]
     # Ends that fray by a few pixels are the same scene.
     clouds[2] = strip(2, 0.0, (-0.098, 0.103))
-    assert left_out(clouds, table_1) == {}
+    assert inconsistent(clouds, table_1) == {}
 
 
 @pytest.mark.parametrize("places", [(0.0, 0.02), (0.0, 0.0, 0.02, 0.02), (0.0, 0.02, 0.04)])
 def test_without_a_majority_there_is_no_answer(table_1: ChainParameters, places: tuple[float, ...]) -> None:
-    with pytest.raises(ContradictingViewsError, match=r"views [0-9] and [0-9] contradict one another") as caught:
-        left_out([strip(k, y) for k, y in enumerate(places)], table_1)
+    with pytest.raises(ContradictingViewsError, match=r"views [0-9] and [0-9] contradict each other") as caught:
+        inconsistent([strip(k, y) for k, y in enumerate(places)], table_1)
     assert caught.value.slug == "contradicting-views"
 
 
@@ -90,10 +90,10 @@ def test_a_majority_must_be_left_when_poses_have_gone_too(table_1: ChainParamete
     clouds = [strip(k, y) for k, y in enumerate([0.0, 0.02, 0.0, -0.03, 0.0])]
     robot = np.array([1.0, 1.0, 1.0, 1.0, MAX_ROBOT_SIGMA + 5])
     with pytest.raises(
-        ContradictingViewsError, match=r"3 of 5 views would have to be left out.*view 4: to fit"
-    ) as told:
+        ContradictingViewsError, match=r"3 of 5 views would have to be excluded.*view 4: its pose"
+    ) as caught:
         find_inconsistent_views(clouds, robot, table_1)
-    assert "check the poses" in str(told.value)
+    assert "check the poses" in str(caught.value)
 
 
 def test_what_a_view_does_not_see_it_does_not_contradict(table_1: ChainParameters) -> None:
@@ -120,15 +120,15 @@ def test_what_a_view_does_not_see_it_does_not_contradict(table_1: ChainParameter
 def test_without_images_nothing_is_contradicted(table_1: ChainParameters) -> None:
     clouds = [replace(strip(k, 0.02 * k), image=None) for k in range(3)]
     np.testing.assert_array_equal(free_space_violations(clouds, table_1), 0.0)
-    assert left_out(clouds, table_1) == {}
+    assert inconsistent(clouds, table_1) == {}
 
 
-def test_a_pose_that_the_arm_cannot_have_told_is_left_out(table_1: ChainParameters) -> None:
+def test_a_view_with_an_implausible_robot_error_is_excluded(table_1: ChainParameters) -> None:
     clouds = [strip(k, 0.0) for k in range(4)]
     robot = np.array([1.0, 2.0, MAX_ROBOT_SIGMA + 2, 1.5])
     reasons = find_inconsistent_views(clouds, robot, table_1)
     assert list(reasons) == [2]
     assert "12 sigma of the arm's accuracy (the other views: 2)" in reasons[2]
-    # An arm that is worse than assumed in all views is no view's fault; nor can two views tell which is wrong.
+    # An arm that is worse than assumed in all views is no view's fault; of two views, neither is known to be wrong.
     assert find_inconsistent_views(clouds, robot + 8, table_1) == {}
     assert find_inconsistent_views(clouds[1:3], robot[1:3], table_1) == {}

@@ -1,4 +1,4 @@
-"""The calibration's error as registered scans tell of it, against the one that was made."""
+"""The hand-eye error estimated from registered scans, against the error that was simulated."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -24,13 +24,13 @@ from recognition.registration.registration import register
 from recognition.view_ingestion import IngestedViews, ingest_views
 
 SCENES = ("figure-eight", "several", "straight")
-BEFOREHAND = np.diag(np.repeat([PoseSigmas().hand_eye_rad, PoseSigmas().hand_eye_m], 3) ** 2)
-"""Covariance of a calibration whose file tells none."""
+PRIOR_COVARIANCE = np.diag(np.repeat([PoseSigmas().hand_eye_rad, PoseSigmas().hand_eye_m], 3) ** 2)
+"""Covariance of a calibration whose file holds none."""
 
 
 @cache
-def usual_cell() -> tuple[SimulatedWorld, ViewpointPlan, Scene]:
-    """The default simulated cell: robot and calibration as wrong as those of a good one."""
+def default_cell() -> tuple[SimulatedWorld, ViewpointPlan, Scene]:
+    """The default simulated cell, with the robot and hand-eye errors of a good one."""
     settings = CellSettings()
     world = simulated_world(settings)
     plan = plan_viewpoints(settings, world.told_T_flange_camera, None)
@@ -38,29 +38,29 @@ def usual_cell() -> tuple[SimulatedWorld, ViewpointPlan, Scene]:
 
 
 def arrivals(scene: str, moved: tuple[float, ...]) -> IngestedViews:
-    """What the cell sees of a scene once the camera has `moved` (turn, shift) since it was calibrated."""
-    world, plan, where = usual_cell()
+    """The views of a scene after the camera `moved` (rotation vector, translation) since it was calibrated."""
+    world, plan, where = default_cell()
     T_flange_camera = world.T_flange_camera @ from_rotation_vector(moved[3:], moved[:3])
     source = FrameSource(replace(world, scene=make_scene(scene, 1), T_flange_camera=T_flange_camera))
-    K, unit, told = world.camera.K, world.camera.depth_unit_m, world.told_T_flange_camera
+    K, unit, given = world.camera.K, world.camera.depth_unit_m, world.told_T_flange_camera
     views = [
-        View(v.index, source.expose(v.T_base_flange), unit, K, v.T_base_flange, told)
+        View(v.index, source.expose(v.T_base_flange), unit, K, v.T_base_flange, given)
         for v in plan.viewpoints
         if v.q_rad is not None
     ]
     return ingest_views(views, ChainParameters.for_radius(0.0042), where)
 
 
-def told_by(seen: IngestedViews, sigmas: PoseSigmas | None = None) -> HandEyeErrorEstimate:
+def estimate(seen: IngestedViews, sigmas: PoseSigmas | None = None) -> HandEyeErrorEstimate:
     parameters = ChainParameters.for_radius(0.0042)
-    error = register(seen.clouds, parameters, seen.pairs, sigmas).hand_eye_error
+    error = register(seen.clouds, parameters, seen.correspondences, sigmas).hand_eye_error
     assert error is not None
     return error
 
 
 def true_error(moved: tuple[float, ...]) -> np.ndarray:
-    """(6,) of the told calibration, as `HandEyeErrorEstimate` has it."""
-    world, _, _ = usual_cell()
+    """(6,) error of the given calibration, as `HandEyeErrorEstimate` defines it."""
+    world, _, _ = default_cell()
     T = inverse(world.told_T_flange_camera) @ world.T_flange_camera @ from_rotation_vector(moved[3:], moved[:3])
     return np.concatenate([Rotation.from_matrix(T[:3, :3]).as_rotvec(), T[:3, 3]])
 
@@ -71,37 +71,37 @@ TURNED = (0.0, float(np.radians(0.5)), 0.0, 0.0, 0.0, 0.0)
 
 
 @pytest.mark.parametrize("moved", [STILL, SHIFTED, TURNED], ids=["still", "shifted", "turned"])
-def test_scans_tell_of_a_camera_that_has_moved_and_of_no_other(moved: tuple[float, ...]) -> None:
-    errors = [told_by(arrivals(scene, moved)) for scene in SCENES]
-    drift = judge_drift([ScanError(error.information, error.vector) for error in errors], BEFOREHAND)
+def test_scans_show_a_camera_that_has_moved_and_no_other(moved: tuple[float, ...]) -> None:
+    errors = [estimate(arrivals(scene, moved)) for scene in SCENES]
+    drift = judge_drift([ScanError(error.information, error.vector) for error in errors], PRIOR_COVARIANCE)
     assert drift.drifted == (moved != STILL)
     # Sigmas of the scans' average are 0.9 mm and 0.17 degrees (lengths); those of one scene, not of one cell.
-    off = drift.off - true_error(moved)
+    off = drift.error - true_error(moved)
     assert np.linalg.norm(off[3:]) < 0.002
     assert np.linalg.norm(off[:3]) < np.radians(0.35)
     for error in errors:
         squared = (error.vector - error.information @ true_error(moved)) @ np.linalg.solve(
             error.information, error.vector - error.information @ true_error(moved)
         )
-        # Chi square of 6 without a move (22 is exceeded once in a thousand); what has moved far is also seen less.
+        # Chi square of 6 without a move (22 is exceeded once in a thousand); a larger move leaves fewer pairs.
         assert squared < (22 if moved == STILL else 45)
 
 
-def test_what_is_known_beforehand_is_not_in_it() -> None:
+def test_the_prior_is_not_included() -> None:
     seen = arrivals("several", STILL)
-    usual, loose = told_by(seen), told_by(seen, PoseSigmas(hand_eye_m=0.004, hand_eye_rad=0.015))
-    # The prior is a hundredth; what surfaces are paired and how they count differs slightly.
-    scale = np.sqrt(np.diag(usual.information))
+    default, loose = estimate(seen), estimate(seen, PoseSigmas(hand_eye_m=0.004, hand_eye_rad=0.015))
+    # The prior is a hundredth; correspondences and weights differ slightly.
+    scale = np.sqrt(np.diag(default.information))
     np.testing.assert_allclose(
-        loose.information / np.outer(scale, scale), usual.information / np.outer(scale, scale), rtol=0, atol=0.15
+        loose.information / np.outer(scale, scale), default.information / np.outer(scale, scale), rtol=0, atol=0.15
     )
-    np.testing.assert_allclose(loose.vector / scale, usual.vector / scale, rtol=0, atol=0.5)
-    # While the corrections themselves lean on it.
-    assert np.linalg.norm(usual.likeliest[3:]) < np.linalg.norm(loose.likeliest[3:])
-    assert np.linalg.eigvalsh(usual.information).min() > 0
+    np.testing.assert_allclose(loose.vector / scale, default.vector / scale, rtol=0, atol=0.5)
+    # The corrections themselves depend on the prior.
+    assert np.linalg.norm(default.posterior_mean[3:]) < np.linalg.norm(loose.posterior_mean[3:])
+    assert np.linalg.eigvalsh(default.information).min() > 0
 
 
-def test_views_without_anything_in_common_tell_nothing(table_1: ChainParameters, tube: Callable) -> None:
+def test_views_without_overlap_give_no_estimate(table_1: ChainParameters, tube: Callable) -> None:
     from recognition.preprocessing.normals import NormalCloud
 
     s = np.arange(0.0, 0.2, 0.0008)

@@ -1,11 +1,11 @@
-"""The prior of the poses against errors drawn as the arm and the calibration make them."""
+"""The prior of the poses against drawn robot and hand-eye errors."""
 
 import numpy as np
 import pytest
 
 from calibration.geometry.transforms import from_rotation_vector, inverse, transform_points
 from recognition.preprocessing.normals import NormalCloud
-from recognition.registration.pose_prior import COMMON, PoseSigmas, pose_prior, twist_of
+from recognition.registration.pose_prior import N_SHARED, PoseSigmas, pose_prior, twist_about
 
 CENTRE = np.array([0.05, -0.02, 0.005])
 SIGMAS = PoseSigmas()
@@ -29,7 +29,7 @@ def cloud_at(view: int, T_base_camera: np.ndarray | None, T_correction: np.ndarr
 
 
 def drawn(rng: np.random.Generator, poses: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
-    """(V, 6) true corrections of told poses, and (6,) the calibration's error in the camera's frame."""
+    """(V, 6) true corrections of the given poses, and (6,) the hand-eye error in the camera frame."""
     hand_eye = rng.standard_normal(6) * np.repeat([SIGMAS.hand_eye_rad, SIGMAS.hand_eye_m], 3)
     twists = []
     for T in poses:
@@ -37,11 +37,11 @@ def drawn(rng: np.random.Generator, poses: list[np.ndarray]) -> tuple[np.ndarray
         E_robot = from_rotation_vector(robot[3:], robot[:3])
         at_camera = from_rotation_vector(T[:3, 3], np.zeros(3))
         truth = at_camera @ E_robot @ inverse(at_camera) @ T @ from_rotation_vector(hand_eye[3:], hand_eye[:3])
-        twists.append(twist_of(truth @ inverse(T), CENTRE))
+        twists.append(twist_about(truth @ inverse(T), CENTRE))
     return np.array(twists), hand_eye
 
 
-def test_errors_as_they_are_made_spread_as_the_prior_says() -> None:
+def test_drawn_errors_spread_as_the_prior_predicts() -> None:
     poses = ring(5)
     prior = pose_prior([cloud_at(k, T) for k, T in enumerate(poses)], CENTRE, SIGMAS)
     # The offset of the disparity was not drawn: without it.
@@ -52,18 +52,18 @@ def test_errors_as_they_are_made_spread_as_the_prior_says() -> None:
     squared = np.einsum("ki,ij,kj->k", drawn_twists, np.linalg.inv(covariance), drawn_twists) / 30
     # Chi square of 30 over 30: a mean of 1 +- 0.011; products of two errors are neglected.
     assert squared.mean() == pytest.approx(1.0, abs=0.04)
-    # Common errors are alike in views and turn with them: what one view's says of the opposite one's.
+    # Shared errors rotate with the view: covariance of a view with the opposite one.
     sampled = np.cov(drawn_twists.T)
     np.testing.assert_allclose(sampled[3:6, 15:18], covariance[3:6, 15:18], rtol=0, atol=0.2 * covariance[3, 3])
 
 
-def test_the_calibration_is_found_in_twists_that_it_made() -> None:
+def test_the_hand_eye_error_is_found_from_its_twists() -> None:
     poses = ring(8)
     clouds = [cloud_at(k, T) for k, T in enumerate(poses)]
     prior = pose_prior(clouds, CENTRE, SIGMAS)
     hand_eye = np.array([0.003, -0.001, 0.002, 0.0008, 0.0, -0.0005])
     twists = np.concatenate(
-        [twist_of(T @ from_rotation_vector(hand_eye[3:], hand_eye[:3]) @ inverse(T), CENTRE) for T in poses]
+        [twist_about(T @ from_rotation_vector(hand_eye[3:], hand_eye[:3]) @ inverse(T), CENTRE) for T in poses]
     )
     information, gradient = prior.information.copy(), prior.gradient.copy()
     information[: len(twists), : len(twists)] += np.eye(len(twists)) * 1e14
@@ -75,26 +75,26 @@ def test_the_calibration_is_found_in_twists_that_it_made() -> None:
     np.testing.assert_allclose(found[-4:-2], hand_eye[3:5], rtol=0, atol=0.0002)
 
 
-def test_levelling_tells_of_the_rest_of_the_pose() -> None:
+def test_table_alignment_informs_the_rest_of_the_pose() -> None:
     # The hand-eye calibration was turned about the camera: the table was found tilted and brought level about its
     # middle. The prior knows that the same turn has also shifted the view.
     poses = ring(8)
     turn = np.array([0.0025, 0.002, 0.0])
     clouds, twists = [], []
     for k, T in enumerate(poses):
-        error = twist_of(T @ from_rotation_vector(np.zeros(3), turn) @ inverse(T), CENTRE)
+        error = twist_about(T @ from_rotation_vector(np.zeros(3), turn) @ inverse(T), CENTRE)
         level = np.array([error[0], error[1], 0.0, 0.0, 0.0, error[5]])
-        T_levelling = from_rotation_vector(level[3:], level[:3])
-        T_levelling[:3, 3] += CENTRE - T_levelling[:3, :3] @ CENTRE
-        clouds.append(cloud_at(k, T_levelling @ T, T_levelling))
+        T_alignment = from_rotation_vector(level[3:], level[:3])
+        T_alignment[:3, 3] += CENTRE - T_alignment[:3, :3] @ CENTRE
+        clouds.append(cloud_at(k, T_alignment @ T, T_alignment))
         twists.append(error - level)
     prior = pose_prior(clouds, CENTRE, SIGMAS)
-    found = -np.linalg.solve(prior.information, prior.gradient)[:-COMMON].reshape(-1, 6)
+    found = -np.linalg.solve(prior.information, prior.gradient)[:-N_SHARED].reshape(-1, 6)
     left, before = np.array(twists) - found, np.array(twists)
     assert np.linalg.norm(left[:, 3:5], axis=1).mean() < 0.6 * np.linalg.norm(before[:, 3:5], axis=1).mean()
-    # What levelling measured stays as it is.
-    assert np.abs(found[:, [0, 1]]).max() < SIGMAS.level_rad
-    assert np.abs(found[:, 5]).max() < SIGMAS.level_m
+    # The directions that the table measured stay as they are.
+    assert np.abs(found[:, [0, 1]]).max() < SIGMAS.table_rad
+    assert np.abs(found[:, 5]).max() < SIGMAS.table_m
 
 
 def test_without_cameras_errors_are_about_the_centre() -> None:
@@ -111,15 +111,15 @@ def test_the_disparity_offset_moves_points_along_the_line_of_sight() -> None:
     T = from_rotation_vector(CENTRE + np.array([0, 0, 0.5]), (np.pi, 0, 0))
     prior = pose_prior([cloud_at(0, T)], CENTRE, SIGMAS)
     # Depths come out too far by b times their square: the plane 0.5 m ahead lies 0.25 b too low and is to be raised.
-    (D, _) = prior.robot[0]
+    (D, _) = prior.robot_errors[0]
     to_camera = D[:, :6] * np.repeat([SIGMAS.robot_rad, SIGMAS.robot_m], 3)[:, None]
     twist = -np.linalg.solve(to_camera, D[:, -1] * np.repeat([SIGMAS.robot_rad, SIGMAS.robot_m], 3))
     np.testing.assert_allclose(twist[5], 0.25, rtol=1e-6)
     np.testing.assert_allclose(twist[[0, 1, 2, 3, 4]], 0.0, rtol=0, atol=1e-9)
 
 
-def test_a_twist_is_read_off_its_transform() -> None:
+def test_twist_about_returns_rotation_and_displacement() -> None:
     T = from_rotation_vector((0.1, 0.2, 0.3), (0.01, -0.02, 0.03))
-    twist = twist_of(T, CENTRE)
+    twist = twist_about(T, CENTRE)
     np.testing.assert_allclose(CENTRE + twist[3:], transform_points(T, CENTRE[None])[0], rtol=0, atol=1e-15)
     np.testing.assert_allclose(twist[:3], (0.01, -0.02, 0.03), rtol=0, atol=1e-15)

@@ -18,7 +18,7 @@ from recognition.parameters import ChainParameters
 from recognition.preprocessing.normals import NormalCloud
 from recognition.preprocessing.target_cloud import Scene
 from recognition.registration.correspondences import find_correspondences
-from recognition.registration.pose_prior import PoseSigmas, twist_of
+from recognition.registration.pose_prior import PoseSigmas, twist_about
 from recognition.registration.registration import Registration, register, transform_cloud
 from recognition.view_ingestion import ingest_views
 
@@ -120,7 +120,7 @@ def test_each_view_is_reported_in_the_order_of_its_index(table_1: ChainParameter
     assert [cloud.view for cloud in registration.clouds] == [0, 1, 2]
     for cloud, view, before in zip(registration.clouds, registration.views, clouds, strict=True):
         assert (view.used, view.reason, view.points) == (True, None, len(before.points))
-        # The correction told is the one made.
+        # The reported correction is the one that was made.
         middle = cloud.points.mean(axis=0)
         was = transform_points(inverse(cloud.T_correction), middle[None])[0]
         assert view.correction_m == pytest.approx(np.linalg.norm(middle - was), abs=1e-12)
@@ -134,7 +134,7 @@ def test_a_straight_string_is_not_slid_along_its_axis(table_1: ChainParameters, 
     twists = np.zeros((2, 6))
     twists[1, 3:] = (along_m, 0.0006, 0.0)
     registration = register(views_of(tube, STRAIGHT, table_1.r, twists), table_1)
-    first, second = (twist_of(cloud.T_correction, STRAIGHT.mean(axis=0)) for cloud in registration.clouds)
+    first, second = (twist_about(cloud.T_correction, STRAIGHT.mean(axis=0)) for cloud in registration.clouds)
     # Across it they meet, all but a tenth; along it there is nothing to see.
     assert second[4] - first[4] == pytest.approx(-0.0006, abs=0.00006)
     assert max(abs(first[3]), abs(second[3])) < 0.00005
@@ -147,7 +147,9 @@ def test_a_straight_string_is_not_slid_along_its_axis(table_1: ChainParameters, 
     assert across < along / 4
 
 
-def test_registered_views_are_never_worse_and_as_good_as_they_say(table_1: ChainParameters, tube: Callable) -> None:
+def test_registered_views_are_never_worse_and_as_good_as_their_covariance(
+    table_1: ChainParameters, tube: Callable
+) -> None:
     # Independent errors of the size that the prior takes robots to have.
     sigma = np.repeat([PoseSigmas().robot_rad, PoseSigmas().robot_m], 3)
     centre = BENT.mean(axis=0)
@@ -158,14 +160,14 @@ def test_registered_views_are_never_worse_and_as_good_as_they_say(table_1: Chain
         registration = register(views_of(tube, BENT, table_1.r, twists), table_1)
         left = np.array(
             [
-                twist_of(cloud.T_correction @ about(twist, centre), registration.centre)
+                twist_about(cloud.T_correction @ about(twist, centre), registration.centre)
                 for cloud, twist in zip(registration.clouds, twists, strict=True)
             ]
         )
-        told = np.array([twist_of(about(twist, centre), registration.centre) for twist in twists])
-        before.append(apart(told))
+        given = np.array([twist_about(about(twist, centre), registration.centre) for twist in twists])
+        before.append(apart(given))
         after.append(apart(left))
-        # The first view against the second, in units of what the covariance says of it.
+        # The first view against the second, in units of its covariance.
         D = np.hstack([np.eye(6), -np.eye(6), np.zeros((6, 6 * (count - 2)))])
         difference = left[0] - left[1]
         squared.append(difference @ np.linalg.solve(D @ registration.covariance @ D.T, difference) / 6)
@@ -181,20 +183,25 @@ def apart(twists: np.ndarray) -> float:
     return float(np.sqrt((relative**2).sum(axis=1).mean()))
 
 
-def test_a_calibration_that_has_drifted_is_told(table_1: ChainParameters) -> None:
+def test_a_calibration_that_has_drifted_gives_a_warning(table_1: ChainParameters) -> None:
     scan = simulate(make_scene("loop", 1), camera_model("ideal", (320, 200)), 1, errors=NO_ERRORS, views=6)
     scene = Scene(0.0, scan.header.workspace_m)
-    for drift_m, turn_rad, told in ((0.0007, 0.0, False), (0.0, 0.003, False), (0.004, 0.0, True), (0.0, 0.03, True)):
+    for drift_m, turn_rad, has_warning in (
+        (0.0007, 0.0, False),
+        (0.0, 0.003, False),
+        (0.004, 0.0, True),
+        (0.0, 0.03, True),
+    ):
         T_error = from_rotation_vector((drift_m, 0, 0), (0, 0, turn_rad))
         views = [replace(view, T_flange_camera=view.T_flange_camera @ T_error) for view in scan.views]
         arrivals = ingest_views(views, table_1, scene)
-        registration = register(arrivals.clouds, table_1, arrivals.pairs)
+        registration = register(arrivals.clouds, table_1, arrivals.correspondences)
         assert all(view.used for view in registration.views)
-        assert bool(registration.warnings) == told
+        assert bool(registration.warnings) == has_warning
         for warning in registration.warnings:
             found = re.match(r"the calibration has drifted: .* with the camera (.+) mm and (.+) degrees from", warning)
             assert found is not None
-            # A shift across the line of sight looks much like a turn about the camera: what is told is the likeliest
+            # A shift across the line of sight looks much like a turn about the camera: the warning has the most likely
             # mixture, at least half of the error that was made and no more than it.
             if drift_m:
                 assert 0.5 < float(found[1]) / 1000 / drift_m < 1.0
@@ -202,7 +209,7 @@ def test_a_calibration_that_has_drifted_is_told(table_1: ChainParameters) -> Non
                 assert 0.5 < np.radians(float(found[2])) / turn_rad < 1.0
 
 
-def test_what_was_paired_at_arrival_is_used(table_1: ChainParameters, tube: Callable) -> None:
+def test_given_correspondences_are_used(table_1: ChainParameters, tube: Callable) -> None:
     clouds = views_of(tube, BENT, table_1.r, pose_errors(5, 3))
     pairs = [pair for k in range(3) for pair in find_correspondences(clouds[k], clouds[:k], table_1)]
     given, found = register(clouds, table_1, pairs), register(clouds, table_1)
@@ -210,7 +217,7 @@ def test_what_was_paired_at_arrival_is_used(table_1: ChainParameters, tube: Call
     np.testing.assert_array_equal(given.covariance, found.covariance)
 
 
-def test_views_without_anything_in_common_stay_where_they_are(table_1: ChainParameters, tube: Callable) -> None:
+def test_views_without_overlap_stay_where_they_are(table_1: ChainParameters, tube: Callable) -> None:
     first, second = views_of(tube, BENT, table_1.r, np.zeros((2, 6)))
     elsewhere = transform_cloud(second, from_rotation_vector((0, 0, 0.1), (0, 0, 0)))
     registration = register([first, replace(elsewhere, T_correction=np.eye(4))], table_1)

@@ -1,4 +1,4 @@
-"""How views are told to fit one another."""
+"""Fitness of registered views."""
 
 from collections.abc import Callable
 
@@ -8,7 +8,7 @@ import pytest
 from recognition.parameters import ChainParameters
 from recognition.preprocessing.normals import NormalCloud
 from recognition.registration.registration import transform_cloud
-from recognition.registration.view_fitness import PARTNERS, evaluate_fitness
+from recognition.registration.view_fitness import MAX_PARTNERS, evaluate_fitness
 
 SHIFT = 0.0004
 
@@ -21,13 +21,13 @@ def views(count: int, seen: Callable, straight: Callable, length: float, r: floa
     return [NormalCloud(view, points + slide[view], normals, np.eye(4)) for view in range(count)]
 
 
-@pytest.mark.parametrize("count", [2, PARTNERS + 1, 3 * PARTNERS])
+@pytest.mark.parametrize("count", [2, MAX_PARTNERS + 1, 3 * MAX_PARTNERS])
 @pytest.mark.parametrize("length", [0.1, 1.0, 3.0])
 def test_views_that_agree_fit_whatever_the_strings_length(
     seen: Callable, straight: Callable, table_1: ChainParameters, count: int, length: float
 ) -> None:
-    placed = views(count, seen, straight, length, table_1.r)
-    for quality in evaluate_fitness(placed, placed, table_1):
+    registered = views(count, seen, straight, length, table_1.r)
+    for quality in evaluate_fitness(registered, registered, table_1):
         assert quality.fitness == 1.0
         # Along the string they slid; across it, where distances are measured, they did not.
         assert quality.rms_m is not None
@@ -35,12 +35,14 @@ def test_views_that_agree_fit_whatever_the_strings_length(
         assert quality.correction_m == 0
 
 
-def test_a_view_beside_the_others_is_told_how_far(seen: Callable, straight: Callable, table_1: ChainParameters) -> None:
+def test_a_view_beside_the_others_has_its_distance(
+    seen: Callable, straight: Callable, table_1: ChainParameters
+) -> None:
     came = views(4, seen, straight, 0.3, table_1.r)
     T = np.eye(4)
     T[2, 3] = SHIFT
-    placed = [transform_cloud(came[0], T), *came[1:]]
-    raised, *others = evaluate_fitness(came, placed, table_1)
+    registered = [transform_cloud(came[0], T), *came[1:]]
+    raised, *others = evaluate_fitness(came, registered, table_1)
     assert raised.fitness == 1.0
     assert raised.correction_m == pytest.approx(SHIFT, abs=1e-9)
     assert raised.rms_m is not None

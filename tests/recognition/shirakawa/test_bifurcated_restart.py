@@ -10,8 +10,8 @@ from recognition.parameters import ChainParameters
 from recognition.shirakawa.bifurcated_restart import (
     approach_intersection,
     find_restarts,
+    find_sharp_turn,
     intersection_ratios,
-    sharp_turn,
 )
 from recognition.shirakawa.matching import SearchField
 
@@ -109,26 +109,26 @@ def test_where_points_run_out_inside_the_highest_so_far_is_the_centre(round_figu
     np.testing.assert_array_equal(found.bifurcation_centre, search.points[3])
 
 
-def bent(degrees: float, before: int = 4, behind: int = 4) -> np.ndarray:
+def bent(degrees: float, n_before: int = 4, n_after: int = 4) -> np.ndarray:
     """Points 15 mm apart that turn once by that angle."""
     c, s = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
-    first = [(15.0 * i, 0.0) for i in range(-before, 1)]
-    return mm(*first, *((15.0 * i * c, 15.0 * i * s) for i in range(1, behind + 1)))
+    first = [(15.0 * i, 0.0) for i in range(-n_before, 1)]
+    return mm(*first, *((15.0 * i * c, 15.0 * i * s) for i in range(1, n_after + 1)))
 
 
 def test_a_turn_that_no_string_makes_is_an_intersection(round_figures: ChainParameters) -> None:
     points = bent(85)
-    # Asked about after every link, it is seen when two links lie behind it.
-    assert [sharp_turn(points[:n]) for n in range(len(points) + 1)] == [None] * 7 + [4, None, None]
+    # Checked after every link, the turn is found when two links follow it.
+    assert [find_sharp_turn(points[:n]) for n in range(len(points) + 1)] == [None] * 7 + [4, None, None]
     found = approach_intersection(SearchField(points), np.zeros(9), [0], round_figures)
     assert found.segment == [0, 1, 2, 3]
     assert found.bifurcation_centre is not None
     np.testing.assert_array_equal(found.bifurcation_centre, points[4])
 
 
-def test_a_bend_that_a_string_can_make_is_none(round_figures: ChainParameters) -> None:
+def test_a_bend_that_a_string_can_make_is_no_intersection(round_figures: ChainParameters) -> None:
     points = bent(65)
-    assert [sharp_turn(points[:n]) for n in range(len(points) + 1)] == [None] * 10
+    assert [find_sharp_turn(points[:n]) for n in range(len(points) + 1)] == [None] * 10
     found = approach_intersection(SearchField(points), np.zeros(9), [0], round_figures)
     assert (found.segment, found.bifurcation_centre) == (list(range(9)), None)
 

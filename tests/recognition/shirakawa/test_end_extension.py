@@ -1,4 +1,4 @@
-"""String ends reach the true end, and what is no end is not called one."""
+"""Strands reach the ends of the string, and only observed ends are free."""
 
 from collections.abc import Callable
 
@@ -9,9 +9,8 @@ from recognition.centre_line import CentreLine, estimate_centre_line
 from recognition.parameters import ChainParameters
 from recognition.preprocessing.target_cloud import Scene
 from recognition.shirakawa.end_extension import classify_ends, extend_ends
-from recognition.shirakawa.enhanced_matching import match_enhanced
+from recognition.shirakawa.enhanced_matching import match_enhanced, thin
 from recognition.shirakawa.reconstruction import reconstruct
-from recognition.shirakawa.thinning import thin
 from recognition.strand import Strand
 
 HALF_M = 0.06
@@ -23,7 +22,7 @@ def capped(table_1: ChainParameters, tube: Callable) -> CentreLine:
     x = np.arange(-HALF_M, HALF_M + 1e-9, 0.001)
     axis = np.column_stack([x, np.zeros_like(x), np.full_like(x, table_1.r)])
     points, normals = tube(axis, table_1.r)
-    # No two centres in one place, as no measurement has them.
+    # No two centres have the same position, as in no measurement.
     shift = np.random.default_rng(0).uniform(-0.0004, 0.0004, len(points))
     points = np.clip(points + np.outer(shift, (1, 0, 0)), (-HALF_M, -1, -1), (HALF_M, 1, 1))
     disc = np.array([(0.0, y, z) for y in (-2, 0, 2) for z in (-2, 0, 2)]) / 1000 + (0, 0, table_1.r)
@@ -44,8 +43,8 @@ def centres(start_mm: float, end_mm: float) -> np.ndarray:
 def test_extension_reaches_the_true_ends_of_a_capped_cylinder(table_1: ChainParameters, capped: CentreLine) -> None:
     thinned = thin(capped.points, table_1)
     segments = [thinned[segment] for segment in match_enhanced(thinned, table_1).segments]
-    strands = reconstruct(segments, np.empty((0, 3)), capped.single, table_1).connected
-    (before,), (after,) = strands, extend_ends(strands, capped.single, table_1)
+    strands = reconstruct(segments, np.empty((0, 3)), capped.unaveraged, table_1).connected
+    (before,), (after,) = strands, extend_ends(strands, capped.unaveraged, table_1)
     assert np.abs(before.points[[0, -1], 0]).max() < HALF_M - table_1.r / 2
     # The 95th percentile of the centres ahead, over up to 3 r of string: 0.6 mm short at most, and never beyond.
     np.testing.assert_allclose(np.sort(after.points[[0, -1], 0]), (-HALF_M, HALF_M), rtol=0, atol=0.0007)
@@ -69,7 +68,7 @@ def test_added_points_are_in_order_and_about_r_n_apart(table_1: ChainParameters)
     np.testing.assert_array_equal(longer.points[2:-2], strand.points)
 
 
-def test_marks_stay_with_their_points(table_1: ChainParameters) -> None:
+def test_bridged_points_stay_bridged(table_1: ChainParameters) -> None:
     strand = straight(0, 42)
     bridged = np.arange(len(strand.points)) == 4
     (longer,) = extend_ends([Strand(strand.points, bridged)], centres(-8, 42), table_1)
@@ -79,7 +78,7 @@ def test_marks_stay_with_their_points(table_1: ChainParameters) -> None:
 
 def test_nothing_ahead_nothing_added(table_1: ChainParameters) -> None:
     strand = straight(0, 42)
-    # Beside the way (more than r across), behind the end, and beyond an intersection's extent.
+    # Beside the ray (more than r across), behind the end, and beyond the extent of an intersection.
     elsewhere = np.vstack([centres(42, 60) + np.array([0, 0.0045, 0]), centres(5, 41), centres(56, 90)])
     (same,) = extend_ends([strand], elsewhere, table_1)
     np.testing.assert_array_equal(same.points, strand.points)
@@ -109,15 +108,15 @@ def test_an_end_at_the_border_of_the_workspace_is_unseen(table_1: ChainParameter
     assert classify_ends(turned, centres(-42, 42)[:, [1, 0, 2]], scene, table_1) == expected
 
 
-def test_an_end_behind_which_the_string_goes_on_is_unseen(table_1: ChainParameters) -> None:
+def test_an_end_beyond_which_the_string_continues_is_unseen(table_1: ChainParameters) -> None:
     ahead = np.vstack([centres(-42, 42), centres(48, 70)])
     assert classify_ends(straight(-42, 42), ahead, Scene(), table_1) == ("free", "unseen")
-    # Farther than an intersection's extent, or beside: another string's business.
+    # Farther than the extent of an intersection, or beside the ray: another string.
     far = np.vstack([centres(-42, 42), centres(56, 90), centres(43, 60) + np.array([0, 0.006, 0])])
     assert classify_ends(straight(-42, 42), far, Scene(), table_1) == ("free", "free")
 
 
-def test_a_closed_strand_has_no_end_that_was_missed(table_1: ChainParameters) -> None:
+def test_a_closed_strand_has_no_unobserved_end(table_1: ChainParameters) -> None:
     strand = straight(-42, 42)
     closed = Strand(strand.points, strand.bridged, closed=True)
     assert classify_ends(closed, centres(-80, 80), Scene(), table_1) == ("free", "free")

@@ -67,7 +67,7 @@ def test_a_straight_line_in_any_order_is_one_segment_from_end_to_end(round_figur
     (segment,) = match_points(points, round_figures)
     found = points[segment, 0]
     steps = np.diff(found)
-    # One way throughout, each link just beyond r_n (points are 2 mm apart), up to within r_n of the end.
+    # One direction throughout, each link just beyond r_n (points are 2 mm apart), up to within r_n of the end.
     assert (np.sign(steps) == np.sign(steps[0])).all()
     assert (np.abs(steps) > round_figures.r_n).all()
     assert (np.abs(steps) <= round_figures.r_n + 0.0021).all()
@@ -104,13 +104,13 @@ def test_at_a_wide_crossing_strands_are_misrecognised(round_figures: ChainParame
     for seed in range(6):
         rng = np.random.default_rng(seed)
         along = rng.uniform(-0.15, 0.15, 900)
-        # Two crossing centre line clouds, melted together at the crossing to a width of 2 r.
+        # Two crossing centre line clouds, merged at the crossing to a width of 2 r.
         across = rng.uniform(-1, 1, 900) * np.where(np.abs(along) < 0.02, 0.01, 0.002)
         points = np.vstack([np.column_stack([along, across]), np.column_stack([across, along])])
         points = np.column_stack([points, np.zeros(1800)])
         spans = [np.ptp(points[segment, :2], axis=0) for segment in match_points(points, round_figures)]
         straight.append(sum(span.max() > 0.26 and span.min() < 0.05 for span in spans))
         turned.append(any(span.min() > 0.13 for span in spans))
-    # Both strands from end to end would be 2. Some sequences even go on along the other strand.
+    # Both strands from end to end would be 2. Some sequences even continue along the other strand.
     assert max(straight) < 2
     assert any(turned)

@@ -10,24 +10,24 @@ from recognition.shirakawa.reconstruction import (
     connect_across_gaps,
     connect_at_intersections,
     inner_products,
-    least_bending_pairs,
     reconnect_close_ends,
     reconstruct,
+    straightest_pairs,
 )
 from recognition.strand import End, Strand, strand_ends
 
 NO_CENTRES = np.empty((0, 3))
 PARAMETERS = ChainParameters.for_radius(0.01)
-Place = tuple[float, float]
+Position = tuple[float, float]
 
 
-def straight(start_mm: Place, end_mm: Place, z_mm: float = 0.0) -> np.ndarray:
-    """Points about 10 mm apart from one place to the other."""
+def straight(start_mm: Position, end_mm: Position, z_mm: float = 0.0) -> np.ndarray:
+    """Return points about 10 mm apart from one position to the other."""
     a, b = np.array([*start_mm, z_mm]) / 1000, np.array([*end_mm, z_mm]) / 1000
     return np.linspace(a, b, round(np.linalg.norm(b - a) / 0.01) + 1)
 
 
-def strand(start_mm: Place, end_mm: Place, z_mm: float = 0.0) -> Strand:
+def strand(start_mm: Position, end_mm: Position, z_mm: float = 0.0) -> Strand:
     points = straight(start_mm, end_mm, z_mm)
     return Strand(points, np.zeros(len(points), dtype=bool))
 
@@ -86,7 +86,7 @@ def test_parallel_ends_side_by_side_stay_apart() -> None:
 
 
 def test_strands_do_not_fold_back() -> None:
-    # The second turns back at 100 degrees to the first's way: a string of this radius can't within 15 mm.
+    # The second turns back at 100 degrees to the first: a string of this radius can't do so within 15 mm.
     c, s = np.cos(np.radians(100)), np.sin(np.radians(100))
     strands = [strand((0, 0), (50, 0)), strand((62, 5), (62 + 60 * c, 5 + 60 * s))]
     assert len(reconnect_close_ends(strands, NO_CENTRES, PARAMETERS)) == 2
@@ -125,8 +125,8 @@ def test_ends_at_an_intersection_are_paired_straight_through(couples: list[tuple
     assert not any(s.closed for s in joined)
 
 
-def test_the_least_total_counts_and_not_the_best_couple() -> None:
-    # 0 with 180 is the straightest couple of all, but leaves 130 with 230: cos 180 + cos 100 = -1.17.
+def test_the_minimum_total_counts_and_not_the_best_pair() -> None:
+    # 0 with 180 is the straightest pair of all, but leaves 130 with 230: cos 180 + cos 100 = -1.17.
     # 0 with 130 and 180 with 230 is worse, 0 with 230 and 130 with 180 too.
     joined = connect_at_intersections([arm(a) for a in (0, 130, 180, 230)], np.zeros((1, 3)), PARAMETERS)
     assert spans(joined) == pairs((0, 180), (130, 230))
@@ -141,14 +141,14 @@ def test_an_odd_end_is_left_over() -> None:
     assert spans(joined) == pairs((0, 180)) | spans([arm(100)])
 
 
-def test_as_many_couples_as_can_be_are_joined() -> None:
-    # 0 with 180 alone would be the least total, -1, but would leave two ends that lead into the intersection.
-    # Of the ways to join all four, 0 with 170 and 100 with 180 has the least: -0.98 + 0.17.
+def test_the_maximum_number_of_pairs_is_joined() -> None:
+    # 0 with 180 alone would be the minimum total, -1, but would leave two ends that lead into the intersection.
+    # Of the ways to join all four, 0 with 170 and 100 with 180 has the minimum: -0.98 + 0.17.
     joined = connect_at_intersections([arm(a) for a in (0, 100, 170, 180)], np.zeros((1, 3)), PARAMETERS)
     assert spans(joined) == pairs((0, 170), (100, 180))
 
 
-def test_couples_that_would_fold_back_are_not_joined() -> None:
+def test_pairs_that_would_fold_back_are_not_joined() -> None:
     # Two ends that both leave to the right.
     assert len(connect_at_intersections([arm(0), arm(40)], np.zeros((1, 3)), PARAMETERS)) == 2
 
@@ -163,7 +163,7 @@ def test_ends_far_from_the_centre_or_pointing_away_do_not_gather() -> None:
 
 
 def test_two_centres_of_one_intersection_are_one() -> None:
-    # Strands that cross at an acute angle melt together: two centres 40 mm apart, four ends around them.
+    # Strands that cross at an acute angle are merged: two centres 40 mm apart, four ends around them.
     strands = [strand((50, 12), (120, 30)), strand((50, -12), (120, -30))]
     strands += [strand((-50, -12), (-120, -30)), strand((-50, 12), (-120, 30))]
     centres = np.array([[-0.02, 0.0, 0.0], [0.02, 0.0, 0.0]])
@@ -197,7 +197,7 @@ def test_ends_that_do_not_face_each_other_across_a_gap_stay_apart() -> None:
     assert len(connect_across_gaps(strands, over, PARAMETERS)) == 2
 
 
-def test_the_steps_follow_one_another() -> None:
+def test_reconstruct_runs_all_steps() -> None:
     segments = [straight((-150, 0), (-70, 0)), straight((-55, 0), (-33, 0)), straight((33, 0), (120, 0))]
     segments += [straight((0, -33), (0, -120)), straight((0, 33), (0, 120))]
     result = reconstruct([*segments, np.empty((0, 3))], np.zeros((1, 3)), np.vstack(segments), PARAMETERS)
@@ -219,8 +219,8 @@ def test_no_measured_point_is_lost_and_direction_does_not_matter(arms: list[tupl
     assert spans(found[0]) == spans(found[1])
 
 
-def test_as_many_couples_as_can_be_are_joined_however_well_fewer_would_fit() -> None:
-    # Six ends in a row: those next to one another may be joined. Two couples would go straight on, three bend.
+def test_the_maximum_number_of_pairs_is_joined_however_well_fewer_would_fit() -> None:
+    # Six ends in a row: those next to one another may be joined. Two pairs would continue straight, three bend.
     turns = np.radians([0, 60, 240, 300, 120, 180])
     ends = [
         End(k, True, np.array([0.1 * k, 0.0, 0.0]), np.array([np.cos(turn), np.sin(turn), 0.0]))
@@ -230,4 +230,4 @@ def test_as_many_couples_as_can_be_are_joined_however_well_fewer_would_fit() -> 
     strands = [strand((100 * k, 0), (100 * k, 100)) for k in range(6)]
     products = inner_products(ends)
     np.testing.assert_allclose(products[[0, 1, 2, 3, 4], [1, 2, 3, 4, 5]], [0.5, -1, 0.5, -1, 0.5], atol=1e-12)
-    assert sorted(least_bending_pairs(ends, allowed, strands, PARAMETERS)) == [(0, 1), (2, 3), (4, 5)]
+    assert sorted(straightest_pairs(ends, allowed, strands, PARAMETERS)) == [(0, 1), (2, 3), (4, 5)]

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from recognition.geometry.polyline import arc_length
+from recognition.geometry.polyline import arc_length, close_polyline
 from recognition.parameters import ChainParameters
 from recognition.shirakawa.reconstruction import reconstruct, split_at_side_contacts
 from recognition.strand import Strand
@@ -53,8 +53,8 @@ def test_where_a_string_truly_ends_on_another_the_opening_is_closed_again() -> N
     assert spans == [(0.0, 0.06), (0.2, 0.0)]
 
 
-def test_a_sequence_that_turned_into_the_other_strand_is_set_right() -> None:
-    # It came from the left and went on upwards; what was left of both ends at its side.
+def test_a_sequence_that_turned_into_the_other_strand_is_corrected() -> None:
+    # It came from the left and continued upwards; the rest of both strands ends at its side.
     turned = np.vstack([straight((-100, 0), (-10, 0)), straight((0, 10), (0, 100))])
     rest = [straight((12, 0), (100, 0)), straight((0, -12), (0, -100))]
     strands = reconstruct([turned, *rest], NO_CENTRES, np.vstack([turned, *rest]), PARAMETERS).connected
@@ -71,5 +71,5 @@ def test_a_loop_on_whose_side_a_string_ends_is_closed_again() -> None:
     assert sorted(s.closed for s in strands) == [False, True]
     (closed,) = (s for s in strands if s.closed)
     # Once round; ends' directions are chords, so that the bridge over the opening is a little longer.
-    around = arc_length(np.vstack([closed.points, closed.points[:1]]))[-1]
+    around = arc_length(close_polyline(closed.points, closed=True))[-1]
     assert abs(around - 2 * np.pi * 0.15) < 0.01

@@ -1,4 +1,4 @@
-"""Which ends of fragments continue one another, on hand-made fragments over surfaces as seen from above."""
+"""Pairing of fragment ends, on hand-made fragments over surfaces seen from above."""
 
 from collections.abc import Callable, Sequence
 
@@ -19,7 +19,7 @@ NOTHING_SEEN = np.empty((0, 3))
 
 
 def fragment(points: np.ndarray, closed: bool = False) -> Fragment:
-    """The line as nodes r apart."""
+    """Return the line as nodes r apart."""
     s = arc_length(points)
     even = np.linspace(0.0, s[-1], round(s[-1] / R) + 1)
     nodes = np.column_stack([np.interp(even, s, points[:, k]) for k in range(3)])
@@ -27,18 +27,18 @@ def fragment(points: np.ndarray, closed: bool = False) -> Fragment:
 
 
 def opened(curve: np.ndarray, reach: float, at: tuple[float, float] = (0.0, 0.0)) -> list[Fragment]:
-    """What is left of a curve when all within `reach` of a place is taken out."""
+    """Return the parts of a curve outside the circle of radius `reach` about `at`."""
     clear = np.linalg.norm(curve[:, :2] - at, axis=1) > reach
     runs = np.split(np.arange(len(curve)), np.flatnonzero(np.diff(clear)) + 1)
     return [fragment(curve[run]) for run in runs if clear[run[0]]]
 
 
-def couples(pairing: Pairing) -> set[frozenset[int]]:
-    """The fragments that each couple joins."""
-    return {frozenset(int(pairing.ends.fragment[end]) for end in couple) for couple in pairing.couples}
+def paired_fragments(pairing: Pairing) -> set[frozenset[int]]:
+    """Return the fragments that each pair joins."""
+    return {frozenset(int(pairing.ends.fragment[end]) for end in pair) for pair in pairing.pairs}
 
 
-def test_ends_know_where_they_lead(arc: Callable, straight: Callable) -> None:
+def test_ends_have_positions_directions_and_curvatures(arc: Callable, straight: Callable) -> None:
     ends = pair_ends(
         [fragment(straight((0, 0, R), (0.06, 0, R))), fragment(arc(0.04, 0, 90))], HeightMap(NOTHING_SEEN), PARAMETERS
     ).ends
@@ -50,10 +50,10 @@ def test_ends_know_where_they_lead(arc: Callable, straight: Callable) -> None:
     np.testing.assert_allclose(ends.directions[2:], [(0, -1, 0), (-1, 0, 0)], rtol=0, atol=0.05)
     np.testing.assert_allclose(ends.curvatures[2:], [(-25, 0, 0), (0, -25, 0)], rtol=0, atol=2.5)
     # Continued by the curvature, it stays on the circle; straight on, it leaves it by (10 mm)^2 / 80 mm, 1.25 mm.
-    on, direction = ends.ahead(np.array([2]), np.array([0.01]), 1.0)
+    on, direction = ends.extrapolate(np.array([2]), np.array([0.01]), 1.0)
     assert np.hypot(*on[0, :2]) == pytest.approx(0.04, abs=0.0005)
     np.testing.assert_allclose(direction[0, :2], (-np.sin(0.25), -np.cos(0.25)), rtol=0, atol=0.05)
-    off, _ = ends.ahead(np.array([2]), np.array([0.01]), 0.0)
+    off, _ = ends.extrapolate(np.array([2]), np.array([0.01]), 0.0)
     assert np.hypot(*off[0, :2]) == pytest.approx(0.04 + 0.01**2 / 0.08, abs=0.0005)
 
 
@@ -63,19 +63,19 @@ def test_a_strand_goes_on_under_another(heap: Callable, seen: Callable, degrees:
     surface, _ = seen([under, over])
     hidden = 1.3 * R / np.sin(np.radians(degrees))
     found = pair_ends([*opened(under, hidden), fragment(over)], HeightMap(surface), PARAMETERS)
-    assert couples(found) == {frozenset({0, 1})}
-    assert found.doubts == []
+    assert paired_fragments(found) == {frozenset({0, 1})}
+    assert found.ambiguous_points == []
 
 
 @pytest.mark.parametrize("degrees", [(0, 30), (0, 60), (0, 90), (0, 60, 120)])
 def test_ends_around_a_heap_are_paired_straight_on(heap: Callable, seen: Callable, degrees: tuple[float, ...]) -> None:
-    # As where soft strands melt together: the covered ones have no nodes within 3 r, the one on top none within 1.4 r.
+    # As where soft strands are merged: the occluded ones have no nodes within 3 r, the one on top none within 1.4 r.
     strands = heap(degrees, 1.2 * R)
     surface, _ = seen(strands)
     reaches = [3 * R] * (len(strands) - 1) + [1.4 * R]
     pieces = [piece for strand, reach in zip(strands, reaches, strict=True) for piece in opened(strand, reach)]
     found = pair_ends(pieces, HeightMap(surface), PARAMETERS)
-    assert couples(found) == {frozenset({2 * k, 2 * k + 1}) for k in range(len(degrees))}
+    assert paired_fragments(found) == {frozenset({2 * k, 2 * k + 1}) for k in range(len(degrees))}
 
 
 def test_a_bent_strand_is_followed_round_its_bend(arc: Callable, heap: Callable, seen: Callable) -> None:
@@ -85,7 +85,7 @@ def test_a_bent_strand_is_followed_round_its_bend(arc: Callable, heap: Callable,
     doubled = [over + (-R, 0, 2 * R), over + (R, 0, 2 * R)]
     surface, _ = seen([bent, *doubled])
     found = pair_ends([*opened(bent, 2.5 * R), *map(fragment, doubled)], HeightMap(surface), PARAMETERS)
-    assert couples(found) == {frozenset({0, 1})}
+    assert paired_fragments(found) == {frozenset({0, 1})}
 
 
 def test_a_hole_in_a_tight_bend_is_bridged_along_the_bend(arc: Callable, seen: Callable) -> None:
@@ -94,24 +94,24 @@ def test_a_hole_in_a_tight_bend_is_bridged_along_the_bend(arc: Callable, seen: C
     angle = np.degrees(np.arctan2(bent[:, 1], bent[:, 0]))
     pieces = [bent[angle < -17], bent[angle > 17]]
     found = pair_ends([fragment(piece) for piece in pieces], HeightMap(seen(pieces)[0]), PARAMETERS)
-    assert couples(found) == {frozenset({0, 1})}
+    assert paired_fragments(found) == {frozenset({0, 1})}
 
 
 def test_two_ends_with_bare_table_between_are_two_ends(straight: Callable, seen: Callable) -> None:
     strings = [straight((0, 0, R), (0.06, 0, R)), straight((0.078, 0, R), (0.14, 0, R))]
     found = pair_ends([fragment(string) for string in strings], HeightMap(seen(strings)[0]), PARAMETERS)
-    assert found.couples == []
+    assert found.pairs == []
 
 
-def test_ends_far_apart_or_back_to_back_are_not_looked_at(straight: Callable, seen: Callable) -> None:
+def test_ends_far_apart_or_back_to_back_are_not_paired(straight: Callable, seen: Callable) -> None:
     strings = [straight((0, 0, R), (0.06, 0, R)), straight((0.125, 0, R), (0.18, 0, R))]
     # A long gap of 15.5 r, all of it under something.
     roof = [straight((0.055, y, 4 * R), (0.13, y, 4 * R)) for y in (-R, 0.0, R)]
     surface, _ = seen([*strings, *roof])
-    assert pair_ends([fragment(string) for string in strings], HeightMap(surface), PARAMETERS).couples == []
-    # Two strands that lie side by side end at the same place.
+    assert pair_ends([fragment(string) for string in strings], HeightMap(surface), PARAMETERS).pairs == []
+    # Two strands that lie side by side end at the same position.
     beside = [straight((0, y, R), (0.06, y, R)) for y in (0, 2 * R)]
-    assert pair_ends([fragment(string) for string in beside], HeightMap(seen(beside)[0]), PARAMETERS).couples == []
+    assert pair_ends([fragment(string) for string in beside], HeightMap(seen(beside)[0]), PARAMETERS).pairs == []
 
 
 def test_a_lone_end_under_a_strand_stays_alone(heap: Callable, seen: Callable) -> None:
@@ -119,7 +119,7 @@ def test_a_lone_end_under_a_strand_stays_alone(heap: Callable, seen: Callable) -
     under = under[under[:, 0] < 0]
     surface, _ = seen([under, over])
     found = pair_ends([fragment(under[under[:, 0] < -1.2 * R]), fragment(over)], HeightMap(surface), PARAMETERS)
-    assert found.couples == []
+    assert found.pairs == []
 
 
 def test_a_ring_closes_under_the_strand_that_hides_it(arc: Callable, heap: Callable, seen: Callable) -> None:
@@ -131,33 +131,33 @@ def test_a_ring_closes_under_the_strand_that_hides_it(arc: Callable, heap: Calla
     clear = clear[(np.abs(clear[:, 1]) > 1.5 * R) | (clear[:, 0] > 0)]
     gap_first = np.roll(clear, -int(np.linalg.norm(np.diff(clear, axis=0), axis=1).argmax()) - 1, axis=0)
     found = pair_ends([fragment(gap_first), fragment(over)], HeightMap(surface), PARAMETERS)
-    assert couples(found) == {frozenset({0})}
+    assert paired_fragments(found) == {frozenset({0})}
 
 
-def test_ends_that_fit_either_of_two_are_told(straight: Callable, seen: Callable) -> None:
-    # From under a wide cover two strands come out, 8 degrees to either side of where one goes in.
+def test_ends_that_fit_either_of_two_are_ambiguous(straight: Callable, seen: Callable) -> None:
+    # From under a wide object two strands come out, 8 degrees to either side of where one goes in.
     incoming = straight((-0.06, 0, R), (-0.015, 0, R))
     c, s = np.cos(np.radians(8)), np.sin(np.radians(8))
     out = [straight((0.015 * c, sign * 0.015 * s, R), (0.06 * c, sign * 0.06 * s, R)) for sign in (-1, 1)]
     roof = [straight((x, -0.03, 3 * R), (x, 0.03, 3 * R)) for x in (-0.008, 0.0, 0.008)]
     surface, _ = seen([incoming, *out, *roof])
     found = pair_ends([fragment(incoming), *map(fragment, out)], HeightMap(surface), PARAMETERS)
-    assert len(found.couples) == 1
-    (doubt,) = found.doubts
-    assert np.linalg.norm(doubt - (0, 0, R)) < 2 * R
+    assert len(found.pairs) == 1
+    (point,) = found.ambiguous_points
+    assert np.linalg.norm(point - (0, 0, R)) < 2 * R
 
 
 def test_closed_fragments_have_no_ends(arc: Callable) -> None:
     found = pair_ends([fragment(arc(0.04, 0, 355), closed=True)], HeightMap(NOTHING_SEEN), PARAMETERS)
-    assert (len(found.ends.points), found.couples, found.doubts) == (0, [], [])
+    assert (len(found.ends.points), found.pairs, found.ambiguous_points) == (0, [], [])
     nothing = pair_ends([], HeightMap(NOTHING_SEEN), PARAMETERS)
-    assert (nothing.ends.points.shape, nothing.couples) == ((0, 3), [])
+    assert (nothing.ends.points.shape, nothing.pairs) == ((0, 3), [])
 
 
 @settings(deadline=None, max_examples=10, derandomize=True)
-@given(turn=st.floats(0, 2 * np.pi), place=st.tuples(*[st.floats(-1, 1)] * 3), seed=st.integers(0, 2**32 - 1))
-def test_couples_are_the_same_wherever_it_lies_and_however_it_is_told(
-    heap: Callable, seen: Callable, turn: float, place: tuple[float, ...], seed: int
+@given(turn=st.floats(0, 2 * np.pi), shift=st.tuples(*[st.floats(-1, 1)] * 3), seed=st.integers(0, 2**32 - 1))
+def test_pairs_do_not_depend_on_pose_order_or_direction(
+    heap: Callable, seen: Callable, turn: float, shift: tuple[float, ...], seed: int
 ) -> None:
     rng = np.random.default_rng(seed)
     strands = heap((0, 45, 100), 1.2 * R, half=0.04)
@@ -167,13 +167,13 @@ def test_couples_are_the_same_wherever_it_lies_and_however_it_is_told(
     c, s = np.cos(turn), np.sin(turn)
     rotation = np.array([(c, -s, 0), (s, c, 0), (0, 0, 1)])
     order = rng.permutation(len(pieces))
-    told: Sequence[Fragment] = [
-        Fragment((pieces[k].points @ rotation.T + np.array(place))[:: rng.choice((-1, 1))], pieces[k].support)
+    moved_pieces: Sequence[Fragment] = [
+        Fragment((pieces[k].points @ rotation.T + np.array(shift))[:: rng.choice((-1, 1))], pieces[k].support)
         for k in order
     ]
-    moved = surface[rng.permutation(len(surface))] @ rotation.T + np.array(place)
-    found = pair_ends(told, HeightMap(moved), PARAMETERS)
-    assert {frozenset(int(order[k]) for k in couple) for couple in couples(found)} == {
+    moved = surface[rng.permutation(len(surface))] @ rotation.T + np.array(shift)
+    found = pair_ends(moved_pieces, HeightMap(moved), PARAMETERS)
+    assert {frozenset(int(order[k]) for k in pair) for pair in paired_fragments(found)} == {
         frozenset({0, 1}),
         frozenset({2, 3}),
         frozenset({4, 5}),

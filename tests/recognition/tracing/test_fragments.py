@@ -50,7 +50,7 @@ def together(*parts: CentreLineNodes) -> CentreLineNodes:
 
 
 def spans(fragments: list[Fragment]) -> set[frozenset[tuple[int, ...]]]:
-    """For each fragment the whole millimetres of its two ends, whichever way it runs."""
+    """Return for each fragment the whole millimetres of its two ends, in any order."""
     return {frozenset(tuple(np.rint(1000 * f.points[k]).astype(int)) for k in (0, -1)) for f in fragments}
 
 
@@ -81,8 +81,8 @@ def test_a_gap_longer_than_a_link_ends_a_fragment() -> None:
 
 
 @pytest.mark.parametrize("hole_mm", [11, 14])
-def test_nodes_that_stand_for_others_link_across_them(hole_mm: float) -> None:
-    # The nodes left are 12 mm more apart than those they stand for: more than the 22 mm of a link.
+def test_representatives_link_across_the_nodes_they_represent(hole_mm: float) -> None:
+    # The representatives are 12 mm farther apart than the nodes they represent: more than the 22 mm of a link.
     row = together(
         along((0, 0, 0), (50, 0, 0), support=2.0),
         along((56, 0, 0), (56 + hole_mm, 0, 0), step_mm=hole_mm),
@@ -94,7 +94,7 @@ def test_nodes_that_stand_for_others_link_across_them(hole_mm: float) -> None:
     np.testing.assert_array_equal(fragment.support, 2.0)
 
 
-def test_a_hole_between_the_nodes_stood_for_ends_a_fragment() -> None:
+def test_a_hole_between_represented_nodes_ends_a_fragment() -> None:
     # 16 mm, more than the 15 mm that leave no hole, and 28 mm between the nodes left.
     left, right = along((0, 0, 0), (50, 0, 0), support=2.0), along((78, 0, 0), (128, 0, 0), support=2.0)
     row = together(left, along((56, 0, 0), (72, 0, 0), step_mm=16), right)
@@ -102,11 +102,11 @@ def test_a_hole_between_the_nodes_stood_for_ends_a_fragment() -> None:
     assert len(link_nodes(row, PARAMETERS)) == 2
 
 
-def test_the_nodes_stood_for_of_strands_side_by_side_or_round_a_corner_do_not_link() -> None:
+def test_represented_nodes_side_by_side_or_round_a_corner_do_not_link() -> None:
     def end(start_mm: tuple[float, ...], end_mm: tuple[float, ...], beyond_mm: tuple[float, ...]) -> CentreLineNodes:
-        """A row, and a node beyond its end that this one stands for."""
-        way = np.array([end_mm]) - np.array([start_mm])
-        return together(along(start_mm, end_mm, support=2.0), nodes(np.array([beyond_mm], dtype=np.float64), way))
+        """Return a row, and a node beyond its end that the last node represents."""
+        offset = np.array([end_mm]) - np.array([start_mm])
+        return together(along(start_mm, end_mm, support=2.0), nodes(np.array([beyond_mm], dtype=np.float64), offset))
 
     row = end((0, 0, 0), (50, 0, 0), (56, 0, 0))
     beside = end((110, 20, 0), (60, 20, 0), (54, 20, 0))
@@ -115,7 +115,7 @@ def test_the_nodes_stood_for_of_strands_side_by_side_or_round_a_corner_do_not_li
         assert len(link_nodes(together(row, other), PARAMETERS)) == 2
 
 
-def test_a_string_in_a_bend_is_followed_to_its_end_whichever_nodes_stand_for_it() -> None:
+def test_a_string_in_a_bend_is_followed_to_its_end_for_any_representatives() -> None:
     # The nodes at the end of a simulated scan's string: x, y, z, mm; the direction's x, y; the support. Those left,
     # (420.2, -32.3) and (426.6, -24.6), are 10 mm apart, more than the 9.24 mm of a link at r = 4.2 mm; what followed
     # was too short to be kept, and so the string ended 11 mm too early.
@@ -169,22 +169,22 @@ def test_a_ring_no_wider_than_its_string_is_none() -> None:
     assert link_nodes(ring(10 / (2 * np.sin(np.pi / 11)), 11), PARAMETERS) == []
 
 
-def test_few_nodes_or_nodes_of_no_line_are_left_out() -> None:
+def test_few_nodes_or_nodes_of_no_line_are_dropped() -> None:
     assert link_nodes(along((0, 0, 0), (10, 0, 0)), PARAMETERS) == []
     assert len(link_nodes(along((0, 0, 0), (20, 0, 0)), PARAMETERS)) == 1
     # A plane's contribution rate is 1/2.
     assert link_nodes(along((0, 0, 0), (100, 0, 0), rho=0.55), PARAMETERS) == []
 
 
-def test_poorly_borne_nodes_at_the_ends_are_taken_off_and_inside_kept() -> None:
+def test_poorly_supported_nodes_are_removed_at_the_ends_and_kept_inside() -> None:
     row = along((0, 0, 0), (100, 0, 0))
     row.support[[0, 1, 5, 10]] = 0.3
     (fragment,) = link_nodes(row, PARAMETERS)
     assert sorted(np.rint(1000 * fragment.points[:, 0]).astype(int)) == list(range(20, 100, 10))
 
 
-def test_of_nodes_at_one_place_the_best_borne_stands() -> None:
-    # Beside each node another, 3 mm off, with less behind it.
+def test_the_best_supported_of_close_nodes_represents_them() -> None:
+    # Beside each node there is another, 3 mm off, with less support.
     doubled = together(along((0, 0, 0), (100, 0, 0), support=2.0), along((3, 3, 0), (103, 3, 0)))
     (fragment,) = link_nodes(doubled, PARAMETERS)
     np.testing.assert_array_equal(fragment.support, 2.0)
@@ -212,28 +212,28 @@ def test_neither_the_order_of_nodes_nor_the_sense_of_directions_matters(seed: in
 def test_a_ring_is_cut_once_wherever_its_first_node_is() -> None:
     ring = Fragment(np.eye(20, 3), np.arange(20.0), closed=True)
     everything, nothing = np.ones(20, dtype=bool), np.zeros(20, dtype=bool)
-    assert ring.pieces(everything, nothing) == [ring]
+    assert ring.split(everything, nothing) == [ring]
     for k in range(20):
-        # One link cut: the same nodes in order, from behind it all round to before it.
-        (piece,) = ring.pieces(everything, np.arange(20) == k)
+        # One link is cut: the same nodes in order, from after the link round to before it.
+        (piece,) = ring.split(everything, np.arange(20) == k)
         np.testing.assert_array_equal(piece.support, (np.arange(20) + k + 1) % 20)
         assert not piece.closed
-        # A node taken out; then both, 8 nodes on.
-        (piece,) = ring.pieces(np.arange(20) != k, nothing)
+        # A node is removed; then also a link is cut, 8 nodes on.
+        (piece,) = ring.split(np.arange(20) != k, nothing)
         np.testing.assert_array_equal(piece.support, (np.arange(19) + k + 1) % 20)
-        pieces = ring.pieces(np.arange(20) != k, np.arange(20) == (k + 8) % 20)
+        pieces = ring.split(np.arange(20) != k, np.arange(20) == (k + 8) % 20)
         assert sorted(len(piece.points) for piece in pieces) == [8, 11]
 
 
-def test_an_open_fragment_falls_into_its_pieces() -> None:
+def test_an_open_fragment_is_split_into_parts() -> None:
     line = Fragment(np.eye(12, 3), np.arange(12.0))
     everything, last = np.ones(12, dtype=bool), np.arange(12) == 11
     # Nothing follows the last node.
-    assert line.pieces(everything, last) == [line]
-    pieces = line.pieces(np.arange(12) != 7, np.arange(12) == 3)
-    # 0 to 3, 4 to 6 and 8 to 11; what has fewer than three nodes is left out.
+    assert line.split(everything, last) == [line]
+    pieces = line.split(np.arange(12) != 7, np.arange(12) == 3)
+    # 0 to 3, 4 to 6 and 8 to 11; parts with fewer than three nodes are dropped.
     assert sorted(piece.support.tolist() for piece in pieces) == [[0, 1, 2, 3], [4, 5, 6], [8, 9, 10, 11]]
-    assert [len(piece.points) for piece in line.pieces(everything, np.arange(12) == 1)] == [10]
+    assert [len(piece.points) for piece in line.split(everything, np.arange(12) == 1)] == [10]
 
 
 def test_a_link_over_bare_table_is_cut_in_rings_too(seen: Callable, arc: Callable) -> None:

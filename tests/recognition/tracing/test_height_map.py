@@ -1,4 +1,4 @@
-"""What lies over a place, and where nothing does, on made surfaces of r = 10 mm."""
+"""Occluded points and points over bare table, on made surfaces of r = 10 mm."""
 
 from collections.abc import Callable
 
@@ -15,41 +15,42 @@ def on_line(straight: Callable, tube: Callable, z: float, y: float = 0.0, x0: fl
     return tube(straight((x0, y, z), (0.05, y, z)), R, 0.0, np.pi)[0]
 
 
-def over(surface: np.ndarray, places: np.ndarray = MIDDLE) -> list[tuple[bool, bool]]:
-    covered, bare = HeightMap(surface).over(places, R)
-    return list(zip(covered.tolist(), bare.tolist(), strict=True))
+def occlusion(surface: np.ndarray, points: np.ndarray = MIDDLE) -> list[tuple[bool, bool]]:
+    """Return for each point whether it is occluded, and whether it is bare."""
+    found = HeightMap(surface).occlusion(points, R)
+    return list(zip(found.is_occluded.tolist(), found.is_bare.tolist(), strict=True))
 
 
-def test_a_strand_does_not_cover_itself(straight: Callable, tube: Callable) -> None:
-    assert over(on_line(straight, tube, R)) == [(False, False)]
+def test_a_strand_does_not_occlude_itself(straight: Callable, tube: Callable) -> None:
+    assert occlusion(on_line(straight, tube, R)) == [(False, False)]
 
 
 @pytest.mark.parametrize("gap", [1.2, 2.0])
-def test_a_strand_on_top_covers(straight: Callable, tube: Callable, gap: float) -> None:
-    # Its top is gap + 1 radii above the place, whether the strand below is seen there or not.
+def test_a_strand_on_top_occludes(straight: Callable, tube: Callable, gap: float) -> None:
+    # Its top is gap + 1 radii above the point, whether the strand below is seen there or not.
     top = on_line(straight, tube, (1 + gap) * R)
-    assert over(top) == [(True, False)]
-    assert over(np.vstack([on_line(straight, tube, R), top])) == [(True, False)]
+    assert occlusion(top) == [(True, False)]
+    assert occlusion(np.vstack([on_line(straight, tube, R), top])) == [(True, False)]
 
 
-def test_a_strand_beside_covers_nothing(straight: Callable, tube: Callable) -> None:
-    # In contact: what is looked at, 0.8 r to the side, does not even reach it.
-    assert over(on_line(straight, tube, R, y=2 * R)) == [(False, True)]
-    # On its neighbours, and beside the place: its flank is not over it.
-    assert over(on_line(straight, tube, 2.7 * R, y=2 * R)) == [(False, True)]
+def test_a_strand_beside_occludes_nothing(straight: Callable, tube: Callable) -> None:
+    # In contact: the surface that is examined, up to 0.8 r to the side, does not reach it.
+    assert occlusion(on_line(straight, tube, R, y=2 * R)) == [(False, True)]
+    # On its neighbours, and beside the point: its flank is not over the point.
+    assert occlusion(on_line(straight, tube, 2.7 * R, y=2 * R)) == [(False, True)]
 
 
 def test_the_table_beyond_an_end_is_bare(straight: Callable, tube: Callable) -> None:
     surface = on_line(straight, tube, R, x0=0.0)
-    places = np.array([(-0.7, 0, 1), (-0.9, 0, 1), (5.9, 0, 1)]) * R
-    assert over(surface, places) == [(False, False), (False, True), (False, True)]
+    points = np.array([(-0.7, 0, 1), (-0.9, 0, 1), (5.9, 0, 1)]) * R
+    assert occlusion(surface, points) == [(False, False), (False, True), (False, True)]
 
 
-def test_a_single_flying_point_covers_nothing(straight: Callable, tube: Callable) -> None:
+def test_a_single_flying_point_occludes_nothing(straight: Callable, tube: Callable) -> None:
     flying = np.vstack([on_line(straight, tube, R), [(0, 0, 5 * R)]])
-    assert over(flying) == [(False, False)]
+    assert occlusion(flying) == [(False, False)]
 
 
-def test_nothing_seen_and_nothing_asked() -> None:
-    assert over(np.empty((0, 3))) == [(False, True)]
-    assert over(MIDDLE, np.empty((0, 3))) == []
+def test_no_surface_and_no_points() -> None:
+    assert occlusion(np.empty((0, 3))) == [(False, True)]
+    assert occlusion(MIDDLE, np.empty((0, 3))) == []

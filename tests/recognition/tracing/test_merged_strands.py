@@ -1,4 +1,4 @@
-"""Lines between two strands that have melted together, on surfaces as seen from above."""
+"""Lines between two merged strands, on surfaces seen from above."""
 
 from collections.abc import Callable
 
@@ -16,11 +16,11 @@ from recognition.tracing.merged_strands import split_merged_strands
 R = 0.0042
 PARAMETERS = ChainParameters.for_radius(R)
 HALF_EYE_M = 0.0135
-"""Half the way between the two crossings."""
+"""Half the distance between the two crossings."""
 
 
 def eye(apart: float) -> list[np.ndarray]:
-    """Two strands that cross twice, `apart` radii from one another half way in between.
+    """Return two strands that cross twice, `apart` radii from one another half way in between.
 
     Each is over once, by 1.2 r, and half way between the crossings they are at one height. Outside they part at 33
     degrees for each millimetre between them.
@@ -39,7 +39,7 @@ def fragment(points: np.ndarray) -> Fragment:
 
 
 @pytest.mark.parametrize("seed", [22, 28])
-def test_soft_strands_that_cross_twice_nearby_are_told_apart(seed: int) -> None:
+def test_soft_strands_that_cross_twice_nearby_are_separated(seed: int) -> None:
     # Without the cut these two are a strand that turns into the other, and the rest of both.
     scan = simulate(make_case("soft", seed))
     scene = Scene(scan.header.table_z_m, scan.header.workspace_m)
@@ -69,14 +69,14 @@ def test_lines_on_their_own_strands_stay_whole(seen: Callable, heap: Callable, s
         assert split_merged_strands(whole, surface, PARAMETERS) == whole
 
 
-def test_a_string_thicker_than_told_stays_whole(seen: Callable, heap: Callable) -> None:
+def test_a_string_thicker_than_r_stays_whole(seen: Callable, heap: Callable) -> None:
     strands = heap((0, 70), 2 * R)
     whole = [fragment(strand) for strand in strands]
     surface = seen(strands, R, noise=0.03 * R)[0]
     assert split_merged_strands(whole, surface, ChainParameters.for_radius(0.6 * R)) == whole
 
 
-def test_a_fragment_no_longer_than_a_radius_is_looked_at_too(seen: Callable) -> None:
+def test_a_fragment_no_longer_than_a_radius_is_examined_too(seen: Callable) -> None:
     short = Fragment(np.array([(0.0, 0.0, R), (0.3 * R, 0.0, R), (0.6 * R, 0.1 * R, R)]), np.ones(3))
     assert split_merged_strands([short], seen(eye(1.3), R)[0], PARAMETERS) == [short]
 

@@ -45,7 +45,7 @@ def test_strands_that_cross_are_each_drawn_to_their_own_line(
 ) -> None:
     strands = heap(degrees, gap * R)
     nodes = nodes_of(seen(strands, noise=0.05 * R))
-    # Most of it is the bend of the strand on top (see below); the melted flanks must not add to it.
+    # Most of it is the bend of the strand on top (see below); the merged flanks must not add to it.
     assert off_line(nodes.points, strands).max() < 0.15 * R
 
 
@@ -78,7 +78,7 @@ def test_single_specks_and_balls_give_no_nodes(seen: Callable, straight: Callabl
     assert len(nodes.points) > 0.1 / R
 
 
-def test_the_scale_is_of_no_meaning(seen: Callable, heap: Callable) -> None:
+def test_nodes_scale_with_the_radius(seen: Callable, heap: Callable) -> None:
     points, normals = seen(heap((0, 70), 2 * R), noise=0.05 * R)
     small, large = ChainParameters.for_radius(0.004), ChainParameters.for_radius(0.016)
     a = extract_nodes(points - small.r * normals, small)
@@ -90,18 +90,18 @@ def test_the_scale_is_of_no_meaning(seen: Callable, heap: Callable) -> None:
 
 
 @settings(deadline=None, max_examples=15, derandomize=True)
-@given(turn=st.floats(0, 2 * np.pi), place=st.tuples(*[st.floats(-1, 1)] * 3), seed=st.integers(0, 2**32 - 1))
+@given(turn=st.floats(0, 2 * np.pi), shift=st.tuples(*[st.floats(-1, 1)] * 3), seed=st.integers(0, 2**32 - 1))
 def test_nodes_move_with_the_string_whatever_the_order_of_the_points(
-    seen: Callable, heap: Callable, off_line: Callable, turn: float, place: tuple, seed: int
+    seen: Callable, heap: Callable, off_line: Callable, turn: float, shift: tuple, seed: int
 ) -> None:
     strands = heap((0, 60), 1.2 * R)
     points, normals = seen(strands, noise=0.05 * R)
     c, s = np.cos(turn), np.sin(turn)
     rotation = np.array([(c, -s, 0), (s, c, 0), (0, 0, 1)])
     order = np.random.default_rng(seed).permutation(len(points))
-    moved = nodes_of(((points @ rotation.T + np.array(place))[order], (normals @ rotation.T)[order]))
+    moved = nodes_of(((points @ rotation.T + np.array(shift))[order], (normals @ rotation.T)[order]))
     # Voxels fall differently, so other points of the same lines are nodes.
-    assert off_line((moved.points - np.array(place)) @ rotation, strands).max() < 0.2 * R
+    assert off_line((moved.points - np.array(shift)) @ rotation, strands).max() < 0.2 * R
 
 
 def test_chosen_nodes_keep_their_values() -> None:

@@ -1,4 +1,4 @@
-"""The graph method from centre points to strands, on strings as seen from above."""
+"""Tracing from centre points to strands, on strings seen from above."""
 
 from collections.abc import Callable, Sequence
 
@@ -27,7 +27,7 @@ def trace(surface: Surface, parameters: ChainParameters = PARAMETERS) -> TracedS
 
 
 def strings_of(graph: TracedStrands, curves: Sequence[np.ndarray], scale: float = 1.0) -> list[int]:
-    """For each strand, in ascending order, the curve whose two ends it has, within 1.5 r; -1 for any other."""
+    """Return for each strand, in ascending order, the curve whose two ends it has, within 1.5 r; -1 for any other."""
     ends = np.array([curve[[0, -1]] for curve in curves])
     found = []
     for strand in graph.strands:
@@ -46,7 +46,7 @@ def hairpin(straight: Callable, arc: Callable, radius: float) -> np.ndarray:
 @pytest.mark.parametrize(
     "degrees", [(0, 30), (0, 60), (0, 90), (0, 60, 120)], ids=["30", "60", "90", "three on one another"]
 )
-def test_strands_that_cross_are_told_apart(
+def test_strands_that_cross_are_separated(
     seen: Callable, heap: Callable, off_line: Callable, degrees: tuple[float, ...], gap: float
 ) -> None:
     strands = heap(degrees, gap * R)
@@ -105,7 +105,7 @@ def test_a_string_of_another_radius_is_followed_too(seen: Callable, straight: Ca
 @settings(deadline=None, max_examples=12, derandomize=True)
 @given(
     turn=st.floats(0, 2 * np.pi),
-    place=st.tuples(*[st.floats(-1, 1)] * 3),
+    shift=st.tuples(*[st.floats(-1, 1)] * 3),
     scale=st.floats(0.3, 3),
     angle=st.floats(30, 150),
     gap=st.floats(1.2, 2),
@@ -115,7 +115,7 @@ def test_strands_are_the_same_wherever_the_strings_lie_at_any_scale_in_any_order
     seen: Callable,
     heap: Callable,
     turn: float,
-    place: tuple[float, ...],
+    shift: tuple[float, ...],
     scale: float,
     angle: float,
     gap: float,
@@ -126,9 +126,9 @@ def test_strands_are_the_same_wherever_the_strings_lie_at_any_scale_in_any_order
     c, s = np.cos(turn), np.sin(turn)
     rotation = np.array([(c, -s, 0), (s, c, 0), (0, 0, 1)])
     order = np.random.default_rng(seed).permutation(len(points))
-    moved = (scale * (points @ rotation.T + np.array(place)))[order], (normals @ rotation.T)[order]
+    moved = (scale * (points @ rotation.T + np.array(shift)))[order], (normals @ rotation.T)[order]
     graph = trace(moved, ChainParameters.for_radius(scale * R))
-    back = [curve @ rotation.T + np.array(place) for curve in strands]
+    back = [curve @ rotation.T + np.array(shift) for curve in strands]
     assert strings_of(graph, [scale * curve for curve in back], scale) == [0, 1]
 
 
@@ -139,14 +139,14 @@ def test_a_hole_of_a_radius_in_the_measurement_does_not_part_a_string(seen: Call
     assert strings_of(trace((points[whole], normals[whole])), [axis]) == [0]
 
 
-def test_doubts_are_told_with_their_place() -> None:
+def test_ambiguous_pairs_are_reported_with_their_position() -> None:
     no_ends = FragmentEnds(np.empty(0, dtype=np.int64), *(np.empty((0, 3)) for _ in range(3)))
     assert pairing_messages(Pairing(no_ends, [], [])) == []
-    (told,) = pairing_messages(Pairing(no_ends, [], [np.array([0.0654, -0.1201, 0.0042])]))
-    assert told.startswith("at (65, -120, 4) mm the strands may be connected differently")
+    (message,) = pairing_messages(Pairing(no_ends, [], [np.array([0.0654, -0.1201, 0.0042])]))
+    assert message.startswith("at (65, -120, 4) mm the strands may be connected differently")
 
 
-def test_a_scene_in_a_thousand_pieces_is_refused(
+def test_a_scene_with_too_many_fragments_is_rejected(
     seen: Callable, straight: Callable, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     strings = [straight((0, y, R), (0.04, y, R)) for y in (0, 0.03, 0.06)]
@@ -154,7 +154,9 @@ def test_a_scene_in_a_thousand_pieces_is_refused(
     monkeypatch.setattr(recognition.tracing.trace, "MAX_FRAGMENTS", 3)
     assert len(trace(surface).strands) == 3
     monkeypatch.setattr(recognition.tracing.trace, "MAX_FRAGMENTS", 2)
-    with pytest.raises(TooCrowdedError, match="falls into 3 pieces: check the string's radius and the workspace"):
+    with pytest.raises(
+        TooCrowdedError, match="form 3 fragments, too many for strings: check the string's radius and the workspace"
+    ):
         trace(surface)
 
 
@@ -169,9 +171,9 @@ def test_points_on_one_line_are_finite(straight: Callable, up: tuple[float, floa
 @pytest.mark.parametrize(
     "points",
     [np.empty((0, 3)), np.array([(0.1, 0.2, 0.008)]), np.tile((0.1, 0.2, 0.008), (500, 1)), np.zeros((40, 3))],
-    ids=["none", "one", "all in one place", "all at the origin"],
+    ids=["none", "one", "all at one point", "all at the origin"],
 )
 def test_what_is_no_line_gives_no_strands(points: np.ndarray) -> None:
     graph = trace((points, np.tile((0.0, 0.0, 1.0), (len(points), 1))))
-    assert (graph.strands, graph.fragments, graph.pairing.couples) == ([], [], [])
+    assert (graph.strands, graph.fragments, graph.pairing.pairs) == ([], [], [])
     assert len(graph.nodes.points) == 0

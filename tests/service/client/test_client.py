@@ -38,6 +38,10 @@ def test_from_a_recording_to_a_model_as_arrays(planner: Client, recording_file: 
     assert planner.wait(scan.id) == scan
 
 
+def test_a_recording_is_uploaded_from_a_path_given_as_text(planner: Client, recording_file: Path) -> None:
+    assert planner.upload(str(recording_file)).sha256 == planner.upload(recording_file).sha256
+
+
 def test_the_pages_of_a_list_follow_one_another(planner: Client, recording: str) -> None:
     ids = [planner.replay(recording, timeout_s=PATIENCE_S).id for _ in range(3)]
     assert [scan.id for scan in planner.scans(recording=recording, limit=2)] == ids[::-1]

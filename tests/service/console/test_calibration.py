@@ -6,7 +6,7 @@ from dataclasses import replace
 import pytest
 from playwright.sync_api import expect
 
-from calibration.target.board import Board, default_board
+from calibration.target.board import Board, board_with_defaults
 from service.new_rows import new_calibration
 from tests.service.calibrations.test_api import REFUSED
 from tests.service.conftest import Serve, ServedClient
@@ -48,7 +48,7 @@ def test_a_calibration_is_made_taken_into_use_and_verified(open_console: Open, l
     page = open_console(live.client, "#/calibration").page
     in_use = page.get_by_role("region", name="In use")
     expect(in_use).to_contain_text("not judged")
-    usual = default_board({})
+    usual = board_with_defaults({})
     page.get_by_text("Another board than the usual one").click()
     pitch = f"{usual.pitch_m * 1000:g}"
     for label, number in (("Columns", str(usual.columns)), ("Rows", str(usual.rows)), ("Side of a square", pitch)):

@@ -15,7 +15,7 @@ from playwright.sync_api import Page, Route, expect
 from cell.simulation.camera import camera_model
 from cell.simulation.scenes import make_scene
 from cell.simulation.simulate import simulate, write_simulation
-from recognition.grasping.candidates import FAR_M
+from recognition.grasping.candidates import MAX_RELEVANT_DISTANCE_M
 from service.new_rows import NOBODY, new_scan
 from service.problems import problem_document
 from tests.service.conftest import Serve, ServedClient, wait_until
@@ -57,13 +57,13 @@ def test_what_was_not_looked_at_is_not_told(open_console: Open, crossed: ServedC
 
     def with_one_free(route: Route) -> None:
         model = json.loads(route.fetch().body())
-        model["grasps"][0]["clearance_m"] = FAR_M
-        model["grasps"][1]["clearance_m"] = FAR_M - 0.0001
+        model["grasps"][0]["clearance_m"] = MAX_RELEVANT_DISTANCE_M
+        model["grasps"][1]["clearance_m"] = MAX_RELEVANT_DISTANCE_M - 0.0001
         route.fulfill(json=model)
 
     page.route("**/model", with_one_free)
     page.keyboard.press("2")
-    expect(page.get_by_text(f"free by {FAR_M * 1000:.0f} mm or more")).to_have_count(1)
+    expect(page.get_by_text(f"free by {MAX_RELEVANT_DISTANCE_M * 1000:.0f} mm or more")).to_have_count(1)
 
 
 def test_a_point_is_picked_and_read(open_console: Open, crossed: ServedClient) -> None:

@@ -245,9 +245,7 @@ def test_a_radius_in_millimetres_is_refused(
 ) -> None:
     folder, out = write_folder(tmp_path / "in", recording), tmp_path / "out.mcap"
     assert main(["import", "frames", str(folder), str(out), "--radius=4.2"]) == 1
-    assert (
-        "the string radius is 4.2 m; radii from 0.0005 to 0.02 m are taken (metres, not mm)" in capsys.readouterr().err
-    )
+    assert "the string radius is 4.2 m; it must be from 0.0005 to 0.02 m (metres, not mm)" in capsys.readouterr().err
     assert not out.exists()
 
 

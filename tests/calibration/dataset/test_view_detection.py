@@ -1,4 +1,4 @@
-"""From images in a folder to observations: real files, rendered pictures with known corners."""
+"""Detection of the board in the images of a folder: real files, rendered images with known corners."""
 
 import struct
 import zlib
@@ -9,8 +9,8 @@ import cv2
 import numpy as np
 import pytest
 
-from calibration.dataset.detect_views import detect_views, read_image
 from calibration.dataset.folder import read_folder
+from calibration.dataset.view_detection import detect_views, read_image
 from calibration.errors import BoardMirroredError, BoardNotSeenError, CalibrationFolderError
 from calibration.target.board import Board
 from calibration.target.detection import BoardSighting
@@ -21,22 +21,22 @@ SIZE = (640, 400)
 
 
 def test_the_corners_of_all_images_are_found_where_they_are(tmp_path: Path) -> None:
-    told: list[tuple[str, int]] = []
+    reported: list[tuple[str, int]] = []
 
-    def tell(name: str, sighting: BoardSighting | str) -> None:
+    def report(name: str, sighting: BoardSighting | str) -> None:
         assert not isinstance(sighting, str), sighting
-        told.append((name, len(sighting.ids)))
+        reported.append((name, len(sighting.ids)))
 
-    seen = detect_views(read_folder(rendered_folder(tmp_path, views=3, held_out=1)), tell)
+    seen = detect_views(read_folder(rendered_folder(tmp_path, views=3, held_out=1)), report)
     assert [view.name for view in seen.observations.views] == ["01", "02", "03"]
     assert [view.name for view in seen.held_out.views] == ["04"]
-    assert (seen.observations.camera_id, seen.observations.board, seen.unseen) == ("19443010", Board(), ())
+    assert (seen.observations.camera_id, seen.observations.board, seen.excluded) == ("19443010", Board(), ())
     for view in seen.observations.views:
         expected = true_pixels(Board(), np.linalg.inv(X) @ np.linalg.inv(view.T_base_flange) @ Y, K_640)
         # The robot's own error, 0.1 mm and 0.02 degrees, is some 0.2 px here; a wrong numbering would be 20.
         assert np.abs(view.pixels - expected[view.ids]).max() < 1.0
         assert len(view.ids) > 0.9 * len(expected)
-    assert told == [(view.name, len(view.ids)) for view in (*seen.observations.views, *seen.held_out.views)]
+    assert reported == [(view.name, len(view.ids)) for view in (*seen.observations.views, *seen.held_out.views)]
 
 
 @pytest.mark.parametrize("suffix", [".jpg", ".bmp", ".tif", ".TIFF"])
@@ -81,24 +81,24 @@ def huge_png() -> bytes:
 
 
 @pytest.mark.parametrize(
-    ("content", "told"),
+    ("content", "expected"),
     [
-        (b"", "is no image, or it is damaged: PNG, JPEG, BMP and TIFF are read"),
-        (b"not an image at all", "is no image"),
-        (b"\x89PNG\r\n\x1a\n" + b"\0" * 50, "is no image"),
-        (huge_png(), "is no image"),
+        (b"", "is not an image or is damaged: use PNG, JPEG, BMP or TIFF"),
+        (b"not an image at all", "is not an image"),
+        (b"\x89PNG\r\n\x1a\n" + b"\0" * 50, "is not an image"),
+        (huge_png(), "is not an image"),
         (
             cv2.imencode(".png", np.zeros((400, 600), np.uint8))[1].tobytes(),
             "has 600 x 400 pixels, and setup.json says",
         ),
     ],
 )
-def test_what_is_no_image_of_this_camera(tmp_path: Path, content: bytes, told: str) -> None:
+def test_files_that_are_no_images_of_this_camera_are_rejected(tmp_path: Path, content: bytes, expected: str) -> None:
     path = tmp_path / "a.png"
     path.write_bytes(content)
     with pytest.raises(CalibrationFolderError) as refused:
         read_image(path, SIZE)
-    assert told in str(refused.value)
+    assert expected in str(refused.value)
     assert str(path) in str(refused.value)
 
 
@@ -115,17 +115,17 @@ def spoilt(content: bytes) -> Callable[[Path], object]:
     ],
     ids=["no image", "nothing to see", "another size"],
 )
-def test_one_bad_image_is_named_and_left_out(tmp_path: Path, spoil: Callable[[Path], object]) -> None:
+def test_one_bad_image_is_named_and_excluded(tmp_path: Path, spoil: Callable[[Path], object]) -> None:
     folder = rendered_folder(tmp_path, views=3, held_out=0)
     spoil(folder / "02.png")
     seen = detect_views(read_folder(folder))
     assert [view.name for view in seen.observations.views] == ["01", "03"]
-    ((name, reason),) = seen.unseen
+    ((name, reason),) = seen.excluded
     assert name == "02"
     assert reason
 
 
-def test_where_no_image_shows_the_board_its_reason_is_told(tmp_path: Path) -> None:
+def test_the_reason_is_reported_if_no_image_shows_the_board(tmp_path: Path) -> None:
     with pytest.raises(BoardMirroredError, match="no image shows the board; 01: "):
         detect_views(read_folder(rendered_folder(tmp_path / "mirrored", views=2, held_out=0, mirrored=True)))
     other = rendered_folder(tmp_path / "other", views=2, held_out=0)
@@ -135,12 +135,12 @@ def test_where_no_image_shows_the_board_its_reason_is_told(tmp_path: Path) -> No
         detect_views(read_folder(other))
 
 
-def test_dots_without_a_first_are_numbered_alike(tmp_path: Path) -> None:
+def test_dots_without_a_first_are_numbered_consistently(tmp_path: Path) -> None:
     board = Board(kind="circles", columns=7, rows=7, pitch_m=0.02)
     seen = detect_views(read_folder(rendered_folder(tmp_path, board, views=5, held_out=1)))
     views = (*seen.observations.views, *seen.held_out.views)
     assert len(views) == 6
-    # Which of the four corners is the first is left to chance, but in all views it is the same.
+    # The first of the four corners is arbitrary, but it is the same in all views.
     firsts = []
     for view in views:
         corners = true_pixels(board, np.linalg.inv(X) @ np.linalg.inv(view.T_base_flange) @ Y, K_640)

@@ -1,0 +1,43 @@
+"""Sharp bends: positions at which a chain may have changed to the wrong strand."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from recognition.messages import format_position
+from recognition.model.chains import Chain
+
+MAX_BEND_RAD = np.radians(75)
+"""A string does not bend by more than this within r_f to either side: its bend radius would be about r."""
+
+
+def sharp_bend_messages(chains: Sequence[Chain]) -> list[str]:
+    """Return a message for each chain that bends more sharply than a string can.
+
+    At each point, the direction over r_f before it is compared with the direction over r_f after it. The chain may have
+    taken the wrong strand where they differ by more than `MAX_BEND_RAD`.
+
+    Args:
+        chains: Chains of the model. Chains shorter than 2 r_f are not checked.
+
+    Returns:
+        At most one ambiguity for each chain, with the position of its sharpest bend.
+
+    Source:
+        Ours.
+    """
+    messages = []
+    for chain in chains:
+        step = max(round(2 * chain.radius_m / max(chain.length_m / max(len(chain.points) - 1, 1), 1e-9)), 1)
+        if len(chain.points) <= 2 * step:
+            continue
+        directions = chain.points[step:] - chain.points[:-step]
+        directions = directions / np.maximum(np.linalg.norm(directions, axis=1, keepdims=True), 1e-12)
+        cosine = (directions[step:] * directions[:-step]).sum(axis=1)
+        sharpest = int(cosine.argmin())
+        if cosine[sharpest] < np.cos(MAX_BEND_RAD):
+            messages.append(
+                f"chain {chain.id} bends sharply at {format_position(chain.points[sharpest + step])}: "
+                "it may have taken the wrong strand at a crossing"
+            )
+    return messages

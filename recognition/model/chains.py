@@ -1,0 +1,162 @@
+"""Chains, positions on them, crossings and grasps. Metres and radians, base frame."""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from recognition.geometry.polyline import arc_length
+
+End = Literal["free", "unseen"]
+"""Kind of an end: `free` if it was seen, `unseen` if the string left the workspace or could not be followed."""
+
+
+@dataclass(frozen=True, eq=False)
+class Chain:
+    """One string as ordered points of its centre line."""
+
+    id: int
+    """Number of the chain in the model, from 0."""
+    closed: bool
+    """Whether the last point connects to the first."""
+    radius_m: float
+    """Radius of the string, metres."""
+    points: NDArray[np.float64]
+    """(N, 3) points of the centre line, metres, base frame, in order from one end to the other."""
+    sigma_m: NDArray[np.float64]
+    """(N,) one sigma of the position of each point across the string, metres."""
+    views: NDArray[np.int64]
+    """(N,) number of views that saw the string at each point; 0 = bridged, for example under a crossing."""
+    ends: tuple[End, End]
+    """First and last end. `free` if it was seen, `unseen` if the string left the workspace or could not be followed."""
+
+    @property
+    def arc_length_m(self) -> NDArray[np.float64]:
+        """(N,) arc length of each point from the first one, metres."""
+        return arc_length(self.points)
+
+    @property
+    def length_m(self) -> float:
+        """Length of the chain, metres. For a closed chain, this includes the link from the last point to the first."""
+        gap = float(np.linalg.norm(self.points[0] - self.points[-1])) if self.closed else 0.0
+        return float(self.arc_length_m[-1]) + gap
+
+
+@dataclass(frozen=True)
+class StrandPoint:
+    """A position on a chain."""
+
+    chain: int
+    """Id of the chain."""
+    s_m: float
+    """Arc length along the chain, metres."""
+
+
+@dataclass(frozen=True, eq=False)
+class Crossing:
+    """A crossing: one strand lies over another strand, of the same chain or of another one."""
+
+    id: int
+    """Number of the crossing in the model, from 0."""
+    point: NDArray[np.float64]
+    """(3,) midpoint between the two centre lines, metres, base frame."""
+    over: StrandPoint
+    """Position of the crossing on the upper strand."""
+    under: StrandPoint
+    """Position of the crossing on the lower strand."""
+    gap_m: float
+    """Measured height of the upper centre line above the lower one, metres."""
+    angle_rad: float
+    """Angle between the strands, seen from above, 0 to pi/2 radians."""
+    sign: int
+    """Right-handed crossing sign for the directions of the chains, +1 or -1."""
+    confidence: float
+    """Probability that `over` and `under` are not exchanged, 0.5 to 1."""
+
+
+@dataclass(frozen=True, eq=False)
+class Grasp:
+    """A pose in which a parallel gripper can grasp a string."""
+
+    chain: int
+    """Id of the chain."""
+    s_m: float
+    """Arc length along the chain, metres."""
+    T_base_grasp: NDArray[np.float64]
+    """(4, 4) grasp pose in the base frame. z is the approach, x the closing direction (across the string, to the left
+    of the direction of the chain). The origin lies on the centre line. A rotation by pi about z gives the same
+    grasp."""
+    opening_m: float
+    """Distance between the fingers before they close, metres."""
+    reach_m: float
+    """Distance of the fingertips beyond the origin, along z, metres."""
+    clearance_m: float
+    """Smallest distance of fingers and palm from other strands and objects during the approach, metres. Values above
+    0.03 are given as 0.03."""
+    table_clearance_m: float
+    """Smallest distance of the fingertips from the table, metres."""
+    score: float
+    """Quality of the grasp, from 0 to 1 (best)."""
+
+
+@dataclass(frozen=True, eq=False)
+class ChainInterpolator:
+    """Interpolation of values along a chain. A closed chain may be passed around more than once."""
+
+    chain: Chain
+    """The chain."""
+
+    @cached_property
+    def _s(self) -> NDArray[np.float64]:
+        s, length = self.chain.arc_length_m, self.chain.length_m
+        return np.concatenate([s - length, s, s + length, [2 * length]]) if self.chain.closed else s
+
+    def __call__(self, s: NDArray[np.float64], values: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the values at the given arc lengths, by linear interpolation.
+
+        Args:
+            s: Arc lengths along the chain, metres, of any shape. On a closed chain of length L they may lie from -L
+                to 2 L.
+            values: (N,) or (N, 3) values at the points of the chain.
+
+        Returns:
+            The interpolated values, of the shape of `s`, with a last axis of 3 if `values` is (N, 3).
+        """
+        if self.chain.closed:
+            values = np.concatenate([values, values, values, values[:1]])
+        if values.ndim == 1:
+            return np.interp(s, self._s, values)
+        return np.stack([np.interp(s, self._s, values[:, k]) for k in range(values.shape[1])], axis=-1)
+
+    def distance(self, s: NDArray[np.float64], t: NDArray[np.float64] | float) -> NDArray[np.float64]:
+        """Return the distances along the chain between the arc lengths `s` and `t`, metres.
+
+        On a closed chain, the distance is the shorter one of the two directions.
+        """
+        distance = np.abs(s - t)
+        return np.minimum(distance, self.chain.length_m - distance) if self.chain.closed else distance
+
+
+def canonical_order(points: NDArray[np.float64], closed: bool) -> NDArray[np.intp]:
+    """Return the indices that bring the points of a chain into the order of the model.
+
+    The same string in the same position always has the same order. An open chain begins at the end with the smaller x
+    (then y, then z). A closed chain begins at the point with the smallest x, and continues to the neighbour with the
+    smaller x.
+
+    Args:
+        points: (N, 3) points of the chain, metres.
+        closed: Whether the last point connects to the first.
+
+    Returns:
+        (N,) indices into `points`.
+    """
+    count = len(points)
+    if not closed:
+        is_in_order = tuple(points[0]) <= tuple(points[-1])
+        return np.arange(count) if is_in_order else np.arange(count)[::-1]
+    first = int(np.lexsort(points.T[::-1])[0])
+    previous, following = points[(first - 1) % count], points[(first + 1) % count]
+    return (first + np.arange(count) * (1 if tuple(following) <= tuple(previous) else -1)) % count
