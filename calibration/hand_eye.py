@@ -116,7 +116,7 @@ def _choose_views(observations: Observations, priors: NoisePriors) -> _SolverInp
 
 
 def _estimate_board_poses(problem: Problem) -> BoardPoses:
-    """Estimate the board pose of each view by itself, and check that together they can be those of a moved camera."""
+    """Estimate the board pose of each view by itself, and check that the poses are consistent with a moving camera."""
     board_poses = estimate_board_poses(problem.corners)
     found = board_poses.found
     if found.sum() < MIN_BOARD_POSES:

@@ -26,8 +26,8 @@ from recognition.refinement.refinement import Refinement, refine
 from recognition.registration.registration import Registration, register
 from recognition.shirakawa.chains import assemble_chains
 from recognition.shirakawa.enhanced_matching import EnhancedMatching
+from recognition.shirakawa.method_stages import ConnectedStrands, LinkedSegments, connect_segments, link_segments
 from recognition.shirakawa.reconstruction import Reconstruction
-from recognition.shirakawa.segments import ConnectedStrands, LinkedSegments, connect_segments, link_segments
 from recognition.tracing.height_map import HeightMap
 from recognition.tracing.trace import TracedStrands, pairing_messages, trace_strands
 from recognition.view_ingestion import IngestedViews, ingest_views

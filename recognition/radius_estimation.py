@@ -40,7 +40,7 @@ MIN_RIDGE_CELLS = 20
 
 
 def estimate_parameters(views: Sequence[DepthView], scene: Scene) -> ChainParameters:
-    """Return the parameters for the radius that most of the string in the views has.
+    """Return the parameters for the length-weighted median radius of the strings.
 
     A rough radius from the heights above the table is enough to find the strings. Tubes that are fitted to these
     strings then give the radius. Strings with a radius below about 1.5 mm do not stand out of the table enough.

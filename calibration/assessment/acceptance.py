@@ -17,6 +17,7 @@ A finding's code is one of
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration.assessment.board_acceptance import UNVERIFIED_SCALE_SIGMA, board_findings, is_scale_unverified
 from calibration.assessment.camera_acceptance import camera_findings
 from calibration.assessment.change_point import MIN_VIEWS_PER_SIDE
 from calibration.assessment.diagnosis import diagnose
@@ -44,15 +45,6 @@ MAX_LOO_ERROR_M = 1.5e-3
 """Largest leave-one-out error (root mean square) at short distance, metres."""
 MAX_LOO_ERROR_SHARE = 0.002
 """Largest leave-one-out error as a share of the distance, at long distance."""
-MAX_SCALE_CHANGE = 0.003
-"""Largest deviation of the size of the board, as a share. It is 1 mm at 0.35 m. More means a print that was scaled."""
-MAX_SCALE_SIGMAS = 4.0
-"""Deviation of the size of the board, in sigmas, that noise may cause."""
-MAX_SCALE_SIGMA = 0.0015
-"""Largest sigma of the size of the board, as a share, that counts as verified. That of the prior is hardly larger."""
-UNVERIFIED_SCALE_SIGMA = 0.005
-"""Assumed sigma of the size of the board, as a share, if the views have not verified it: 1 mm in 200 mm by a ruler. A
-print that was scaled to fit its paper is farther off; its check line shows that."""
 
 
 def acceptance_findings(evidence: Evidence) -> tuple[Finding, ...]:
@@ -68,7 +60,7 @@ def acceptance_findings(evidence: Evidence) -> tuple[Finding, ...]:
         _consistency_findings(evidence)
         + _accuracy_findings(evidence)
         + camera_findings(evidence)
-        + _board_findings(evidence)
+        + board_findings(evidence)
     )
     # Much noise or several rejected views may have one cause, and then the views that were kept may be the wrong ones.
     codes = {finding.code for finding in findings}
@@ -81,13 +73,13 @@ def acceptance_findings(evidence: Evidence) -> tuple[Finding, ...]:
 
 
 def reported_covariance(evidence: Evidence) -> NDArray[np.float64]:
-    """Return the covariance (6, 6) of X with the share of an unverified board size, which shifts X along the view.
+    """Return the covariance (6, 6) of X, plus the variance along the view that an unverified board size adds.
 
     All reported accuracies follow from this covariance. The limits of `acceptance_findings` apply to
     `Evidence.covariance`.
     """
     covariance = evidence.covariance.copy()
-    if _scale_unverified(evidence):
+    if is_scale_unverified(evidence):
         added = max(UNVERIFIED_SCALE_SIGMA**2 - evidence.board_scale_sigma**2, 0.0)
         covariance[5, 5] += added * _distance_m(evidence) ** 2
     return covariance
@@ -214,38 +206,6 @@ def _robot_findings(evidence: Evidence) -> list[Finding]:
             "loaded",
         )
     ]
-
-
-def _board_findings(evidence: Evidence) -> tuple[Finding, ...]:
-    """Check the size of the board."""
-    findings = []
-    scale, sigma = evidence.board_scale, evidence.board_scale_sigma
-    limit = max(MAX_SCALE_CHANGE, MAX_SCALE_SIGMAS * sigma)
-    if not abs(scale - 1.0) <= limit:
-        findings.append(
-            _refusal(
-                "board-scale",
-                f"by the views, the size of the board differs by {100 * (scale - 1.0):+.2f} % from the given one, and "
-                f"at most {100 * limit:.2f} % is accepted: print the board true to scale (100 %, not fitted to the "
-                "page), measure it with a caliper over many squares, and give the measured pitch",
-            )
-        )
-    if _scale_unverified(evidence):
-        findings.append(
-            Finding(
-                "board-scale-unverified",
-                f"the views determine the size of the board to {100 * sigma:.2f} % only, and "
-                f"{100 * MAX_SCALE_SIGMA:.2f} % is needed to verify it: measure the board with a caliper, or add "
-                "views from a second distance",
-                blocking=False,
-            )
-        )
-    return tuple(findings)
-
-
-def _scale_unverified(evidence: Evidence) -> bool:
-    """Return whether the views do not determine the size of the board well enough."""
-    return not evidence.board_scale_sigma <= MAX_SCALE_SIGMA
 
 
 def _distance_m(evidence: Evidence) -> float:

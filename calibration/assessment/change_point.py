@@ -18,7 +18,7 @@ Moved = Literal["X", "Y"]
 MIN_VIEWS_PER_SIDE = 3
 """Smallest number of views before and after the move. Two may be two bad views."""
 NOISE_RAD, NOISE_M = np.radians(0.05), 2.5e-4
-"""Smallest noise of a view along one axis, as of a good camera and arm. A fit to few views leaves too little."""
+"""Smallest noise of a view along one axis, as for a good camera and arm. A fit to few views underestimates it."""
 MAX_SPLITS = 20
 """Largest number of views tried as the first one after the move."""
 STARTING_VIEWS = 20

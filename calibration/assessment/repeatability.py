@@ -1,4 +1,4 @@
-"""Repeatability of a scan: how far its views disagree because of calibration and robot."""
+"""Repeatability of a scan: how far its views disagree due to errors of calibration and robot."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,7 +24,7 @@ def repeatability_bound(
     distance_m: float,
     lever: NDArray[np.float64],
 ) -> float:
-    """Return the bound below which any two of eight views agree, in 95 % of scans, metres.
+    """Return the 95th percentile over scans of the largest disagreement between two of eight views, metres.
 
     It is a Monte Carlo estimate with fixed random numbers, at the point that all views look at.
 

@@ -23,7 +23,8 @@ class CrossValidation:
     """Leave-one-out errors of N views, used or not; NaN if no board pose was found in the view."""
 
     robot_errors: NDArray[np.float64]
-    """(N, 6) error of the reported flange pose by the image of this view and the calibration from the other views:
+    """(N, 6) error of the reported flange pose, computed from the image of this view and the calibration without
+    this view:
     a twist in the reported flange frame, radians and metres."""
     squares: NDArray[np.float64]
     """(N,) squared length of `robot_errors` in standard deviations (Mahalanobis), which include the uncertainty of the

@@ -25,7 +25,7 @@ FREE_SCALE_SIGMA = 0.05
 MIN_SCALE_CHANGE = 0.005
 """Change of the scale, as a share, that can explain excluded views. A smaller one excludes no view."""
 MIN_EXCLUDED_VIEWS = 2
-"""Number of excluded views from which a free scale is tried. A single one is an accident."""
+"""Number of excluded views from which a free scale is tried. One may be a chance outlier."""
 
 
 def reject_outliers(problem: Problem, board_poses: BoardPoses, start: Unknowns, adjusted: Adjustment) -> Adjustment:

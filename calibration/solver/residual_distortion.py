@@ -1,4 +1,4 @@
-"""Radial distortion that remains in the corners of images that were taken for undistorted ones.
+"""Radial distortion that remains in the corners of images that were assumed to be undistorted.
 
 The adjustment has no unknown for it. The focal lengths, poses and scale of the board absorb most of it; the rest bends
 the residuals of all views in the same way. Near the solution everything is linear, so the coefficient k1 of the radial

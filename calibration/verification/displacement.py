@@ -1,7 +1,7 @@
 """Explanation of a displaced board: was the board moved, or the camera?
 
 A board on a table moves along the table and turns about its normal, by the same amount in all views. A moved camera
-displaces the board along the axes of the camera, which point in other directions from another side.
+displaces the board along the axes of the camera, so the displacement differs between viewpoints.
 """
 
 from collections.abc import Sequence

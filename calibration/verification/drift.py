@@ -1,8 +1,8 @@
 """Drift of a calibration, estimated from the scans that were made with it.
 
 Each scan gives a Gaussian likelihood of the hand-eye error (`ScanError`). The scans of a cell use the same viewpoints,
-where the robot has the same errors each time. A hundred scans therefore know the hand-eye transform no better than one.
-The scans are averaged, and the average gets the covariance of scans with fully correlated errors.
+where the robot has the same errors each time. Averaging many scans therefore does not reduce this error.
+The scans are averaged all the same, and the average gets the covariance of scans with fully correlated errors.
 
 The error is tested twice: against the covariance of the calibration, and against the first scans with it. The second
 test finds a camera that was knocked later, even if the knock compensates an error of the calibration.
@@ -24,7 +24,8 @@ MAX_P_VALUE = 0.02
 """Largest p-value of a drift. Registration assumes larger errors of robot and camera than there are, so false alarms
 are far more rare: none of 24 simulated cells had a p-value below 0.2."""
 PRIOR_SIGMA_M, PRIOR_SIGMA_RAD = 0.005, 0.0175
-"""Prior of the size of a drift, one sigma. It keeps directions small that strings do not constrain."""
+"""Prior of the size of a drift, one sigma. It keeps the estimate small in directions that strings do not
+constrain."""
 _PRIOR_INFORMATION = np.diag(np.repeat([PRIOR_SIGMA_RAD, PRIOR_SIGMA_M], 3) ** -2.0)
 MIN_INFORMATION_SHARE = 1e-6
 """Directions in which the scans have less than this share of the information of the calibration are ignored."""

@@ -36,7 +36,7 @@ Strings had up to 0.03 in simulated scans and scans from other sources. Edges of
 bars seen from near.
 """
 MAX_SQUARENESS = 0.25
-"""Maximum share of a square bar's profile in the profile of a string.
+"""Maximum squareness of a string (0: round, 1: square bar).
 
 Depth noise of a fifth of the radius leaves about half of a bar's profile. Strings of 0.1 m and more had up to 0.15.
 """

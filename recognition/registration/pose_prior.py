@@ -28,7 +28,7 @@ OFFSET_FIT_POINTS = 50
 
 @dataclass(frozen=True)
 class PoseSigmas:
-    """Standard deviations of the pose errors, per axis. The length of an error is the square root of 3 of it."""
+    """Standard deviations of the pose errors, per axis. The 3D rms error is sqrt(3) times this."""
 
     robot_m: float = 0.0003
     """Position error of the flange, independent in each view (0.5 mm in length)."""

@@ -7,9 +7,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
-from recognition.geometry.neighbours import neighbour_matrix, neighbourhood_means
+from recognition.geometry.neighbours import neighbourhood_means
 from recognition.parameters import ChainParameters
 from recognition.shirakawa.bifurcated_restart import approach_intersection, find_restarts, intersection_ratios
+from recognition.shirakawa.contribution_rate import contribution_rates, intersection_points
 from recognition.shirakawa.matching import SearchField, Segment, starting_order
 
 
@@ -43,57 +44,6 @@ def thin(points: NDArray[np.float64], parameters: ChainParameters) -> NDArray[np
         Section III.B, eq. (3).
     """
     return neighbourhood_means(points, points, points, parameters.r_c)
-
-
-def contribution_rates(points: NDArray[np.float64], radius: float) -> NDArray[np.float64]:
-    """Return the share of the largest eigenvalue in the covariance of each point's neighbours.
-
-    The rate is 1 on a line, 1/2 in a symmetric flat cross, and 1/3 in a ball. A point without neighbours has rate 1.
-
-    Args:
-        points: (N, 3) thinned points, metres.
-        radius: Radius r_s of the neighbourhoods, metres.
-
-    Returns:
-        (N,) rho, from 1/3 to 1.
-
-    Source:
-        Section III.C, eqs. (4) to (6).
-    """
-    A = neighbour_matrix(points, points, radius)
-    k = np.asarray(A.sum(axis=1))[:, None]
-    # Relative to the centroid of all points, so that the products below lose no digits.
-    local = points - points.mean(axis=0) if len(points) else points
-    q_a = (A @ local) / k
-    products = (local[:, :, None] * local[:, None, :]).reshape(-1, 9)
-    R = ((A @ products) / k).reshape(-1, 3, 3) - q_a[:, :, None] * q_a[:, None, :]
-    eigenvalues = np.abs(np.linalg.eigvalsh(R))
-    total = eigenvalues.sum(axis=1)
-    isolated = total <= (1e-6 * radius) ** 2
-    return np.where(isolated, 1.0, eigenvalues.max(axis=1) / np.where(isolated, 1.0, total))
-
-
-def intersection_points(
-    points: NDArray[np.float64], rho: NDArray[np.float64], parameters: ChainParameters
-) -> NDArray[np.bool_]:
-    """Return which points constitute an intersection: all points of the neighbourhoods with rho < rho_t.
-
-    Args:
-        points: (N, 3) thinned points, metres.
-        rho: (N,) contribution rate of each point.
-        parameters: Radius r_s of the neighbourhoods and threshold rho_t.
-
-    Returns:
-        (N,) True for the points of an intersection.
-
-    Source:
-        Section III.C. The paper takes the points with rho < rho_t alone. We take all their neighbours within r_s, since
-        rho is a property of the neighbourhood. Otherwise, the middle of an intersection would be missing where the
-        points of the over strand outnumber the others. On a right-angled cross of lines without width, as clean depth
-        gives, R_c would stay below 1/2 and never reach R_t.
-    """
-    A = neighbour_matrix(points, points, parameters.r_s)
-    return A @ (rho < parameters.rho_t).astype(np.float64) > 0
 
 
 def match_enhanced(thinned: NDArray[np.float64], parameters: ChainParameters) -> EnhancedMatching:

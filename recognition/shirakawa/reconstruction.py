@@ -264,7 +264,7 @@ def straightest_pairs(
 
     Source:
         Section III.E.2. Eq. (8) adds v_j . v_k over the two pairs of four ends. Ours adds it over the pairs of any
-        number of ends. The number of pairs is the maximum, so that only odd ends remain; among the sets of that size,
+        number of ends. As many ends as possible are paired, so that only odd ends remain; among the sets of that size,
         the one with the minimum total is taken.
     """
     b = inner_products(ends)

@@ -34,7 +34,7 @@ def test_a_calibration_is_compared_with_what_is_there(hand_eye_file: Path) -> No
     step = check_view.calibration(grounds)
     assert step.outcome == "failed"
     assert "made with camera 1944, this is camera 777" in step.words
-    assert "name the right file in hand_eye.file" in (step.what_to_do or "")
+    assert "set hand_eye.file to the right file" in (step.what_to_do or "")
     assert grounds.hand_eye is None
 
 

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from calibration.assessment.acceptance import (
-    UNVERIFIED_SCALE_SIGMA,
     acceptance_findings,
     reported_covariance,
     reported_repeatability,
 )
+from calibration.assessment.board_acceptance import UNVERIFIED_SCALE_SIGMA
 from calibration.assessment.evidence import Evidence
 from calibration.geometry.transforms import from_rotation_vector
 from tests.calibration.board_views import realistic_plan, record

@@ -133,7 +133,7 @@ def test_one_that_is_not_verified_is_warned_of(
         code, out, err = calibrate(capsys, "solve", folder, *again)
         assert code == 0, err
         assert out.startswith("Verdict         warn")
-        assert "so that it is not verified" in out
+        assert "so the calibration is not verified" in out
         assert "Not verified    there is no view of the board besides those that the calibration was solved from" in out
         assert "were held out" not in out + err
         assert '"held_out": true' in err
@@ -260,7 +260,7 @@ def test_a_camera_that_stands_in_the_cell(capsys: pytest.CaptureFixture[str], tm
     code, out, err = calibrate(capsys, "solve", tmp_path, "--again")
     assert code == 0, out + err
     assert "T_base_camera: " in out
-    assert "so that it is not verified" in out
+    assert "so the calibration is not verified" in out
     document = json.loads((tmp_path / "hand_eye.json").read_text())
     # Fifteen views by a robot that errs by 0.1 mm and 0.02 degrees along each axis: about three standard deviations.
     assert document["T_base_camera"]["xyz_m"] == pytest.approx(recorded.X[:3, 3], abs=1e-3)

@@ -1,4 +1,4 @@
-"""The two stages of the methods of the paper: points linked to segments, and segments connected to strands."""
+"""Dispatch of the two methods of the paper: points linked to segments, and segments connected to strands."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
