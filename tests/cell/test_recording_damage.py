@@ -71,7 +71,7 @@ CHILD = """
 import json, sys
 from pathlib import Path
 import numpy as np
-from calibration.transforms import from_rotation_vector
+from calibration.geometry.transforms import from_rotation_vector
 from cell.devices import View
 from cell.recording import RecordingHeader, RecordingWriter
 
