@@ -12,7 +12,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Protocol
 
-from calibration.dataset.atomic_write import replace_synced
+from calibration.atomic_write import replace_synced
 from calibration.dataset.folder import HAND_EYE_FILE, SETUP_FILE, write_setup, write_view
 from calibration.dataset.setup import Setup
 from calibration.dataset.view_detection import make_views_consistent

@@ -18,7 +18,7 @@ import numpy as np
 from google.protobuf.timestamp_pb2 import Timestamp
 from mcap.writer import CompressionType, Writer
 
-from calibration.dataset.atomic_write import sync_folder
+from calibration.atomic_write import sync_folder
 from cell.devices import View
 from cell.hashed_file import HashedFile, Written
 from cell.mcap_channels import register_channel

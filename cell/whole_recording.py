@@ -4,7 +4,7 @@ import os
 from collections.abc import Iterable
 from pathlib import Path
 
-from calibration.dataset.atomic_write import sync_folder
+from calibration.atomic_write import sync_folder
 from cell.devices import View
 from cell.recording import RecordingExistsError, RecordingHeader, RecordingWriter
 

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from calibration.dataset.atomic_write import sync_folder
+from calibration.atomic_write import sync_folder
 from cell.hashed_file import Written
 from service.calibrations.store import CalibrationStore
 from service.data_folder import DataFolder

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.dataset.atomic_write import write_synced
+from calibration.atomic_write import write_synced
 from cell.devices import View
 from cell.recording import RecordingHeader, read_recording
 from recognition.grasping.gripper import Gripper

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import PlainValidator
 
-from calibration.dataset.atomic_write import read_calibration_file, replace_synced
+from calibration.atomic_write import read_calibration_file, replace_synced
 from calibration.dataset.forms import Form, FormT, Vector3, parse_form, transform_from_json, transform_to_json
 from calibration.dataset.observations_file import MAX_VIEWS, OBSERVATIONS_FILE
 from calibration.dataset.setup import Setup, SetupForm, setup_to_json

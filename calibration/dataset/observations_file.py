@@ -16,7 +16,7 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import Field
 
-from calibration.dataset.atomic_write import read_calibration_file, replace_synced
+from calibration.atomic_write import read_calibration_file, replace_synced
 from calibration.dataset.forms import Form, Transform, parse_form
 from calibration.dataset.setup import Setup, SetupForm, setup_to_json
 from calibration.errors import CalibrationFolderError

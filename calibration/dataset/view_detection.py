@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.dataset.atomic_write import read_calibration_file
+from calibration.atomic_write import read_calibration_file
 from calibration.dataset.folder import FolderContent, FolderView
 from calibration.dataset.setup import Setup
 from calibration.errors import BoardDetectionError, CalibrationFolderError

@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.dataset.atomic_write import TooLargeError, read_limited, replace_synced
+from calibration.atomic_write import TooLargeError, read_limited, replace_synced
 from calibration.dataset.forms import parse_form
 from calibration.errors import (
     HandEyeError,

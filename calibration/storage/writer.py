@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from calibration.dataset.atomic_write import replace_synced
+from calibration.atomic_write import replace_synced
 from calibration.dataset.forms import time_to_json, transform_to_json
 from calibration.dataset.observations_file import OBSERVATIONS_FILE, write_observations
 from calibration.errors import HandEyeInvalidError

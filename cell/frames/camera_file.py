@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.dataset.atomic_write import TooLargeError, read_limited
+from calibration.atomic_write import TooLargeError, read_limited
 from cell.frames.errors import FramesError
 
 CAMERA, MATRIX = "camera.json", "K.json"

@@ -8,7 +8,7 @@ from itertools import islice
 from pathlib import Path
 from typing import Any
 
-from calibration.dataset.atomic_write import sync_folder
+from calibration.atomic_write import sync_folder
 from service.archive.errors import EXTRA, ArchiveError
 
 PARQUET = ".parquet"

@@ -6,7 +6,7 @@ import shutil
 from pathlib import Path
 from typing import Any
 
-from calibration.dataset.atomic_write import sync_folder
+from calibration.atomic_write import sync_folder
 from service.database import new_id, now
 
 LOST = "lost+found"

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from calibration.dataset.atomic_write import sync_folder
+from calibration.atomic_write import sync_folder
 from service.database import Database
 from service.doctor.lost_and_found import LostAndFound
 from service.doctor.rows import TABLES, read_only

@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-from calibration.dataset.atomic_write import sync_folder, write_synced
+from calibration.atomic_write import sync_folder, write_synced
 from cell.recording_errors import RecordingError
 from cell.result_file import write_result_file
 from service.interchange.errors import ExportError

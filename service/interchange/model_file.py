@@ -9,7 +9,7 @@ from typing import Any, NoReturn
 from mcap.writer import MCAP0_MAGIC
 from pydantic import ValidationError
 
-from calibration.dataset.atomic_write import TooLargeError, read_limited
+from calibration.atomic_write import TooLargeError, read_limited
 from cell.recording import read_result
 from recognition.model.model import SCHEMA
 from service.interchange.errors import ExportError

@@ -20,7 +20,7 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
-from calibration.dataset.atomic_write import TooLargeError, read_limited, replace_synced
+from calibration.atomic_write import TooLargeError, read_limited, replace_synced
 from service.security.caller import LOCAL, Role
 
 log = logging.getLogger(__name__)

@@ -7,7 +7,7 @@ import sqlite3
 from contextlib import closing
 from pathlib import Path
 
-from calibration.dataset.atomic_write import write_synced
+from calibration.atomic_write import write_synced
 from cell.recording import RecordingWriter, read_recording
 from service.calibrations.store import CalibrationStore
 from service.data_folder import DataFolder

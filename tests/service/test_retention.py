@@ -12,7 +12,7 @@ from typing import Any
 import httpx
 import pytest
 
-from calibration.dataset.atomic_write import write_synced
+from calibration.atomic_write import write_synced
 from service.config_sections import RetentionConfig
 from service.data_folder import DataFolder
 from service.idempotency import Key

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from calibration.dataset.atomic_write import write_synced
+from calibration.atomic_write import write_synced
 from service.data_folder import DataFolder, DataFolderError
 from service.database import StoreVersionError, new_id
 from service.schemas import ACTIVE_STATES, ScanState

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 import pytest
 
-from calibration.dataset.atomic_write import read_limited, sync_folder, write_synced
+from calibration.atomic_write import read_limited, sync_folder, write_synced
 from calibration.dataset.folder import read_folder, read_setup, write_setup, write_view
 from calibration.dataset.observations_file import load_observations, write_observations
 from calibration.dataset.setup import Setup

@@ -15,7 +15,7 @@ import httpx
 import pytest
 from anyio import to_thread
 
-from calibration.dataset.atomic_write import write_synced
+from calibration.atomic_write import write_synced
 from service.data_folder import DataFolder
 from service.events.scan_events import MOST_BEHIND, Change, Present, ScanEvent, UnknownEventError
 from service.events.stream import scan_stream

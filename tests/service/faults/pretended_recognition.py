@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable, Sequence
 from functools import cache
 from pathlib import Path
 
-from calibration.dataset.atomic_write import write_synced
+from calibration.atomic_write import write_synced
 from cell.devices import View
 from recognition.pipeline import Recognition
 from service.recording_rows import describe_recording

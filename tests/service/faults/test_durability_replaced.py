@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from calibration.dataset.atomic_write import replace_synced
+from calibration.atomic_write import replace_synced
 from service.security.tokens import FILE, TokensError, add_token, read_tokens
 from tests.service.faults.full_disk import full_disk
 

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from calibration.dataset.atomic_write import write_synced
+from calibration.atomic_write import write_synced
 from service.data_folder import DATABASE, DataFolder
 from service.doctor.doctor import examine
 from service.doctor.repair import repair

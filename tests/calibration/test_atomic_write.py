@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from calibration.dataset.atomic_write import replace_synced
+from calibration.atomic_write import replace_synced
 
 
 def test_a_file_is_replaced_as_a_whole(tmp_path: Path) -> None:
