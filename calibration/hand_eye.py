@@ -1,6 +1,6 @@
 """Hand-eye calibration: the pose of the camera from images of a board and the reported poses of the robot."""
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,39 +15,16 @@ from calibration.input_checks.observations import check_camera_moved, check_obse
 from calibration.observations import Observations
 from calibration.pose_estimation.board_pose import BoardPoses, estimate_board_poses
 from calibration.pose_estimation.duplicate_poses import add_duplicate_reports, choose_representatives
-from calibration.pose_estimation.projection import N_LENS, camera_matrix, stack_corners
+from calibration.pose_estimation.projection import N_LENS, stack_corners
 from calibration.result import HandEyeResult
-from calibration.solver.bundle_adjustment import Adjustment, adjust
-from calibration.solver.cross_validation import CrossValidation, cross_validate
+from calibration.solver.bundle_adjustment import adjust
 from calibration.solver.initialisation import estimate_initial_guess
 from calibration.solver.noise import NoisePriors
 from calibration.solver.outlier_rejection import reject_outliers
 from calibration.solver.problem import Problem, Unknowns
 
 MIN_BOARD_POSES = 3
-"""Number of views with a board pose without which there is no solution. The acceptance limits ask for more."""
-
-
-@dataclass(frozen=True, eq=False)
-class _SolverInput:
-    """The views that the solver takes: one for each pose of the arm."""
-
-    observations: Observations
-    """The observations, with the chosen views only."""
-    problem: Problem
-    """The same as arrays, with the priors."""
-    chosen: NDArray[np.int64]
-    """(G,) for each of the G given views, the number of the view that was chosen for its pose of the arm."""
-
-
-@dataclass(frozen=True, eq=False)
-class _Start:
-    """A rough solution."""
-
-    unknowns: Unknowns
-    """Rough X and Y, without robot errors and without corrections of the lens."""
-    used: NDArray[np.bool_]
-    """(N,) views that agree with it."""
+"""Minimum number of views with a board pose. Fewer have no solution. The acceptance limits are stricter."""
 
 
 def solve_hand_eye(observations: Observations, priors: NoisePriors | None = None) -> HandEyeResult:
@@ -95,24 +72,33 @@ def solve_hand_eye(observations: Observations, priors: NoisePriors | None = None
         True
     """
     check_observations(observations)
-    given = _choose_views(observations, priors or NoisePriors())
-    problem = given.problem
+    representatives = choose_representatives(observations)
+    # The solver takes one view for each pose of the robot.
+    distinct = replace(observations, views=tuple(observations.views[k] for k in np.unique(representatives)))
+    problem = Problem(stack_corners(distinct), distinct.T_base_flange, distinct.mounting, priors or NoisePriors())
     board_poses = _estimate_board_poses(problem)
-    start = _initialise(given, board_poses)
-    adjusted = adjust(problem, start.unknowns, start.used, board_poses.inliers, problem.priors.noise)
-    adjusted = reject_outliers(problem, board_poses, start.unknowns, adjusted)
-    cross_validation = cross_validate(problem, board_poses, adjusted)
-    return _judge(observations, given, board_poses, adjusted, cross_validation)
-
-
-def _choose_views(observations: Observations, priors: NoisePriors) -> _SolverInput:
-    """Choose one view for each pose of the arm, and stack the views as arrays."""
-    chosen = choose_representatives(observations)
-    views = tuple(view for k, view in enumerate(observations.views) if k == chosen[k])
-    observations = replace(observations, views=views)
-    T_base_flange = np.array([view.T_base_flange for view in views], dtype=np.float64)
-    problem = Problem(stack_corners(observations), T_base_flange, observations.mounting, priors)
-    return _SolverInput(observations, problem, chosen)
+    start, used = _initialise(problem, board_poses, tuple(view.name for view in distinct.views))
+    adjusted = adjust(problem, start, used, board_poses.inliers, problem.priors.noise)
+    solution = reject_outliers(problem, board_poses, start, adjusted)
+    evidence = collect_evidence(distinct, problem, board_poses, solution.adjusted, solution.cross_validation)
+    reports = report_views(evidence.names, problem, board_poses, solution.adjusted, solution.cross_validation)
+    return HandEyeResult(
+        mounting=evidence.mounting,
+        X=evidence.X,
+        covariance=reported_covariance(evidence),
+        Y=evidence.Y,
+        K=evidence.K,
+        board_scale=evidence.board_scale,
+        board_scale_sigma=evidence.board_scale_sigma,
+        pixel_sigma_px=evidence.pixel_sigma_px,
+        robot_sigma_m=evidence.robot_sigma_m,
+        robot_sigma_rad=evidence.robot_sigma_rad,
+        loo_error_m=evidence.loo_error_m,
+        repeatability_95_m=reported_repeatability(evidence),
+        views=add_duplicate_reports(reports, observations, representatives),
+        findings=acceptance_findings(evidence),
+        joint_covariance=solution.adjusted.shared_covariance,
+    )
 
 
 def _estimate_board_poses(problem: Problem) -> BoardPoses:
@@ -131,9 +117,11 @@ def _estimate_board_poses(problem: Problem) -> BoardPoses:
     return board_poses
 
 
-def _initialise(given: _SolverInput, board_poses: BoardPoses) -> _Start:
-    """Find rough X and Y, and the views that agree with them."""
-    problem, found = given.problem, board_poses.found
+def _initialise(
+    problem: Problem, board_poses: BoardPoses, names: tuple[str, ...]
+) -> tuple[Unknowns, NDArray[np.bool_]]:
+    """Return a start with rough X and Y, all corrections zero, and the views (N,) that agree with it."""
+    found = board_poses.found
     T_base_flange, T_camera_board = problem.T_base_flange[found], board_poses.T_camera_board[found]
     guess = estimate_initial_guess(
         T_base_flange if problem.mounting == "eye-in-hand" else invert_poses(T_base_flange),
@@ -142,43 +130,8 @@ def _initialise(given: _SolverInput, board_poses: BoardPoses) -> _Start:
         problem.priors.robot_m,
         problem.priors.robot_rad,
     )
-    names = tuple(given.observations.views[k].name for k in np.flatnonzero(found))
-    check_together(guess, T_base_flange, T_camera_board, problem.mounting, names)
+    names_found = tuple(names[k] for k in np.flatnonzero(found))
+    check_together(guess, T_base_flange, T_camera_board, problem.mounting, names_found)
     used = np.zeros(len(found), dtype=bool)
     used[found] = guess.inliers
-    return _Start(Unknowns(guess.X, guess.Y, np.zeros((len(found), 6)), np.zeros(N_LENS)), used)
-
-
-def _judge(
-    observations: Observations,
-    given: _SolverInput,
-    board_poses: BoardPoses,
-    adjusted: Adjustment,
-    cross_validation: CrossValidation,
-) -> HandEyeResult:
-    """Collect the evidence for the solution, and return it with its reports and findings."""
-    problem = given.problem
-    evidence = collect_evidence(given.observations, problem, board_poses, adjusted, cross_validation)
-    views = add_duplicate_reports(
-        report_views(evidence.names, problem, board_poses, adjusted, cross_validation),
-        tuple(view.name for view in observations.views),
-        given.chosen,
-        tuple(len(view.ids) for view in observations.views),
-    )
-    return HandEyeResult(
-        mounting=observations.mounting,
-        X=evidence.X,
-        covariance=reported_covariance(evidence),
-        Y=evidence.Y,
-        K=camera_matrix(observations.K, adjusted.unknowns.lens),
-        board_scale=adjusted.board_scale,
-        board_scale_sigma=adjusted.board_scale_sigma,
-        pixel_sigma_px=adjusted.noise.pixel_px,
-        robot_sigma_m=evidence.robot_sigma_m,
-        robot_sigma_rad=evidence.robot_sigma_rad,
-        loo_error_m=evidence.loo_error_m,
-        repeatability_95_m=reported_repeatability(evidence),
-        views=views,
-        findings=acceptance_findings(evidence),
-        joint_covariance=adjusted.shared_covariance,
-    )
+    return Unknowns(guess.X, guess.Y, np.zeros((len(found), 6)), np.zeros(N_LENS)), used

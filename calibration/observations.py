@@ -51,3 +51,8 @@ class Observations:
     """Serial number of the robot, or None if not known."""
     created: datetime | None = None
     """Time of the images, with a time zone, or None if not known."""
+
+    @property
+    def T_base_flange(self) -> NDArray[np.float64]:
+        """(N, 4, 4) reported flange poses of the N views, metres."""
+        return np.array([view.T_base_flange for view in self.views], dtype=np.float64)

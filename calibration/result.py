@@ -81,10 +81,9 @@ class HandEyeResult:
     """One report per view, in the given order."""
     findings: tuple[Finding, ...]
     """Reasons against the calibration, the most serious first."""
-    joint_covariance: NDArray[np.float64] | None = None
+    joint_covariance: NDArray[np.float64]
     """(17, 17) covariance of the errors of X, of Y, of fx, fy, cx and cy as shares of the focal lengths, and of the
-    logarithm of the scale of the board, in this order; None: not known. Verification uses it, since these errors are
-    correlated."""
+    logarithm of the scale of the board, in this order. Verification uses it, since these errors are correlated."""
 
     @property
     def verdict(self) -> Verdict:

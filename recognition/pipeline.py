@@ -26,7 +26,7 @@ from recognition.refinement.refinement import Refinement, refine
 from recognition.registration.registration import Registration, register
 from recognition.shirakawa.chains import assemble_chains
 from recognition.shirakawa.enhanced_matching import EnhancedMatching
-from recognition.shirakawa.method_stages import ConnectedStrands, LinkedSegments, connect_segments, link_segments
+from recognition.shirakawa.method_stages import LinkedSegments, connect_segments, link_segments
 from recognition.shirakawa.reconstruction import Reconstruction
 from recognition.tracing.height_map import HeightMap
 from recognition.tracing.trace import TracedStrands, pairing_messages, trace_strands
@@ -71,7 +71,7 @@ class Recognition:
 
 @dataclass
 class _StageTimer:
-    """Measures the duration of each stage and reports its begin to a listener."""
+    """Measures the duration of each stage and reports each stage to a listener when it begins."""
 
     on_stage: Callable[[str], None] | None
     timing_s: dict[str, float] = field(default_factory=dict)
@@ -183,8 +183,8 @@ def recognise(
     centre_line = estimate_centre_line(registration.points, registration.normals, parameters)
 
     timer.begin("matching")
-    graph, refinement = None, None
-    linked, connected = LinkedSegments(()), ConnectedStrands(())
+    graph, refinement, reconstruction = None, None, None
+    linked = LinkedSegments(())
     if method == "graph":
         height_map = HeightMap(registration.points)
         graph = trace_strands(centre_line.unaveraged, height_map, parameters)
@@ -195,17 +195,22 @@ def recognise(
         timer.begin("topology")
         assembly = assemble_fitted_chains(refinement, registration, height_map, scene, parameters)
         crossings = find_fitted_crossings(assembly.chains)
-        connection_ambiguities = pairing_messages(graph.pairing)
+        ambiguities = (
+            *crossings.ambiguities,
+            *pairing_messages(graph.pairing),
+            *sharp_bend_messages(assembly.chains),
+            *assembly.ambiguities,
+        )
     else:
         linked = link_segments(method, centre_line.points, parameters)
 
         timer.begin("reconstruction")
-        connected = connect_segments(linked, registration.points, centre_line.unaveraged, parameters)
+        strands, reconstruction = connect_segments(linked, registration.points, centre_line.unaveraged, parameters)
 
         timer.begin("topology")
-        assembly = assemble_chains(connected.strands, centre_line.unaveraged, registration.clouds, scene, parameters)
+        assembly = assemble_chains(strands, centre_line.unaveraged, registration.clouds, scene, parameters)
         crossings = find_crossings(assembly.strands, registration.points, parameters)
-        connection_ambiguities = []
+        ambiguities = (*crossings.ambiguities, *sharp_bend_messages(assembly.chains))
 
     unexplained = find_unexplained_surface(registration.points, assembly.chains, parameters)
     chains = mark_unobserved_ends(assembly.chains, unexplained, parameters)
@@ -220,13 +225,7 @@ def recognise(
     used = [view.index for view in registration.views if view.used]
     quality = Quality(
         views=tuple(sorted(registration.views + ingested.excluded, key=lambda view: view.index)),
-        ambiguities=(
-            *crossings.ambiguities,
-            *connection_ambiguities,
-            *sharp_bend_messages(assembly.chains),
-            *assembly.ambiguities,
-            *fragment_ambiguities,
-        ),
+        ambiguities=(*ambiguities, *fragment_ambiguities),
         # Warnings about the strings come before those about the views.
         warnings=(
             *assembly.warnings,
@@ -248,7 +247,7 @@ def recognise(
         thinned=linked.thinned,
         enhanced=linked.enhanced,
         segments=linked.segments,
-        reconstruction=connected.reconstruction,
+        reconstruction=reconstruction,
         graph=graph,
         refinement=refinement,
     )

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
+from recognition.centre_line import estimate_centre_line
 from recognition.errors import RadiusUnknownError
 from recognition.geometry.polyline import arc_length
 from recognition.parameters import R_MAX, R_MIN, ChainParameters
@@ -65,11 +66,12 @@ def estimate_parameters(views: Sequence[DepthView], scene: Scene) -> ChainParame
     if sum(len(target.points) for target in targets) < MIN_POINTS:
         return ChainParameters.for_radius(PAPER_R)
     rough = ChainParameters.for_radius(estimate_rough_radius([target.points for target in targets], scene.table_z_m))
-    arrivals = ingest_views(views, rough, scene)
-    if arrivals.no_string_reason is not None:
+    ingested = ingest_views(views, rough, scene)
+    if ingested.no_string_reason is not None:
         return rough
-    registration = register(arrivals.clouds, rough, arrivals.correspondences)
-    graph = trace_strands(registration.points - rough.r * registration.normals, HeightMap(registration.points), rough)
+    registration = register(ingested.clouds, rough, ingested.correspondences)
+    centre_line = estimate_centre_line(registration.points, registration.normals, rough)
+    graph = trace_strands(centre_line.unaveraged, HeightMap(registration.points), rough)
     refinement = refine(graph.strands, registration.points, registration.normals, rough, scene.table_z_m)
     strings = classify_strings(refinement, registration.points, rough, scene.table_z_m).strings
     if not strings:

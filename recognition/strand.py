@@ -81,7 +81,7 @@ def join_strands(
     joined = []
 
     def walk(strand: int, leave_at_start: bool) -> tuple[list[tuple[int, bool]], bool]:
-        """Return the strands from `strand` on, each with whether it is left at its start, and whether they close."""
+        """Follow the pairs from one end of `strand`. Return (strand, left at its start) for each, and if they close."""
         path = [(strand, leave_at_start)]
         while (following := partner.get(end_index.get((strand, leave_at_start), -1))) is not None:
             strand, leave_at_start = ends[following].strand, not ends[following].at_start
@@ -125,7 +125,7 @@ def bridge_gap(a: End, b: End, spacing: float) -> Points:
 
 
 def _concatenate(path: list[tuple[Strand, bool]], closed: bool, parameters: ChainParameters) -> Strand:
-    """Concatenate strands, each with whether it is reversed, with a bridge in every gap."""
+    """Concatenate the (strand, is reversed) pairs of `path`, with a bridge in every gap."""
     oriented = [Strand(s.points[::-1], s.bridged[::-1], s.closed) if reverse else s for s, reverse in path]
     if len(oriented) == 1 and not closed:
         return oriented[0]

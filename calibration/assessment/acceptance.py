@@ -28,23 +28,23 @@ from calibration.input_checks.observations import MIN_VIEWS
 from calibration.result import Finding
 
 MIN_CONSISTENT_SHARE = 0.7
-"""Smallest share of consistent views, of those with a board pose. With more views rejected, the consistent ones may be
+"""Minimum share of consistent views, of those with a board pose. With more views rejected, the consistent ones may be
 the wrong ones."""
 MAX_SIGMA_M = 1e-3
-"""Largest sigma of the camera position, all axes together, metres. The share of an unverified board size is not counted
+"""Maximum sigma of the camera position, all axes together, metres. The share of an unverified board size is not counted
 here; it has its own warning."""
 MAX_SIGMA_RAD = np.radians(0.15)
-"""Largest sigma of the camera rotation, all axes together. It is 1 mm at 0.4 m."""
+"""Maximum sigma of the camera rotation, all axes together. It is 1 mm at 0.4 m."""
 MAX_PIXEL_SIGMA_PX = 0.6
-"""Largest corner noise, pixels. It is three times that of a sharp image of a board at rest."""
+"""Maximum corner noise, pixels. It is three times that of a sharp image of a board at rest."""
 MAX_ROBOT_ERROR_M = 1e-3
-"""Largest root mean square error of the flange positions, all axes together. A worse arm alone ruins a grasp."""
+"""Maximum root mean square error of the flange positions, all axes together. A worse arm alone ruins a grasp."""
 MAX_ROBOT_ERROR_RAD = np.radians(0.25)
-"""Largest root mean square error of the flange rotations, all axes together."""
+"""Maximum root mean square error of the flange rotations, all axes together."""
 MAX_LOO_ERROR_M = 1.5e-3
-"""Largest leave-one-out error (root mean square) at short distance, metres."""
+"""Maximum leave-one-out error (root mean square) at short distance, metres."""
 MAX_LOO_ERROR_SHARE = 0.002
-"""Largest leave-one-out error as a share of the distance, at long distance."""
+"""Maximum leave-one-out error as a share of the distance, at long distance."""
 
 
 def acceptance_findings(evidence: Evidence) -> tuple[Finding, ...]:
@@ -210,8 +210,7 @@ def _robot_findings(evidence: Evidence) -> list[Finding]:
 
 def _distance_m(evidence: Evidence) -> float:
     """Return the mean distance of the used views from the board, metres."""
-    distances = evidence.distance_m[evidence.used & np.isfinite(evidence.distance_m)]
-    return float(distances.mean()) if len(distances) else 0.0
+    return float(evidence.distance_m[evidence.used].mean())
 
 
 def _refusal(code: str, message: str) -> Finding:

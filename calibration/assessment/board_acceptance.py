@@ -4,11 +4,11 @@ from calibration.assessment.evidence import Evidence
 from calibration.result import Finding
 
 MAX_SCALE_CHANGE = 0.003
-"""Largest deviation of the size of the board, as a share. It is 1 mm at 0.35 m. More means a print that was scaled."""
+"""Maximum deviation of the size of the board, as a share. It is 1 mm at 0.35 m. More means a print that was scaled."""
 MAX_SCALE_SIGMAS = 4.0
 """Deviation of the size of the board, in sigmas, that noise may cause."""
 MAX_SCALE_SIGMA = 0.0015
-"""Largest sigma of the size of the board, as a share, that counts as verified. That of the prior is hardly larger."""
+"""Maximum sigma of the size of the board, as a share, that counts as verified. The prior has a little more."""
 UNVERIFIED_SCALE_SIGMA = 0.005
 """Assumed sigma of the size of the board, as a share, if the views have not verified it: 1 mm in 200 mm by a ruler. A
 print that was scaled to fit its paper is farther off; its check line shows that."""

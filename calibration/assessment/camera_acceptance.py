@@ -6,15 +6,15 @@ from calibration.assessment.evidence import Evidence
 from calibration.result import Finding
 
 MAX_FOCAL_CHANGE = 0.01
-"""Largest change of a focal length, as a share: three times the prior. More is not warm-up but another focus, stream or
+"""Maximum change of a focal length, as a share: three times the prior. More is not warm-up but another focus, stream or
 resolution."""
 MAX_ASPECT_CHANGE = 0.005
-"""Largest change of fx / fy, as a share. Neither warm-up nor focus changes this ratio."""
+"""Maximum change of fx / fy, as a share. Neither warm-up nor focus changes this ratio."""
 MAX_CENTRE_SHIFT = 0.0075
-"""Largest shift of cx and cy, in focal lengths: five times the prior, 6 pixels at 800. More is a crop or another
+"""Maximum shift of cx and cy, in focal lengths: five times the prior, 6 pixels at 800. More is a crop or another
 stream."""
 MAX_K1 = 0.015
-"""Largest residual radial distortion. A distortion of -0.03 that is ignored makes an error of 1 mm."""
+"""Maximum residual radial distortion. A distortion of -0.03 that is ignored makes an error of 1 mm."""
 MAX_K1_SIGMAS = 6.0
 """Residual distortion, in sigmas, that noise may cause, with uneven corner noise and a board that is not quite flat."""
 

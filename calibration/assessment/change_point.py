@@ -16,19 +16,19 @@ from calibration.solver.initialisation import InitialGuess, estimate_initial_gue
 Moved = Literal["X", "Y"]
 
 MIN_VIEWS_PER_SIDE = 3
-"""Smallest number of views before and after the move. Two may be two bad views."""
+"""Minimum number of views before and after the move. Two may be two bad views."""
 NOISE_RAD, NOISE_M = np.radians(0.05), 2.5e-4
-"""Smallest noise of a view along one axis, as for a good camera and arm. A fit to few views underestimates it."""
+"""Minimum noise of a view along one axis, as for a good camera and arm. A fit to few views underestimates it."""
 MAX_SPLITS = 20
-"""Largest number of views tried as the first one after the move."""
+"""Maximum number of views tried as the first one after the move."""
 STARTING_VIEWS = 20
 """Number of views of a long series that an initial guess is made from."""
 STEPS = 8
-"""Largest number of Gauss-Newton steps."""
+"""Maximum number of Gauss-Newton steps."""
 CONVERGED = 1e-6
-"""Largest step, radians and metres, at which the adjustment ends."""
+"""Maximum step, radians and metres, at which the adjustment ends."""
 MAX_CHI2 = 25.0
-"""Chi-square of a view from which on it counts as an outlier. Noise exceeds it in one of 3000 views."""
+"""Chi-square from which a view counts as an outlier. Noise exceeds it in one of 3000 views."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,7 +124,7 @@ def _adjust(
 
 
 def _jacobian(B: NDArray[np.float64], late: NDArray[np.bool_], moved: Moved | None) -> NDArray[np.float64]:
-    """Return the (N, 6, 12 or 18) derivative of the residuals by X, Y and the moved one after the move."""
+    """Return the (N, 6, 12 or 18) derivative of the residuals with respect to X, Y and the moved one."""
     J_X = adjoint(invert_poses(B))
     J_Y = np.broadcast_to(-np.eye(6), J_X.shape)
     if moved is None:

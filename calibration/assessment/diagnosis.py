@@ -27,23 +27,23 @@ from calibration.result import Finding
 from calibration.solver.initialisation import InitialGuess, estimate_initial_guess
 
 FITS_M, FITS_RAD = 0.01, np.radians(1.0)
-"""Largest deviation of a view that fits, above noise. Each of these mistakes causes larger ones in most views."""
+"""Maximum deviation of a view that fits, above noise. Each of these mistakes causes larger ones in most views."""
 MIN_FITTING_SHARE = 0.8
-"""Smallest share of the views that must fit for an explanation to count."""
+"""Minimum share of the views that must fit for an explanation to count."""
 NEAR_M, NEAR_RAD, MIN_NEAR_SHARE = 0.05, np.radians(6.0), 0.5
-"""The solver runs if at least this share of the views is this near to the initial guess, which holds for the coarsest
-camera."""
+"""The solver runs if at least this share of the views is this near to the initial guess. Even the coarsest camera meets
+this limit."""
 MIN_VIEWS = 8
-"""Smallest number of views for a diagnosis. Fewer views fit any explanation."""
+"""Minimum number of views for a diagnosis. Fewer views fit any explanation."""
 SHIFTS = (1, -1, 2, -2)
 """Offsets between images and poses that are tried, in views."""
 SHUFFLED_RAD = np.radians(0.5)
-"""Largest median difference of the sorted rotations between views if only the order is wrong."""
+"""Maximum median difference of the sorted rotations between views if only the order is wrong."""
 MIN_CHI2_GAIN = 60.0
-"""Smallest reduction of chi-square that shows a move. Six more unknowns and the choice of the view reduce it by some
-20 without one."""
+"""Minimum reduction of chi-square that shows a move. Without a move, six more unknowns and the choice of the view
+reduce it by about 20."""
 MIN_MOVE_M, MIN_MOVE_RAD = 1.5e-3, np.radians(0.2)
-"""Smallest move that is reported. Smaller ones cannot be told from noise."""
+"""Minimum move that is reported. A smaller one cannot be distinguished from noise."""
 
 
 def diagnose(
@@ -85,8 +85,8 @@ def check_together(
     start: InitialGuess,
     T_base_flange: NDArray[np.float64],
     T_camera_board: NDArray[np.float64],
-    mounting: Mounting = "eye-in-hand",
-    names: tuple[str, ...] | None = None,
+    mounting: Mounting,
+    names: tuple[str, ...],
 ) -> None:
     """Check that enough views are near the initial guess to be adjusted.
 
@@ -95,7 +95,7 @@ def check_together(
         T_base_flange: (N, 4, 4) flange poses.
         T_camera_board: (N, 4, 4) board poses in the camera frame.
         mounting: Whether the camera is on the flange or stands in the cell.
-        names: Names of the views for the message. None: their numbers.
+        names: Names of the N views for the message.
 
     Raises:
         HandEyeInputError: Most views do not fit one another. Slug and message are those of `diagnose`.
@@ -243,4 +243,4 @@ def _inconsistent() -> Finding:
 
 
 def _mistake(code: str, message: str) -> Finding:
-    return Finding(code, message, True)
+    return Finding(code, message, blocking=True)

@@ -80,11 +80,9 @@ def collect_evidence(
         cross_validation: The solution without each of the views.
     """
     unknowns, used = adjusted.unknowns, adjusted.used
-    covariance = adjusted.shared_covariance[:6, :6]
     distances = distances_m(problem, board_poses)
-    noise = adjusted.noise
     radial = estimate_residual_distortion(problem, adjusted)
-    lever = _lever(problem.mounting, unknowns.X, unknowns.Y, problem.corners.middle, _mean(distances[used]))
+    distance_m = float(distances[used].mean())
     return Evidence(
         mounting=problem.mounting,
         names=tuple(view.name for view in observations.views),
@@ -94,12 +92,12 @@ def collect_evidence(
         distance_m=distances,
         X=unknowns.X,
         Y=unknowns.Y,
-        covariance=covariance,
-        robot_sigma_m=noise.robot_m,
-        robot_sigma_rad=noise.robot_rad,
+        covariance=adjusted.shared_covariance[:6, :6],
+        robot_sigma_m=adjusted.noise.robot_m,
+        robot_sigma_rad=adjusted.noise.robot_rad,
         loo_error_m=_rms(cross_validation.loo_error_m[used]),
-        lever_m=lever,
-        pixel_sigma_px=noise.pixel_px,
+        lever_m=_lever(problem.mounting, unknowns.X, unknowns.Y, problem.corners.middle, distance_m),
+        pixel_sigma_px=adjusted.noise.pixel_px,
         K_nominal=observations.K,
         K=camera_matrix(observations.K, unknowns.lens),
         k1=radial.k1,
@@ -117,11 +115,6 @@ def _lever(
     if mounting == "eye-in-hand":
         return np.array([0.0, 0.0, distance_m]) + X[:3, :3].T @ X[:3, 3]
     return np.array([0.0, 0.0, np.linalg.norm(Y[:3, :3] @ middle + Y[:3, 3])])
-
-
-def _mean(values: NDArray[np.float64]) -> float:
-    """Return the mean."""
-    return float(np.mean(values))
 
 
 def _rms(values: NDArray[np.float64]) -> float:

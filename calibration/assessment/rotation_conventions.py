@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 EULER_ORDERS = ("xyz", "zyx", "XYZ", "ZYX", "zyz", "ZYZ")
 """Orders as in `scipy.spatial.transform.Rotation`: small letters for fixed axes, capital letters for rotating ones."""
 MAX_COMBINATIONS = 4000
-"""Largest number of combinations of candidates. More means that the angles do not distinguish them."""
+"""Maximum number of combinations of candidates. More means that the angles do not distinguish them."""
 
 
 @dataclass(frozen=True)
@@ -40,7 +40,7 @@ def reinterpret_rotations(
     Args:
         R: (N, 3, 3) rotations as given.
         observed: (N, 3, 3) rotations by the camera. Only the angles between them count.
-        tolerance_rad: Largest difference of an angle, radians.
+        tolerance_rad: Maximum difference of an angle, radians.
     """
     for guess in MISREADINGS:
         corrected = _consistent_choice([guess.candidates(rotation) for rotation in R], observed, tolerance_rad)

@@ -13,7 +13,7 @@ from calibration.solver.problem import Problem, implied_robot_errors
 from calibration.target.board import MIN_CORNERS
 
 FITS_M, FITS_RAD = 2e-3, np.radians(0.5)
-"""Largest distance of a view from the prediction of an explanation that counts."""
+"""Maximum distance of a view from the prediction of an explanation. A larger one means that it does not fit."""
 
 
 def report_views(
@@ -93,7 +93,7 @@ def _reason(
         return "its corners do not fit the board: check that it is the given board, flat, sharp and not mirrored"
     T, X, Y = board_poses.T_camera_board[k], adjusted.unknowns.X, adjusted.unknowns.Y
     flange = problem.T_base_flange
-    if _fits(problem.mounting, flange[k : k + 1], X, Y, T @ half_turn(problem.corners.middle))[0]:
+    if _fits(problem.mounting, flange[k : k + 1], X, Y, T @ _half_turn(problem.corners.middle))[0]:
         return "its board is turned by half a turn: it was moved, or numbered from the opposite corner"
     return _explain_by_other_view(k, problem.mounting, flange, X, Y, T, names) or _describe_robot_error(
         cross_validation.robot_errors[k]
@@ -109,12 +109,9 @@ def _explain_by_other_view(
     if len(fitting):
         other = names[fitting[0]]
         return f"its image fits the pose of view {other}: the two were swapped, or the pose was read at another time"
-    differences = twist_from_pose(invert_poses(flange[k]) @ flange)
-    same = (np.linalg.norm(differences[:, 3:], axis=1) < FITS_M) & (
-        np.linalg.norm(differences[:, :3], axis=1) < FITS_RAD
-    )
-    if (same & others).any():
-        other = names[int(np.argmax(same & others))]
+    same = np.flatnonzero(_are_small(invert_poses(flange[k]) @ flange) & others)
+    if len(same):
+        other = names[same[0]]
         return (
             f"its pose is that of view {other}, but its image is not: read the pose together with the image, when the "
             "arm has arrived"
@@ -131,7 +128,7 @@ def _describe_robot_error(error: NDArray[np.float64]) -> str:
     )
 
 
-def half_turn(middle: NDArray[np.float64]) -> NDArray[np.float64]:
+def _half_turn(middle: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the rotation (4, 4) of the board by 180 degrees in its plane about its `middle` (3,)."""
     T = np.diag([-1.0, -1.0, 1.0, 1.0])
     T[:2, 3] = 2 * middle[:2]
@@ -140,5 +137,10 @@ def half_turn(middle: NDArray[np.float64]) -> NDArray[np.float64]:
 
 def _fits(mounting: Mounting, flange, X, Y, T_camera_board: NDArray[np.float64]) -> NDArray[np.bool_]:
     """Return which flange poses (N, 4, 4) explain the board at `T_camera_board` (4, 4)."""
-    v = twist_from_pose(implied_robot_errors(mounting, flange, X, Y, T_camera_board[None]))
+    return _are_small(implied_robot_errors(mounting, flange, X, Y, T_camera_board))
+
+
+def _are_small(differences: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Return which differences (N, 4, 4) of two poses are within `FITS_M` and `FITS_RAD`."""
+    v = twist_from_pose(differences)
     return (np.linalg.norm(v[:, 3:], axis=1) < FITS_M) & (np.linalg.norm(v[:, :3], axis=1) < FITS_RAD)

@@ -9,7 +9,6 @@ Views that are `held_out` are used for verification only. After solving, `observ
 the folder too. Files outside DIR are never read, and links are not followed.
 """
 
-import json
 import os
 import re
 from dataclasses import dataclass
@@ -21,7 +20,15 @@ from numpy.typing import NDArray
 from pydantic import PlainValidator
 
 from calibration.atomic_write import read_calibration_file, replace_synced
-from calibration.dataset.forms import Form, FormT, Vector3, parse_form, transform_from_json, transform_to_json
+from calibration.dataset.forms import (
+    Form,
+    FormT,
+    Vector3,
+    document_to_bytes,
+    parse_form,
+    transform_from_json,
+    transform_to_json,
+)
 from calibration.dataset.observations_file import MAX_VIEWS, OBSERVATIONS_FILE
 from calibration.dataset.setup import Setup, SetupForm, setup_to_json
 from calibration.errors import CalibrationFolderError, HandEyeError, HandEyeInputError
@@ -154,7 +161,7 @@ def write_setup(folder: str | os.PathLike[str], setup: Setup) -> None:
     """
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
-    replace_synced(folder / SETUP_FILE, _to_bytes(setup_to_json(setup)))
+    replace_synced(folder / SETUP_FILE, document_to_bytes(setup_to_json(setup)))
 
 
 def write_view(
@@ -187,7 +194,7 @@ def write_view(
     written, png = cv2.imencode(".png", image)
     assert written
     replace_synced(folder / f"{name}.png", png.tobytes())
-    replace_synced(folder / f"{name}.json", _to_bytes({"T_base_flange": pose, "held_out": held_out}))
+    replace_synced(folder / f"{name}.json", document_to_bytes({"T_base_flange": pose, "held_out": held_out}))
 
 
 def _list_files(folder: Path) -> tuple[dict[str, list[Path]], dict[str, Path], list[tuple[str, str]]]:
@@ -233,10 +240,6 @@ def _read_view(name: str, images: list[Path], pose: Path | None) -> FolderView:
 
 def _read_form(form: type[FormT], path: Path, remedy: str) -> FormT:
     return parse_form(form, read_calibration_file(path, MAX_JSON_BYTES, remedy), path, CalibrationFolderError)
-
-
-def _to_bytes(document: object) -> bytes:
-    return (json.dumps(document, indent=2, allow_nan=False) + "\n").encode()
 
 
 def _natural_key(name: str) -> list[tuple[int, int, str]]:

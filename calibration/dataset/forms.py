@@ -146,6 +146,11 @@ def _describe_first_error(error: ValidationError, parents: tuple[int | str, ...]
     return f"{name} is {reprlib.repr(first['input'])}; {expected}"
 
 
+def document_to_bytes(document: object) -> bytes:
+    """Return a JSON document as the content of a file."""
+    return (json.dumps(document, indent=2, allow_nan=False) + "\n").encode()
+
+
 def time_to_json(time: datetime | None) -> str | None:
     """Return a time as JSON, to the second."""
     return None if time is None else time.isoformat(timespec="seconds")

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from pydantic import AfterValidator, Field
 
 from calibration.dataset.forms import BoardField, Form, PinholeMatrix, Timestamp, time_to_json
+from calibration.input_checks.camera import DISTORTION_SIZES
 from calibration.observations import BoardView, Mounting, Observations
 from calibration.target.board import Board
 
@@ -24,8 +25,6 @@ SCHEMA_VERSION = 1
 """Version of the format of `setup.json`."""
 MAX_SIDE_PX = 16384
 """Maximum width and height of an image, pixels. No camera has more."""
-COEFFICIENT_COUNTS = (0, 4, 5, 8, 12, 14)
-"""Numbers of distortion coefficients that OpenCV accepts."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,8 +59,8 @@ class Setup:
 
 
 def _check_coefficients(distortion: list[float]) -> list[float]:
-    if len(distortion) not in COEFFICIENT_COUNTS:
-        *counts, last = COEFFICIENT_COUNTS
+    if len(distortion) not in DISTORTION_SIZES:
+        *counts, last = DISTORTION_SIZES
         raise ValueError(
             f"there are {len(distortion)} coefficients; OpenCV needs {', '.join(map(str, counts))} or {last}"
         )

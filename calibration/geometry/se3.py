@@ -21,7 +21,10 @@ def invert_poses(T: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def pose_from_twist(v: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the transforms (..., 4, 4) with rotation vectors `v[..., :3]` and translations `v[..., 3:]`."""
+    """Return the transforms (..., 4, 4) of `v` (..., 6), not by the exponential map: the translation is `v[..., 3:]`.
+
+    The rotation vector is `v[..., :3]`.
+    """
     from scipy.spatial.transform import Rotation
 
     # Not RigidTransform: it orthonormalises the rotation again, which changes the last digit.

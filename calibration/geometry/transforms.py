@@ -8,6 +8,8 @@ which differ from these in the last digit.
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from calibration.geometry.se3 import nearest_rotation
+
 ROTATION_TOLERANCE = 1e-4
 """Maximum deviation of R^T R from the identity. It is 0.1 mm at one metre, above the rounding of any file format."""
 EXACT_ROTATION_TOLERANCE = 1e-12
@@ -74,8 +76,7 @@ def with_nearest_rotation(T: NDArray[np.float64]) -> NDArray[np.float64]:
     if np.abs(R.T @ R - np.eye(3)).max() <= EXACT_ROTATION_TOLERANCE:
         return T
     result = T.copy()
-    U, _, Vt = np.linalg.svd(R)
-    result[:3, :3] = U @ Vt
+    result[:3, :3] = nearest_rotation(R)
     return result
 
 

@@ -4,7 +4,7 @@
 `check_camera_moved` checks afterwards that the board moved in the images when the robot rotated.
 """
 
-from calibration.input_checks.camera import check_camera, check_mounting
+from calibration.input_checks.camera import check_camera
 from calibration.input_checks.motion_diversity import MotionDiversity, motion_diversity
 from calibration.input_checks.observations import (
     check_camera_moved,
@@ -21,7 +21,6 @@ __all__ = [
     "check_camera_moved",
     "check_each_view",
     "check_in_metres",
-    "check_mounting",
     "check_observations",
     "enough_corners",
     "motion_diversity",

@@ -1,4 +1,4 @@
-"""Estimate the board pose of each image by itself: refine the two poses that a flat board may have, keep the better."""
+"""Estimate the board pose of each image: refine both IPPE solutions of the planar pose ambiguity, keep the better."""
 
 from dataclasses import dataclass, replace
 
@@ -21,7 +21,7 @@ MAX_RESIDUAL_SIGMAS = 5.0
 """A corner is an outlier if its residual exceeds this number of standard deviations. Chance alone causes one in
 300 000."""
 MAX_AMBIGUITY_RATIO = 3.0
-"""The second pose of a flat board is refined too if its reprojection error is at most this multiple of the first's."""
+"""The second IPPE solution is refined too if its reprojection error is at most this multiple of the first's."""
 MIN_NOISE_PX = 1e-3
 """Minimum noise of a corner, pixels. Smaller differences are rounding errors."""
 PLACEHOLDER_POSE = np.array([[1.0, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 1], [0, 0, 0, 1]])
@@ -130,7 +130,7 @@ def refine_poses(
 def _initial_poses(
     points: NDArray[np.float64], pixels: NDArray[np.float64], K: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return the two poses (2, 4, 4) of a flat board; NaN where OpenCV finds none, for example of collinear corners."""
+    """Return the two IPPE poses (2, 4, 4); NaN where OpenCV finds none, for example for collinear corners."""
     import cv2
 
     guesses = np.full((2, 4, 4), np.nan)

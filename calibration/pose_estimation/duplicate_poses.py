@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.geometry.se3 import rotation_angles
-from calibration.observations import Observations
+from calibration.observations import BoardView, Observations
 from calibration.pose_estimation.board_pose import estimate_board_poses
 from calibration.pose_estimation.projection import stack_corners
 from calibration.result import ViewReport
@@ -44,9 +44,9 @@ def group_equal_poses(T_base_flange: NDArray[np.float64]) -> NDArray[np.int64]:
 def choose_representatives(observations: Observations) -> NDArray[np.int64]:
     """Return the index (N,) of the view that represents each view in the solver.
 
-    Of views from one pose, the one with the most corners represents all; any other view represents itself.
+    The view with the most corners represents all views from its pose. A view with a pose of its own represents itself.
     """
-    groups = group_equal_poses(np.array([view.T_base_flange for view in observations.views], dtype=np.float64))
+    groups = group_equal_poses(observations.T_base_flange)
     chosen = np.arange(len(groups))
     repeated = np.flatnonzero(np.bincount(groups)[groups] > 1)
     if len(repeated):
@@ -59,33 +59,29 @@ def choose_representatives(observations: Observations) -> NDArray[np.int64]:
 
 
 def add_duplicate_reports(
-    reports: tuple[ViewReport, ...],
-    names: tuple[str, ...],
-    chosen: NDArray[np.int64],
-    corners: tuple[int, ...],
+    reports: tuple[ViewReport, ...], observations: Observations, representatives: NDArray[np.int64]
 ) -> tuple[ViewReport, ...]:
     """Return the reports of all views, including the duplicates that were not used.
 
     Args:
         reports: Reports of the views that the solver used or excluded.
-        names: (N,) names of all views.
-        chosen: (N,) result of `choose_representatives`.
-        corners: (N,) numbers of corners in all views.
+        observations: All N views.
+        representatives: (N,) result of `choose_representatives`.
     """
-    by_name = {report.name: report for report in reports}
+    views, by_name = observations.views, {report.name: report for report in reports}
     return tuple(
-        by_name[name] if k == chosen[k] else _report_duplicate(name, corners[k], by_name[names[chosen[k]]])
-        for k, name in enumerate(names)
+        by_name[view.name] if k == chosen else _report_duplicate(view, by_name[views[chosen].name])
+        for k, (view, chosen) in enumerate(zip(views, representatives, strict=True))
     )
 
 
-def _report_duplicate(name: str, corners: int, representative: ViewReport) -> ViewReport:
+def _report_duplicate(view: BoardView, representative: ViewReport) -> ViewReport:
     return ViewReport(
-        name=name,
+        name=view.name,
         used=False,
         reason=f"the robot pose is the same as in view {representative.name}, and each pose counts once: move the "
         "robot between images",
-        corners=corners,
+        corners=len(view.ids),
         rms_px=None,
         robot_error_m=None,
         robot_error_rad=None,

@@ -1,4 +1,4 @@
-"""Project the corners of a board into the camera, with the derivatives by pose, lens and scale of the board."""
+"""Project the corners of a board into the camera, with derivatives with respect to pose, lens and board scale."""
 
 from dataclasses import dataclass
 
@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 from calibration.observations import Observations
 
 N_LENS = 5
-"""Number of lens and board parameters that all views share: relative changes of fx and fy, shifts of cx and cy in focal
-lengths, and the logarithm of the scale of the board."""
+"""Number of parameters in each vector named `lens`: relative changes of fx and fy, shifts of cx and cy in focal
+lengths, and the logarithm of the scale of the board. All views share them. The given camera and board have zeros."""
 MAX_UNDISTORT_ITERATIONS, UNDISTORT_TOLERANCE_PX = 1000, 1e-9
 """The undistortion of a pixel ends when distorting the result reproduces the pixel to this tolerance, or after this
 number of iterations."""
@@ -112,13 +112,13 @@ def pixel_normal_equations(
     r, p = reprojection_residuals(T_camera_board, lens, corners)
     J = pixel_jacobian(T_camera_board, lens, corners, p) * np.tile(used, 2)[:, None]
     r = np.where(used[..., None], r, 0.0).swapaxes(1, 2).reshape(len(r), -1)
-    return PixelNormalEquations(J @ J.swapaxes(1, 2), (J @ r[..., None])[..., 0], (r**2).sum(axis=1))
+    return PixelNormalEquations(J @ J.swapaxes(1, 2), np.matvec(J, r), (r**2).sum(axis=1))
 
 
 def pixel_jacobian(
     T_camera_board: NDArray[np.float64], lens: NDArray[np.float64], corners: Corners, p: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return the derivatives of all pixels by the motion of the board and by the lens and board parameters.
+    """Return the derivatives of all pixels with respect to the board's motion and the lens and board parameters.
 
     Args:
         T_camera_board: (N, 4, 4) board poses. Small motions multiply from the left.
@@ -134,7 +134,7 @@ def pixel_jacobian(
     x, y, z = p[..., 0] / p[..., 2], p[..., 1] / p[..., 2], p[..., 2]
     from_origin = p - T_camera_board[:, None, :3, 3]
     zero, one = np.zeros_like(z), np.ones_like(z)
-    # Of u, then of v: by rotation, translation, focal lengths, principal point and scale.
+    # The rows are rotation, translation, focal lengths, principal point and scale.
     u_rows = [-fx * x * y, fx * (1 + x * x), -fx * y, fx / z, zero, -fx * x / z]
     u_rows += [focal[0] * x, zero, focal[0] * one, zero]
     u_rows += [fx * (from_origin[..., 0] - x * from_origin[..., 2]) / z]

@@ -1,20 +1,21 @@
 """Solver: board poses and flange poses go in, the camera pose with its covariance comes out.
 
 `estimate_initial_guess` finds a rough solution, `adjust` refines it by bundle adjustment with the noise levels, and
-`reject_outliers` excludes views and corners that do not fit. `cross_validate` measures how well the other views
-predict each view, and `estimate_residual_distortion` how much lens distortion remains.
+`reject_outliers` excludes views and corners that do not fit. For this, `cross_validate` measures how well the other
+views predict each view. `estimate_residual_distortion` measures how much lens distortion remains.
 """
 
 from calibration.solver.bundle_adjustment import Adjustment, adjust
 from calibration.solver.cross_validation import CrossValidation, cross_validate
 from calibration.solver.initialisation import InitialGuess, estimate_initial_guess
 from calibration.solver.noise import NoiseLevel, NoisePriors
-from calibration.solver.outlier_rejection import reject_outliers
+from calibration.solver.outlier_rejection import ConsistentSolution, reject_outliers
 from calibration.solver.problem import Problem, Unknowns
 from calibration.solver.residual_distortion import ResidualDistortion, estimate_residual_distortion
 
 __all__ = [
     "Adjustment",
+    "ConsistentSolution",
     "CrossValidation",
     "InitialGuess",
     "NoiseLevel",

@@ -23,10 +23,10 @@ from calibration.solver.variance_components import estimate_noise
 MAX_STEPS = 40
 """Maximum number of damped Gauss-Newton steps, accepted or not."""
 MAX_DAMPING = 1e6
-"""Damping above which the adjustment stops: if so short a step still increases the cost, none decreases it."""
+"""Damping above which the adjustment stops: if such a short step still increases the cost, no step decreases it."""
 STEP_TOLERANCE = 1e-3
-"""Length of a step, in standard deviations, below which the solution has converged. Noise levels: ten times that, as a
-share."""
+"""Length of a step, in standard deviations, below which the solution has converged. For noise levels it is a relative
+change of ten times this."""
 
 
 @dataclass(frozen=True, eq=False)

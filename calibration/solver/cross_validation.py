@@ -14,7 +14,7 @@ from calibration.observations import Mounting
 from calibration.pose_estimation.board_pose import PLACEHOLDER_POSE, BoardPoses, refine_poses
 from calibration.pose_estimation.projection import pixel_normal_equations
 from calibration.solver.bundle_adjustment import Adjustment
-from calibration.solver.problem import Problem, board_motion_jacobian, implied_robot_errors, matvec
+from calibration.solver.problem import Problem, board_motion_jacobian, implied_robot_errors
 from calibration.solver.variance_components import robot_error_squares
 
 
@@ -23,9 +23,8 @@ class CrossValidation:
     """Leave-one-out errors of N views, used or not; NaN if no board pose was found in the view."""
 
     robot_errors: NDArray[np.float64]
-    """(N, 6) error of the reported flange pose, computed from the image of this view and the calibration without
-    this view:
-    a twist in the reported flange frame, radians and metres."""
+    """(N, 6) twists from the reported flange pose to the pose that the image of this view and the calibration from the
+    other views imply; reported flange frame, radians and metres."""
     squares: NDArray[np.float64]
     """(N,) squared length of `robot_errors` in standard deviations (Mahalanobis), which include the uncertainty of the
     other views. About 6 for a good view."""
@@ -53,7 +52,7 @@ def cross_validate(problem: Problem, board_poses: BoardPoses, adjusted: Adjustme
     blocks = pixel_normal_equations(T, unknowns.lens, problem.corners, inliers)
     H_board = blocks.H[:, :6, :6] + 1e-6 * np.eye(6)
     J_lens = -np.linalg.solve(H_board, blocks.H[:, :6, 6:])
-    T_camera_board = pose_from_twist(matvec(J_lens, step[:, 12:])) @ T
+    T_camera_board = pose_from_twist(np.matvec(J_lens, step[:, 12:])) @ T
     robot_errors = twist_from_pose(implied_robot_errors(mounting, problem.T_base_flange, X, Y, T_camera_board))
 
     # Expected covariance of the errors: robot noise, corner noise of this view, and uncertainty of the other views.
@@ -99,7 +98,7 @@ def _leave_one_out_steps(adjusted: Adjustment) -> tuple[NDArray[np.float64], NDA
     diagonal += 1e-12 * np.abs(diagonal)
     covariance = invert_stack(H)
     g = own_g.sum(axis=0) + equations.g_prior - own_g
-    return matvec(covariance, g), covariance
+    return np.matvec(covariance, g), covariance
 
 
 def _leave_one_out_robot_sigmas(problem: Problem, adjusted: Adjustment) -> NDArray[np.float64]:

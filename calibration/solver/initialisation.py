@@ -1,4 +1,4 @@
-"""Initial guess of X and Y in A X B = Y from poses of which some are wrong: RANSAC over a closed form.
+"""Initial guess of X and Y in A X B = Y by RANSAC over a closed form, since some of the poses may be wrong.
 
 A_i are flange poses and B_i board poses in the camera frame. The product A_i X B_i is the same Y for all views. For a
 camera on the flange, A = `T_base_flange`, X = `T_flange_camera`, B = `T_camera_board`, Y = `T_base_board`. For a camera
@@ -82,7 +82,7 @@ def estimate_initial_guess(
         hypothesis = _Hypothesis(X[k], Y[k], distances[k])
         for _ in range(REFINEMENT_ROUNDS):
             inliers = hypothesis.inliers(min_limit_m)
-            X_k = motions.solve(_pairs_among(inliers)[None])[0]
+            X_k = motions.solve(_pairs_within(np.flatnonzero(inliers)[None], len(A)))[0]
             Y_k = mean_pose(A[inliers] @ X_k @ B[inliers])
             refined = _Hypothesis(X_k, Y_k, _combined_distances(A, B, X_k[None], Y_k[None], middle, lever_m)[0])
             if refined.score >= hypothesis.score:
@@ -156,11 +156,6 @@ def _pairs_within(subsets: NDArray[np.int64], count: int) -> NDArray[np.float64]
     chosen = np.zeros((len(subsets), count))
     np.put_along_axis(chosen, subsets, 1.0, axis=1)
     return chosen[:, :, None] * chosen[:, None, :]
-
-
-def _pairs_among(inliers: NDArray[np.bool_]) -> NDArray[np.float64]:
-    """Return (N, N) weights: 1 if both views are inliers."""
-    return np.outer(inliers, inliers).astype(np.float64)
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,6 +1,6 @@
 """Noise levels and priors of the calibration."""
 
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,15 +24,14 @@ class NoiseLevel:
 
     def is_close(self, other: "NoiseLevel", relative_tolerance: float) -> bool:
         """Return whether no level differs by more than `relative_tolerance` of that of `other`."""
-        mine, theirs = (np.array([n.pixel_px, n.robot_m, n.robot_rad]) for n in (self, other))
-        return bool((np.abs(mine - theirs) <= relative_tolerance * theirs).all())
+        return np.allclose(astuple(self), astuple(other), rtol=relative_tolerance, atol=0.0)
 
 
 @dataclass(frozen=True)
 class NoisePriors:
     """Prior standard deviations of the solver.
 
-    Those of the noise are the start of its estimation. The others are priors.
+    The noise sigmas are initial values and are estimated again from the views. The others are fixed priors.
 
     Raises:
         ValueError: A standard deviation is not greater than zero.
@@ -47,7 +46,7 @@ class NoisePriors:
     focal: float = 0.003
     """Prior of fx and of fy, as a share, for factory calibration, temperature and focus."""
     centre: float = 0.0015
-    """Prior of cx and of cy, as a share of the focal length. About a pixel, as of a factory calibration."""
+    """Prior of cx and of cy, as a share of the focal length. About a pixel, as for a factory calibration."""
     scale: float = 0.002
     """Prior of the size of the board, as a share, for a careful measurement with a ruler."""
     estimate_noise: bool = True

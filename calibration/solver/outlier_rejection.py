@@ -4,22 +4,22 @@ A board whose size differs from the given one, such as a print that was fitted t
 disagree, as if the robot had erred. If views are excluded, the adjustment is therefore tried with a free scale too.
 """
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from calibration.pose_estimation.board_pose import BoardPoses, inlier_corners
 from calibration.solver.bundle_adjustment import Adjustment, adjust
-from calibration.solver.cross_validation import cross_validate
+from calibration.solver.cross_validation import CrossValidation, cross_validate
 from calibration.solver.problem import Problem, Unknowns
 
 EXCLUDE_P_VALUE = 1e-5
-"""A view is excluded if chance alone causes its difference from the prediction less often than this."""
+"""A view is excluded if the p-value of its difference from the prediction is below this."""
 INCLUDE_P_VALUE = 1e-3
-"""An excluded view is included again if chance alone causes its difference more often than this."""
+"""An excluded view is included again if this p-value is above this."""
 MIN_VIEWS = 4
-"""Number of views that always stay. Fewer agree with anything."""
+"""Minimum number of views that are kept. Fewer agree with anything."""
 FREE_SCALE_SIGMA = 0.05
 """Prior standard deviation of the scale of a board that nobody has measured, as a share."""
 MIN_SCALE_CHANGE = 0.005
@@ -28,7 +28,19 @@ MIN_EXCLUDED_VIEWS = 2
 """Number of excluded views from which a free scale is tried. One may be a chance outlier."""
 
 
-def reject_outliers(problem: Problem, board_poses: BoardPoses, start: Unknowns, adjusted: Adjustment) -> Adjustment:
+@dataclass(frozen=True, eq=False)
+class ConsistentSolution:
+    """The solution from the views and corners that agree."""
+
+    adjusted: Adjustment
+    """The solution."""
+    cross_validation: CrossValidation
+    """Its cross-validation, with all views."""
+
+
+def reject_outliers(
+    problem: Problem, board_poses: BoardPoses, start: Unknowns, adjusted: Adjustment
+) -> ConsistentSolution:
     """Exclude the views and corners that do not fit; free the scale of the board if that lets more views agree.
 
     Args:
@@ -36,21 +48,18 @@ def reject_outliers(problem: Problem, board_poses: BoardPoses, start: Unknowns, 
         board_poses: The board pose of each view by itself.
         start: Unknowns at which an adjustment with a free scale starts.
         adjusted: The solution from the views that agreed with `start`.
-
-    Returns:
-        The solution from the views and corners that agree.
     """
     nominal = keep_consistent_views(problem, board_poses, adjusted)
-    if int((board_poses.found & ~nominal.used).sum()) < MIN_EXCLUDED_VIEWS:
+    if int((board_poses.found & ~nominal.adjusted.used).sum()) < MIN_EXCLUDED_VIEWS:
         return nominal
     free_problem = replace(problem, priors=replace(problem.priors, scale=FREE_SCALE_SIGMA))
-    free = adjust(free_problem, start, board_poses.found, board_poses.inliers, problem.priors.noise)
-    free = keep_consistent_views(free_problem, board_poses, free)
-    changed = abs(np.log(free.board_scale)) > MIN_SCALE_CHANGE
-    return free if changed and free.used.sum() > nominal.used.sum() else nominal
+    free_adjusted = adjust(free_problem, start, board_poses.found, board_poses.inliers, problem.priors.noise)
+    free = keep_consistent_views(free_problem, board_poses, free_adjusted)
+    changed = abs(np.log(free.adjusted.board_scale)) > MIN_SCALE_CHANGE
+    return free if changed and free.adjusted.used.sum() > nominal.adjusted.used.sum() else nominal
 
 
-def keep_consistent_views(problem: Problem, board_poses: BoardPoses, adjusted: Adjustment) -> Adjustment:
+def keep_consistent_views(problem: Problem, board_poses: BoardPoses, adjusted: Adjustment) -> ConsistentSolution:
     """Exclude and include views, adjusting each time, until all views used agree with their prediction by the others.
 
     Args:
@@ -59,21 +68,23 @@ def keep_consistent_views(problem: Problem, board_poses: BoardPoses, adjusted: A
         adjusted: The solution to start from, with the corners that fit the board poses.
     """
     inliers = _update_inliers(problem, adjusted, adjusted.inliers)
+    cross_validation = cross_validate(problem, board_poses, adjusted)
     for _ in range(2 * len(adjusted.used)):
-        squares = cross_validate(problem, board_poses, adjusted).squares
-        used = _update_used(adjusted.used, squares, *rejection_limits(adjusted))
+        used = _update_used(adjusted.used, cross_validation.squares, *_rejection_limits(adjusted))
         if (used == adjusted.used).all():
             break
         robot_errors = np.where(used[:, None] & adjusted.used[:, None], adjusted.unknowns.robot_errors, 0.0)
         start = replace(adjusted.unknowns, robot_errors=robot_errors)
         adjusted = adjust(problem, start, used, inliers, adjusted.noise)
+        cross_validation = cross_validate(problem, board_poses, adjusted)
     inliers = _update_inliers(problem, adjusted, inliers)
     if (inliers != adjusted.inliers).any():
         adjusted = adjust(problem, adjusted.unknowns, adjusted.used, inliers, adjusted.noise)
-    return adjusted
+        cross_validation = cross_validate(problem, board_poses, adjusted)
+    return ConsistentSolution(adjusted, cross_validation)
 
 
-def rejection_limits(adjusted: Adjustment) -> tuple[float, float]:
+def _rejection_limits(adjusted: Adjustment) -> tuple[float, float]:
     """Return the squared difference above which a view is excluded, and that below which it is included again."""
     from scipy.special import fdtri
 

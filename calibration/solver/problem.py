@@ -6,15 +6,14 @@ is in the camera frame at
     C_i = X^-1 (A_i E_i)^-1 Y    camera on the flange (eye-in-hand)
     C_i = X^-1 (A_i E_i) Y       camera in the cell (eye-to-hand)
 
-Small motions x of X, y of Y and e of E_i multiply from the right. They move the board in the camera frame, from the
-left, by -x + adjoint(C_i) y + `board_motion_jacobian` e. The robot errors are eliminated view by view (Schur complement
-of 6x6 blocks).
+Small motions x of X, y of Y and e of E_i multiply from the right. To first order they are equivalent to a twist that
+multiplies C_i from the left, which is -x + adjoint(C_i) y + `board_motion_jacobian` e. The robot errors are eliminated
+view by view (Schur complement of 6x6 blocks).
 
 H is an information matrix (J^T W J) and g the right-hand side (J^T W r) of normal equations H step = g.
 """
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -131,7 +130,7 @@ def linearise_corners(problem: Problem, unknowns: Unknowns, inliers: NDArray[np.
     blocks = pixel_normal_equations(T_camera_board, unknowns.lens, problem.corners, inliers)
     J = _unknowns_jacobian(problem, unknowns, T_camera_board)
     Jt = J.swapaxes(1, 2)
-    return LinearisedCorners(unknowns, Jt @ blocks.H @ J, matvec(Jt, blocks.g), blocks.squares_px2)
+    return LinearisedCorners(unknowns, Jt @ blocks.H @ J, np.matvec(Jt, blocks.g), blocks.squares_px2)
 
 
 def build_normal_equations(
@@ -174,7 +173,7 @@ def build_normal_equations(
 def board_motion_jacobian(
     mounting: Mounting, X: NDArray[np.float64], Y: NDArray[np.float64], T_camera_board: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return the (N, 6, 6) derivative of the board's motion in the camera by the flange's motion.
+    """Return the (N, 6, 6) derivative of the board's motion in the camera with respect to the flange's motion.
 
     Args:
         mounting: Whether the camera is on the flange or stands in the cell.
@@ -204,7 +203,7 @@ def implied_robot_errors(
         T_base_flange: (N, 4, 4) flange poses that the robot reported.
         X: (4, 4) or (N, 4, 4) as in `HandEyeResult`.
         Y: (4, 4) or (N, 4, 4) as in `HandEyeResult`.
-        T_camera_board: (N, 4, 4) or (1, 4, 4) board poses in the camera frame.
+        T_camera_board: (N, 4, 4) or (4, 4) board poses in the camera frame.
 
     Returns:
         (N, 4, 4) true flange poses in the reported flange frames.
@@ -215,16 +214,10 @@ def implied_robot_errors(
     return T_flange_base @ X @ T_camera_board @ invert_poses(Y)
 
 
-def matvec(M: NDArray[np.floating], v: NDArray[np.floating]) -> NDArray[np.float64]:
-    """Return the (..., K) products of matrices (..., K, L) and vectors (..., L)."""
-    product: NDArray[Any] = M @ v[..., None]
-    return product[..., 0]
-
-
 def _unknowns_jacobian(
     problem: Problem, unknowns: Unknowns, T_camera_board: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return the (N, 6 + N_LENS, 6 + N_SHARED) derivative of board motion and lens by robot error, X, Y and lens."""
+    """Return the (N, 6 + N_LENS, 6 + N_SHARED) derivative of board motion and lens with respect to all unknowns."""
     J = np.zeros((len(T_camera_board), 6 + N_LENS, 6 + N_SHARED))
     J_flange = board_motion_jacobian(problem.mounting, unknowns.X, unknowns.Y, T_camera_board)
     J[:, :6, :6] = J_flange @ right_jacobian(unknowns.robot_errors)

@@ -36,7 +36,7 @@ def estimate_residual_distortion(problem: Problem, adjusted: Adjustment) -> Resi
     T_camera_board = adjusted.unknowns.T_camera_board(problem)
     residuals, points = reprojection_residuals(T_camera_board, lens, corners)
     rays = points[..., :2] / points[..., 2:]
-    # Derivative of the pixels by k1.
+    # Derivative of the pixels with respect to k1.
     J_k1 = corners.K[[0, 1], [0, 1]] * (1 + lens[:2]) * rays * (rays**2).sum(axis=2, keepdims=True)
     jacobians = pixel_jacobian(T_camera_board, lens, corners, points)
     g, H = 0.0, 0.0

@@ -63,7 +63,7 @@ def result_document(
         camera: _transform(result.X),
         board: _transform(result.Y),
         "covariance": {"matrix": result.covariance.tolist()} | COVARIANCE,
-        "joint_covariance": None if result.joint_covariance is None else result.joint_covariance.tolist(),
+        "joint_covariance": result.joint_covariance.tolist(),
         "intrinsics": {
             "K": result.K.tolist(),
             "K_told": observations.K.tolist(),
@@ -98,7 +98,7 @@ def record_document(record: Finding | ViewReport) -> dict[str, Any]:
 
 
 def _transform(T: NDArray[np.float64]) -> dict[str, list[float]] | None:
-    """Return a transform as JSON values, or None if it is not rigid, as of a refused solution."""
+    """Return a transform as JSON values, or None if it is not rigid, as for a refused solution."""
     try:
         return transform_to_json(rigid(T, "the solution"))
     except NotRigidError:

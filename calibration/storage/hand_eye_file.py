@@ -46,8 +46,8 @@ __all__ = [
 ]
 
 MAX_CLOCK_DIFFERENCE = timedelta(hours=25)
-"""Largest time by which a file may be dated in the future. A clock that is wrong by a day or a time zone must not stop
-work: it makes the age of the file wrong by a day only."""
+"""Maximum time by which a file may be dated in the future. A clock that is wrong by a day or a time zone must not stop
+work, since it makes the age of the file wrong by a day only."""
 LOOKS_BACK_COSINE = -0.2
 """Cosine of the angle between the view of the camera and the z axis of the flange, from which the camera looks back:
 102 degrees. A mounting turns the camera by 90 degrees at most."""
@@ -56,7 +56,7 @@ CHECK_ROTATION = (
 )
 """What to do if the camera looks back."""
 MAX_BYTES = 16 << 20
-"""Largest file that is read."""
+"""Maximum size of the file."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,7 +78,7 @@ class HandEye:
     covariance: NDArray[np.float64] | None = None
     """(6, 6) as in `HandEyeResult`. This and the following fields are None if the file does not have them."""
     joint_covariance: NDArray[np.float64] | None = None
-    """(12, 12) or (17, 17) as in `HandEyeResult`."""
+    """(17, 17) as in `HandEyeResult`, or (12, 12) of X and Y alone."""
     T_base_board: NDArray[np.float64] | None = None
     """(4, 4) pose of the board during the calibration."""
     board: Board | None = None
@@ -202,7 +202,7 @@ def _read(path: Path, missing: str, no_file: str) -> bytes:
 def _parse(path: Path, content: bytes, max_age_days: float, now: datetime) -> HandEye:
     """Parse the content of a hand-eye file, and check that it may be used."""
     judged = parse_form(JudgedForm, content, path, HandEyeInvalidError)
-    findings = tuple(Finding(**vars(told)) for told in judged.findings or [])
+    findings = tuple(Finding(**vars(finding)) for finding in judged.findings or [])
     if judged.refusals:
         why = "; ".join(judged.refusals)
         raise HandEyeRefusedError(f"the calibration {path} was refused when it was solved: {why}")

@@ -15,17 +15,18 @@ from calibration.storage.document import COVARIANCE, JSON_KEYS
 from calibration.target.board import Board
 
 MAX_ASYMMETRY = 1e-6
-"""Largest asymmetry of a correlation matrix."""
+"""Maximum asymmetry of a correlation matrix."""
 
 JOINT_SHAPES = ((12, 12), (17, 17))
-"""Shapes of a joint covariance: of X and Y, or also of the camera and the size of the board."""
+"""Shapes of a joint covariance: 17 errors as in `HandEyeResult`; only those of X and Y in files of calibrations that
+were solved from poses without corners."""
 
 _MATRIX = TypeAdapter(list[Annotated[list[float], Field(min_length=12, max_length=17)]], config=STRICT_CONFIG)
 NotNegative = Annotated[float, Field(ge=0)]
 
 
 def _covariance(matrix: list[list[float]]) -> list[list[float]]:
-    """Refuses what no error can have."""
+    """Check that a matrix is a covariance."""
     values = np.array(matrix)
     variances = np.diag(values)
     if (variances > 0).all():
@@ -78,7 +79,7 @@ class _Covariance(Form):
 
     @model_validator(mode="after")
     def _check_convention(self) -> Self:
-        """Refuses one of another frame, order or unit, whose numbers would be taken for others."""
+        """Refuse a covariance with another frame, order or unit, since its numbers would be misread."""
         for name, expected in COVARIANCE.items():
             given = getattr(self, name)
             if given is not None and given != expected:

@@ -1,6 +1,5 @@
 """Writing of the hand-eye file: a transform alone, or a solved calibration with its observations."""
 
-import json
 import os
 from datetime import datetime
 from pathlib import Path
@@ -10,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from calibration.atomic_write import replace_synced
-from calibration.dataset.forms import time_to_json, transform_to_json
+from calibration.dataset.forms import document_to_bytes, time_to_json, transform_to_json
 from calibration.dataset.observations_file import OBSERVATIONS_FILE, write_observations
 from calibration.errors import HandEyeInvalidError
 from calibration.geometry.transforms import rigid
@@ -21,7 +20,7 @@ from calibration.storage.document import result_document
 SCHEMA_VERSION = 1
 """Version of the file."""
 MAX_DISTANCE_M = 1.0
-"""Largest distance of a camera from the flange. Larger numbers are millimetres."""
+"""Maximum distance of a camera from the flange. Larger numbers are millimetres."""
 
 
 def write_hand_eye(
@@ -49,7 +48,8 @@ def write_hand_eye(
     path = Path(path)
     T = rigid(T_flange_camera, "T_flange_camera")
     check_distance(path, T)
-    _write(path, _head(path, created, camera_id, robot_serial) | {"T_flange_camera": transform_to_json(T)})
+    document = _head(path, created, camera_id, robot_serial) | {"T_flange_camera": transform_to_json(T)}
+    replace_synced(path, document_to_bytes(document))
 
 
 def write_result(
@@ -78,7 +78,8 @@ def write_result(
         check_distance(path, result.X)
     head = _head(path, observations.created, observations.camera_id, observations.robot_serial)
     sha256 = write_observations(path.with_name(OBSERVATIONS_FILE), observations, held_out)
-    _write(path, head | result_document(result, observations, verification) | {"observations_sha256": sha256})
+    document = head | result_document(result, observations, verification) | {"observations_sha256": sha256}
+    replace_synced(path, document_to_bytes(document))
 
 
 def check_distance(path: Path, T_flange_camera: NDArray[np.float64]) -> None:
@@ -109,8 +110,3 @@ def _head(path: Path, created: datetime | None, camera_id: str | None, robot_ser
         "camera_id": camera_id,
         "robot_serial": robot_serial,
     }
-
-
-def _write(path: Path, document: dict[str, Any]) -> None:
-    """Write a document in one step."""
-    replace_synced(path, (json.dumps(document, indent=2, allow_nan=False) + "\n").encode())

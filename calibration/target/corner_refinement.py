@@ -6,8 +6,8 @@ around a corner contribute, also those of markers. The centre of a dot is right 
 centroid.
 
 On rendered images the error is 0.02 px. `cornerSubPix` has 0.1 to 0.3 px, `findChessboardCornersSB` 0.05 to 0.1 px, and
-the centroids of blobs up to 0.9 px. A wrong model of the print (marker size, spread of the ink) mostly acts on both
-sides of a corner and shifts it little: by 0.05 px if the given marker size is 5 % too large.
+the centroids of blobs up to 0.9 px. Errors in the model of the print, such as the marker size or spreading ink, are
+mostly symmetric about a corner and nearly cancel. A given marker size that is 5 % too large shifts corners by 0.05 px.
 """
 
 from functools import lru_cache

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.errors import HandEyeInvalidError, HandEyeMismatchError
-from calibration.geometry.se3 import cross_matrix, invert_poses
+from calibration.geometry.se3 import adjoint, invert_poses
 from calibration.input_checks.observations import MIN_VIEWS
 from calibration.observations import Observations
 from calibration.pose_estimation.board_pose import estimate_board_poses
@@ -18,7 +18,7 @@ from calibration.storage.hand_eye_file import HandEye, require_match
 from calibration.target.board import Board
 
 MAX_FOCAL_DIFFERENCE = 0.05
-"""Largest relative difference of two focal lengths of one camera. More means images of another size."""
+"""Maximum relative difference of two focal lengths of one camera. More means images of another size."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,8 +30,8 @@ class PredictedBoard:
     Y: NDArray[np.float64]
     """(4, 4) pose of the board during the calibration: `T_base_board`, or `T_flange_board` (eye-to-hand)."""
     covariance: NDArray[np.float64]
-    """(C, C) covariance of X (C = 6), of X and Y (12), or of X, Y, the lens and the scale of the board (17), as in
-    `HandEyeResult.joint_covariance`."""
+    """(C, C) covariance of X, Y, the lens and the scale of the board (C = 17, as in `HandEyeResult.joint_covariance`),
+    of X and Y (C = 12), or of X alone (C = 6); the latter two from files."""
     K: NDArray[np.float64]
     """(3, 3) fitted pinhole matrix, pixels."""
     board_scale: float
@@ -55,7 +55,7 @@ class BoardObservation:
     deviation: NDArray[np.float64]
     """(6,) rotation vector and translation."""
     J_prediction: NDArray[np.float64]
-    """(6, C) derivative of `deviation` by the errors in `PredictedBoard.covariance`. The first six are those of X."""
+    """(6, C) derivative of `deviation` with respect to the errors in `PredictedBoard.covariance`, first those of X."""
     own_covariance: NDArray[np.float64]
     """(6, 6) covariance of the errors of this view alone: robot and corners."""
 
@@ -69,11 +69,12 @@ def predict_board(hand_eye: HandEye | HandEyeResult) -> PredictedBoard:
     Raises:
         HandEyeInvalidError: The file has no board pose, no covariance or no camera matrix.
     """
+    # The joint covariance has no share of an unverified board size, which views cannot show.
     if isinstance(hand_eye, HandEyeResult):
         return PredictedBoard(
             hand_eye.X,
             hand_eye.Y,
-            _joint(hand_eye, hand_eye.covariance),
+            hand_eye.joint_covariance,
             hand_eye.K,
             hand_eye.board_scale,
             hand_eye.robot_sigma_m,
@@ -90,18 +91,13 @@ def predict_board(hand_eye: HandEye | HandEyeResult) -> PredictedBoard:
     return PredictedBoard(
         hand_eye.T_flange_camera,
         Y,
-        _joint(hand_eye, covariance),
+        covariance if hand_eye.joint_covariance is None else hand_eye.joint_covariance,
         K,
         1.0 if hand_eye.board_scale is None else hand_eye.board_scale,
         priors.robot_m if hand_eye.robot_sigma_m is None else hand_eye.robot_sigma_m,
         priors.robot_rad if hand_eye.robot_sigma_rad is None else hand_eye.robot_sigma_rad,
         MIN_VIEWS if hand_eye.views_used is None else hand_eye.views_used,
     )
-
-
-def _joint(hand_eye: HandEye | HandEyeResult, covariance: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the joint covariance if known. It has no share of an unverified board size, which views cannot show."""
-    return covariance if hand_eye.joint_covariance is None else hand_eye.joint_covariance
 
 
 def observe_board(predicted: PredictedBoard, views: Observations) -> tuple[list[str], list[BoardObservation]]:
@@ -124,7 +120,7 @@ def observe_board(predicted: PredictedBoard, views: Observations) -> tuple[list[
             f"the calibration was made with images of a focal length of {predicted.K[0, 0]:.0f} px, these have "
             f"{views.K[0, 0]:.0f} px: set the camera to the resolution of the calibration, or calibrate again"
         )
-    flange = np.array([view.T_base_flange for view in views.views])
+    flange = views.T_base_flange
     T_camera = (flange if views.mounting == "eye-in-hand" else invert_poses(flange)) @ predicted.X
     views = renumber_to_prediction(views, invert_poses(T_camera) @ predicted.Y)
     # Corners are undistorted with the given intrinsics; from there on, the fitted matrix counts.
@@ -155,12 +151,10 @@ def observe_board(predicted: PredictedBoard, views: Observations) -> tuple[list[
 
 
 def _motion_jacobian(T: NDArray[np.float64], point: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the (6, 6) derivative of the motion at `point` (3,) by a small motion in the frame `T` (4, 4)."""
-    R = T[:3, :3]
-    result = np.zeros((6, 6))
-    result[:3, :3] = result[3:, 3:] = R
-    result[3:, :3] = -cross_matrix(point - T[:3, 3]) @ R
-    return result
+    """Return the (6, 6) derivative of the motion at `point` (3,) with respect to a small motion in the frame `T`."""
+    T_point = T.copy()
+    T_point[:3, 3] -= point
+    return adjoint(T_point)
 
 
 def check_same_setup(hand_eye: HandEye | HandEyeResult, views: Observations) -> None:

@@ -70,7 +70,7 @@ def estimate_displacement(predicted: PredictedBoard, observations: Sequence[Boar
 def _relative_to_first_turn(
     predicted: PredictedBoard, observations: Sequence[BoardObservation]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the (6N,) deviations and their (6N, C) derivative by the errors of the prediction.
+    """Return the (6N,) deviations and their (6N, C) derivative with respect to the errors of the prediction.
 
     Rotation vectors of large rotations cannot be added. They are split into the rotation of the first view about the
     normal of the board, and a small rest.

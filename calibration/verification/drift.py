@@ -1,11 +1,11 @@
 """Drift of a calibration, estimated from the scans that were made with it.
 
 Each scan gives a Gaussian likelihood of the hand-eye error (`ScanError`). The scans of a cell use the same viewpoints,
-where the robot has the same errors each time. Averaging many scans therefore does not reduce this error.
-The scans are averaged all the same, and the average gets the covariance of scans with fully correlated errors.
+where the robot has the same errors each time. The errors of the scans are therefore taken as fully correlated: their
+average is as uncertain as one scan.
 
-The error is tested twice: against the covariance of the calibration, and against the first scans with it. The second
-test finds a camera that was knocked later, even if the knock compensates an error of the calibration.
+The average is compared with the calibration, and with the first scans that were made with it. The second test finds a
+camera that was knocked later, even if the knock compensates an error of the calibration.
 """
 
 from collections.abc import Sequence
@@ -19,9 +19,9 @@ MAX_SCANS = 20
 LATEST_SCANS = 5
 """Number of latest scans that are also tested alone, so that earlier scans do not hide a knocked camera."""
 MIN_SCANS = 3
-"""Smallest number of scans for an alarm, since something may have been moved during one of them."""
+"""Minimum number of scans for an alarm, since something may have been moved during one of them."""
 MAX_P_VALUE = 0.02
-"""Largest p-value of a drift. Registration assumes larger errors of robot and camera than there are, so false alarms
+"""Maximum p-value of a drift. Registration assumes larger errors of robot and camera than there are, so false alarms
 are far more rare: none of 24 simulated cells had a p-value below 0.2."""
 PRIOR_SIGMA_M, PRIOR_SIGMA_RAD = 0.005, 0.0175
 """Prior of the size of a drift, one sigma. It keeps the estimate small in directions that strings do not

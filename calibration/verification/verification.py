@@ -1,7 +1,7 @@
 """Verification of a calibration with views that it was not solved from.
 
 The board should appear where it lay during the calibration. It appears elsewhere if the board was moved, or if the
-camera was. Views from two sides tell the two apart: a moved board appears at one position on the table, while a moved
+camera was. Views from two sides distinguish the two: a moved board appears at one position on the table, while a moved
 camera shows it at two positions, or above or below the table.
 """
 
@@ -33,9 +33,9 @@ NOTABLE_RAD = np.radians(0.2)
 FALSE_ALARM_RATE = 0.001
 """Share of verifications in which noise alone fails one of the tests."""
 MIN_LOG_RATIO = 6.0
-"""Smallest `Displacement.board_log_ratio` that decides that the board was moved. It is a likelihood ratio of 20."""
+"""Minimum `Displacement.board_log_ratio` that decides that the board was moved. It is a likelihood ratio of 20."""
 SIDES_RAD = np.radians(20.0)
-"""Smallest angle between two directions of view that count as two sides. At this angle, a camera that was moved by
+"""Minimum angle between two directions of view that count as two sides. At this angle, a camera that was moved by
 3 mm shows the board at positions 1 mm apart, which is notable."""
 
 
@@ -98,8 +98,8 @@ def verify(hand_eye: HandEye | HandEyeResult, views: Observations) -> Verificati
 
     Args:
         hand_eye: The calibration.
-        views: Two or more views of the board, from different sides. One view cannot tell a moved camera from a moved
-            board. Without views, nothing passes.
+        views: Two or more views of the board, from different sides. One view does not distinguish a moved camera
+            from a moved board. Without views, nothing passes.
 
     Raises:
         HandEyeInvalidError: The calibration has no board pose or no covariance.
@@ -199,7 +199,7 @@ def _explain(
     displacement: Displacement,
     predicted: PredictedBoard,
 ) -> Verification:
-    """Decide why the board is displaced: the camera or the board was moved, or the views cannot tell."""
+    """Decide why the board is displaced: the camera or the board was moved, or the views do not show which."""
     limit = _chi2_limit(3, predicted, 2 * max(len(displacement.pair_differences), 1))
     pairs = zip(displacement.pair_differences, displacement.pair_covariances, strict=True)
     recalibrate = "check that camera and bracket are tight and that the tool is the same, then calibrate again"

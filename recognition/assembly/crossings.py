@@ -15,12 +15,10 @@ from scipy.special import ndtr
 from recognition.geometry.intersections import Intersection, find_intersections, planar_cross
 from recognition.geometry.polyline import arc_length, close_polyline, points_at
 from recognition.messages import format_position
-from recognition.model.chains import Chain, ChainInterpolator, Crossing, StrandPoint
+from recognition.model.chains import MIN_CERTAIN_CONFIDENCE, Chain, ChainInterpolator, Crossing, StrandPoint
 from recognition.parameters import ChainParameters
 from recognition.strand import Strand
 
-MIN_CERTAIN_CONFIDENCE = 0.9
-"""A crossing with a lower confidence is reported as ambiguous."""
 TOP_PERCENTILE = 90.0
 """Percentile of the heights beside a strand's middle that counts as its top: above most noise, below flying pixels."""
 HEIGHT_SIGMA_M = 0.0005
@@ -156,9 +154,9 @@ def _measure_height(
 ) -> float:
     """Return the z of a strand's centre line at the crossing, from its tops on both sides of the other strand.
 
-    The tops are measured on the strand's ridge, within r / 2 of its line. The first is where the other strand ends (r
-    for its half width, and r / 2 to clear its flank), the last 2 r farther. Without any surface there, the height of
-    the strand's own line counts.
+    Heights are sampled from 1.5 r / sin(angle) to 2 r farther on each side of the crossing, within r / 2 of the
+    strand's line. The 1.5 r are the half width r of the other strand, and r / 2 to clear its flank. Without any surface
+    there, the height of the strand's own line counts.
     """
     own, other = intersection.directions[side], intersection.directions[1 - side]
     sine = max(abs(float(planar_cross(own, other))), 0.3)

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from recognition.geometry.polyline import unit_vectors
 from recognition.messages import format_position
 from recognition.model.chains import Chain
 
@@ -31,8 +32,7 @@ def sharp_bend_messages(chains: Sequence[Chain]) -> list[str]:
         step = max(round(2 * chain.radius_m / max(chain.length_m / max(len(chain.points) - 1, 1), 1e-9)), 1)
         if len(chain.points) <= 2 * step:
             continue
-        directions = chain.points[step:] - chain.points[:-step]
-        directions = directions / np.maximum(np.linalg.norm(directions, axis=1, keepdims=True), 1e-12)
+        directions = unit_vectors(chain.points[step:] - chain.points[:-step])
         cosine = (directions[step:] * directions[:-step]).sum(axis=1)
         sharpest = int(cosine.argmin())
         if cosine[sharpest] < np.cos(MAX_BEND_RAD):

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
-from recognition.geometry.polyline import arc_length
+from recognition.geometry.polyline import arc_length, unit_vectors
 from recognition.preprocessing.normals import NormalCloud
 from recognition.refinement.refinement import FittedStrand
 from recognition.registration.registration import Registration
@@ -91,8 +91,7 @@ def _pose_variance(points: NDArray[np.float64], registration: Registration) -> N
     # A twist (w, t) about the centre moves a point by w x p + t.
     cross = np.stack([np.stack([o, z, -y], 1), np.stack([-z, o, x], 1), np.stack([y, -x, o], 1)], 1)
     J = np.concatenate([cross, np.broadcast_to(np.eye(3), cross.shape)], axis=2)
-    tangent = np.gradient(points, axis=0)
-    tangent /= np.maximum(np.linalg.norm(tangent, axis=1, keepdims=True), 1e-12)
+    tangent = unit_vectors(np.gradient(points, axis=0))
     across = np.eye(3) - tangent[:, :, None] * tangent[:, None, :]
     eigenvalues = np.linalg.eigvalsh(across @ (J @ common @ J.transpose(0, 2, 1)) @ across)
     return eigenvalues[:, 2] + 0.5 * eigenvalues[:, 1]

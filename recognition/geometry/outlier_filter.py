@@ -5,7 +5,7 @@ from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
 NEIGHBOURS = 8
-"""Number of nearest points over which the mean distance is taken, with the point itself."""
+"""Number of nearest points over which the mean distance is taken, including the point itself."""
 SURFACE_RATIO = 2.0
 """Standard deviations above the mean from which a point of a measured surface is an outlier."""
 LINE_RATIO = 6.0

@@ -1,14 +1,14 @@
-"""Polylines: arc lengths, resampling, and the direction and the parabola of an end."""
+"""Polylines: arc lengths, resampling, unit vectors, and the direction and the parabola of an end."""
 
 import numpy as np
 from numpy.typing import NDArray
 
 DISTURBED_RADII = 0.55
-"""Points closer to the end than this, in radii, are displaced by what lies beside the end."""
+"""Points within this distance of the end, in radii, are displaced by objects beside the end."""
 DISTURBED_WEIGHT = 0.25
 """Weight of the displaced points in the fit of the parabola; the other points have weight 1."""
 MIN_BENT_RADII = 3.0
-"""A line that is not longer than this, in radii, shows no bend."""
+"""Minimum length of a line that shows a bend, in radii."""
 
 
 def arc_length(points: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -54,6 +54,11 @@ def close_polyline(points: NDArray[np.float64], closed: bool) -> NDArray[np.floa
     return np.vstack([points, points[:1]]) if closed else points
 
 
+def unit_vectors(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the vectors (..., D) divided by their lengths. A zero vector stays zero."""
+    return vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-12)
+
+
 def end_direction(points: NDArray[np.float64], length: float) -> NDArray[np.float64]:
     """Return the direction in which a polyline ends at its first point.
 
@@ -80,8 +85,7 @@ def fit_end_parabola(line: NDArray[np.float64], length: float, r: float) -> NDAr
         r: String radius, metres.
 
     Returns:
-        (3, 3) terms of the parabola. The third one is zero if the part is too short, or has too few points, to show a
-        bend.
+        (3, 3) terms of the parabola. The third term is zero if the part is too short for a bend or has too few points.
     """
     s = arc_length(line)
     n = max(int(np.searchsorted(s, length)) + 1, 2)

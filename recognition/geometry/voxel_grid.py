@@ -41,8 +41,6 @@ def voxel_means(
         (M, 3) mean points, metres, and (M, K) mean values, for the M voxels that have points.
     """
     values = np.empty((len(points), 0)) if values is None else values
-    if len(points) == 0:
-        return points.reshape(0, 3), values
     voxel, count = voxel_indices(points, size)
     stacked = group_sums(voxel, np.hstack([points, values]), len(count)) / count[:, None]
     return stacked[:, :3], stacked[:, 3:]

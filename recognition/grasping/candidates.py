@@ -6,8 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from recognition.geometry.polyline import unit_vectors
 from recognition.grasping.gripper import Gripper
-from recognition.model.chains import Chain, ChainInterpolator, Crossing
+from recognition.model.chains import MIN_CERTAIN_CONFIDENCE, Chain, ChainInterpolator, Crossing
 from recognition.parameters import ChainParameters
 
 STEP_M = 0.005
@@ -18,8 +19,6 @@ MAX_RELEVANT_DISTANCE_M = 0.03
 """Distance to an end, a crossing or an obstacle, metres, beyond which it has no influence on a grasp."""
 FULL_SCORE_VIEWS = 3
 """Number of views from which a position gets the full score for visibility."""
-MIN_CERTAIN_CONFIDENCE = 0.9
-"""Below this confidence of a crossing, either strand may be the lower one."""
 MIN_SLOPE_COSINE = 0.5
 """Cosine of the steepest slope, 60 degrees, at which a string can be grasped from above."""
 ROUNDING_M = 1e-9
@@ -73,9 +72,9 @@ def find_candidates(
     point = line(s, chain.points)
     h = max(half, r)
     before, after = point - line(s - h, chain.points), line(s + h, chain.points) - point
-    tangent, straightness = _unit(before + after), (_unit(before) * _unit(after)).sum(axis=1)
+    tangent, straightness = unit_vectors(before + after), (unit_vectors(before) * unit_vectors(after)).sum(axis=1)
     slope_cosine = np.hypot(tangent[:, 0], tangent[:, 1])
-    direction = _unit(tangent * (1.0, 1.0, 0.0))
+    direction = unit_vectors(tangent * (1.0, 1.0, 0.0))
     offset = line(window, chain.points) - point[:, None]
     bend = np.abs(offset[..., 1] * direction[:, None, 0] - offset[..., 0] * direction[:, None, 1]).max(axis=1)
     sigma = line(window, chain.sigma_m).max(axis=1)
@@ -123,7 +122,3 @@ def _distance_to_lower_passes(
     passes = [x.under for x in crossings] + [x.over for x in crossings if x.confidence < MIN_CERTAIN_CONFIDENCE]
     distances = [line.distance(s, p.s_m) for p in passes if p.chain == line.chain.id]
     return np.min([np.full(len(s), np.inf), *distances], axis=0)
-
-
-def _unit(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
-    return vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-12)

@@ -103,7 +103,10 @@ def gather_obstacles(chains: Sequence[Chain], surface: NDArray[np.float64], spac
 
 
 def _chain_balls(chain: Chain) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return points of the chain at most r / 2 apart, and their arc lengths; balls of radius r fill it up to r / 30."""
+    """Return points of the chain at most r / 2 apart, and their arc lengths.
+
+    Balls of radius r about these points leave notches in the surface of the string that are up to r / 30 deep.
+    """
     line = close_polyline(chain.points, chain.closed)
     s = resampled_lengths(line, chain.radius_m / 2)
     return points_at(line, s), s

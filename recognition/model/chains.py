@@ -11,6 +11,8 @@ from recognition.geometry.polyline import arc_length
 
 End = Literal["free", "unseen"]
 """Kind of an end: `free` if it was seen, `unseen` if the string left the workspace or could not be followed."""
+MIN_CERTAIN_CONFIDENCE = 0.9
+"""A crossing with a lower confidence is ambiguous: either strand may be the upper one."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,12 +12,12 @@ from recognition.preprocessing.view_selection import MIN_POINTS, MIN_VIEWS
 Interval = tuple[float, float]
 
 MAX_SQUARE_M = 0.01
-"""Coverage is computed for squares of the table. Their side is at most this long ..."""
+"""Maximum side of the squares of the table for which coverage is computed, metres. `MAX_SQUARES` has priority."""
 MAX_SQUARES = 120
-"""... unless the workspace is large: it has at most this number of squares along x and y."""
+"""Maximum number of squares along x and along y. In a large workspace the squares are therefore larger."""
 MIN_REPORTED_SHARE = 0.02
-"""Share of the workspace. A smaller uncovered part is a sliver at the border, within the accuracy of poses and squares
-of a centimetre."""
+"""Share of the workspace. A smaller uncovered part is a sliver at the border. It is within the accuracy of the poses
+and of squares of a centimetre."""
 RECTANGLE_STEPS = 20
 """The search for a covered rectangle divides the workspace into this number of steps along x and y."""
 

@@ -18,9 +18,9 @@ NEIGHBOURHOOD_RADII = 0.55
 eqs. (1) and (2) is off by 0.37 mm with 0.4 to 0.5 r, by 0.43 mm with 0.6 r and by 0.57 mm with 0.9 r, because the
 curvature of the string flattens the normals. With less, noise dominates the single centres of eq. (1)."""
 GROWTH_FACTORS = (1.0, 1.5, 2.25)
-"""If pixels are sparse for the radius of the string, the neighbourhood grows by these factors ..."""
+"""Factors of the neighbourhood radius. The first one that gives `MIN_NEIGHBOURS` is used: sparse pixels need more."""
 MIN_NEIGHBOURS = 6
-"""... until the median number of neighbours reaches this number."""
+"""Minimum of the median number of neighbours."""
 OUTLIER_NEIGHBOUR_SHARE = 0.5
 """A point with less than this share of the median number of neighbours is an outlier. It is a flying pixel, a speck, or
 at an edge, where the neighbours do not determine a plane."""
@@ -41,7 +41,7 @@ class NormalCloud:
     normals: NDArray[np.float64]
     """(N, 3) unit normal vectors, oriented towards the camera."""
     T_correction: NDArray[np.float64]
-    """(4, 4) transform in the base frame by which the view was moved from its hand-eye pose, metres."""
+    """(4, 4) transform in the base frame that moved the view from its hand-eye pose, metres."""
     T_base_camera: NDArray[np.float64] | None = None
     """(4, 4) camera pose after the correction, metres. None if not known."""
     image: DepthView | None = None

@@ -9,9 +9,9 @@ from recognition.parameters import ChainParameters
 INLIER_DISTANCES_M = (0.006, 0.003, 0.002)
 """Maximum distance of inliers from the plane, for each pass of the fit."""
 MAX_HEIGHT_ERROR_M = 0.004
-"""Camera poses are not off by more in height. A plane with a larger offset is not the table."""
+"""Maximum height error of a camera pose. A plane with a larger offset is not the table."""
 MAX_TILT_RAD = 0.02
-"""Camera poses are not off by more in tilt. A plane with a larger slope is not the table."""
+"""Maximum tilt error of a camera pose. A plane with a larger slope is not the table."""
 MIN_INLIER_SHARE = 0.2
 """Share of the points of the view in the workspace that must be inliers of the plane."""
 MIN_INLIERS = 100
@@ -27,7 +27,7 @@ def table_alignment(points: NDArray[np.float64], table_z_m: float, parameters: C
 
     Each view sees the table before the height threshold removes it. The nominal height and tilt of the table give three
     of the six degrees of freedom of the pose error without any other view. The height threshold of the paper needs this
-    correction: of a string with a radius of 4.2 mm, 3.4 mm are above a threshold of 5 mm, and poses are off by 1 mm.
+    correction: only 3.4 mm of a string of radius 4.2 mm are above the threshold of 5 mm, and pose errors reach 1 mm.
 
     Args:
         points: (N, 3) points of the view in the workspace, base frame, metres.

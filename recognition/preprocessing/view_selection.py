@@ -86,7 +86,7 @@ def select_views(targets: Sequence[TargetCloud]) -> ViewSelection:
 
 
 def exclusion_reason(target: TargetCloud) -> str | None:
-    """Return why a view cannot be used, whatever the other views show.
+    """Return why a view cannot be used, independently of the other views.
 
     Args:
         target: Target cloud of the view.

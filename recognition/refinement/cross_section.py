@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recognition.geometry.neighbours import group_sums
+from recognition.geometry.polyline import unit_vectors
 from recognition.refinement.tube_fit import Assignment, TubeFit
 
 MAX_PROFILE_SINE = 0.85
@@ -49,8 +50,7 @@ def measure_cross_sections(fit: TubeFit, assigned: Assignment) -> CrossSections:
         Ours.
     """
     vector = fit.points[assigned.link + 1] - fit.points[assigned.link]
-    left = np.column_stack([-vector[:, 1], vector[:, 0]])
-    left /= np.maximum(np.linalg.norm(left, axis=1, keepdims=True), 1e-12)
+    left = unit_vectors(np.column_stack([-vector[:, 1], vector[:, 0]]))
     sine = (assigned.outward[:, :2] * left).sum(axis=1)
     is_inner = np.abs(sine) < MAX_PROFILE_SINE
     link, residual = assigned.link[is_inner], assigned.residual[is_inner]
@@ -64,7 +64,7 @@ def _measure_out_of_round(
 ) -> NDArray[np.float64]:
     """Return (K,) the deviation of the profiles from a circle, metres.
 
-    It is the radius if less than half of the profile is seen, as of a wall: a string shows more from its sides.
+    If less than half of the sectors are filled, as for a wall, it is the radius. A string fills more of them.
     """
     sector = ((sine / MAX_PROFILE_SINE + 1) / 2 * N_SECTORS).astype(np.int64)
     shape = (len(fit.radii), N_SECTORS)

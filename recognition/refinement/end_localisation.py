@@ -17,7 +17,10 @@ EDGE_PERCENTILE = 95.0
 Measured on simulated scans and scans from other sources: within half a millimetre of the true end, without a bias.
 """
 MAX_HOLE_RADII = 0.5
-"""A longer hole in the surface along the axis, in radii, is the end. The surface after it belongs to another object."""
+"""A hole in the surface along the axis that is longer than this, in radii, is the end of the string.
+
+The surface after it belongs to another object.
+"""
 MIN_END_POINTS = 5
 """Minimum number of surface points about the end. With fewer, the line is not changed."""
 

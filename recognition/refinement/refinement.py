@@ -29,7 +29,7 @@ RADIUS_SIGMA_SHARE = 0.3
 MAX_DEVIATION_SHARE = 0.12
 """A measured radius that differs from r by at most this share of r does not contradict r, and r is used."""
 MAX_DEVIATION_SCATTERS = 0.8
-"""The same limit as a share of the surface scatter; the larger of the two limits applies.
+"""The same limit as a multiple of the surface scatter; the larger of the two limits applies.
 
 Where the scatter is a quarter of the radius, measured radii are a sixth off, and the lines with them.
 """
@@ -42,7 +42,7 @@ MIN_RADIUS_SHARE = 0.4
 MIN_SUPPORT_SHARE = 0.1
 """A point of a line with less than this share of the median support was not seen. It is bridged."""
 MAX_MERGES = 3
-"""Maximum number of times that overlapping ends are merged. All of them are merged at once, so one is enough."""
+"""Maximum number of times that overlapping ends are merged. Each time merges all of them, so one is usually enough."""
 SEAM_OVERLAP = 8
 """Number of points by which a closed strand overlaps itself, so that its seam is fitted like any other part."""
 
@@ -146,8 +146,8 @@ def _measure_radii(fit: TubeFit, table_z_m: float) -> NDArray[np.float64]:
 
     A string rests on the table somewhere, and there its top is 2 r above the table. The fit knows the top best: flying
     pixels at the rims, and noise along the line of sight, make the fitted radius up to a tenth too large or too small.
-    No string is thicker than it is high. A string that is much thinner than high rests on something else, and there the
-    fitted radius counts.
+    Half the height of the top is therefore an upper bound of the radius. If it is much larger than the fitted radius,
+    the string is raised, and the fitted radius counts.
     """
     measured = fit.radii.copy()
     for k, (line, radius) in enumerate(zip(fit.lines, fit.radii, strict=True)):

@@ -41,9 +41,10 @@ MAX_SQUARENESS = 0.25
 Depth noise of a fifth of the radius leaves about half of a bar's profile. Strings of 0.1 m and more had up to 0.15.
 """
 UNCERTAIN_SIGMAS = 2.0
-"""A strand within this number of sigmas of the profiles of both a string and a bar may be either.
+"""Number of sigmas by which a measured squareness may be wrong.
 
-It is kept and reported as ambiguous.
+A strand is excluded as a bar only if its squareness exceeds this number of sigmas. A kept strand is reported as
+ambiguous if its squareness would exceed `MAX_SQUARENESS` with this number of sigmas added.
 """
 MIN_HEIGHT_SHARE = 0.6
 """Minimum height of the centre line above the table, as a share of the strand's radius.

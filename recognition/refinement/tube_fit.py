@@ -10,6 +10,7 @@ from scipy.sparse import csr_array, eye_array, kron
 from scipy.spatial import KDTree
 
 from recognition.geometry.neighbours import group_sums
+from recognition.geometry.polyline import unit_vectors
 
 Points = NDArray[np.float64]
 
@@ -121,8 +122,8 @@ class TubeFit:
     def step(self, assigned: Assignment, radius_sigma: float | None) -> None:
         """Move all points, and the radii, by one Gauss-Newton step.
 
-        The normal matrix of the points is banded. The radii add one border column each. These columns fit in one,
-        because no two lines share a row.
+        The normal matrix of the points is banded. Each radius adds a border column, which is zero in the rows of the
+        other lines. All border columns are therefore stored and solved as their sum.
 
         Args:
             assigned: Current assignment of the surface.
@@ -196,11 +197,10 @@ class TubeFit:
         """Return (N, 3) unit vectors along the lines."""
         after = np.where(np.append(self._is_link[:-1], False), 1, 0) + np.arange(len(self.points))
         before = np.arange(len(self.points)) - np.where(np.insert(self._is_link[:-1], 0, False), 1, 0)
-        vector = self.points[after] - self.points[before]
-        return vector / np.maximum(np.linalg.norm(vector, axis=1, keepdims=True), 1e-12)
+        return unit_vectors(self.points[after] - self.points[before])
 
     def _jacobian(self, assigned: Assignment) -> csr_array:
-        """Return (K, 3N) the derivative of the residuals by the points' coordinates."""
+        """Return (K, 3N) the derivatives of the residuals with respect to the points' coordinates."""
         shares = np.column_stack([1 - assigned.fraction, assigned.fraction])
         values = -(shares[:, :, None] * assigned.outward[:, None, :]).ravel()
         columns = (3 * assigned.link[:, None] + np.arange(6)).ravel()

@@ -10,7 +10,7 @@ from recognition.parameters import ChainParameters
 from recognition.preprocessing.normals import NormalCloud
 
 MAX_ANCHORS = 400
-"""Points of a view that are searched in each other view. They suffice to register it, however long its string is."""
+"""Number of points of a view that are searched in each other view. It suffices for strings of any length."""
 MAX_DISTANCE_RADII = 1.0
 """Maximum distance between two corresponding points, in radii r."""
 MIN_COSINE = 0.7
@@ -19,7 +19,7 @@ MAX_FULL_SEARCHES = 7
 """With more other views than this, fewer points are searched in each of them. Time then grows with the number of views
 and not with its square."""
 MIN_ANCHORS = 60
-"""Points that are searched in each other view even if there are many views."""
+"""Minimum number of points that are searched in each other view if there are many views."""
 MIN_PAIRS = 20
 """Two views with fewer pairs of points than this do not overlap enough to constrain their poses."""
 

@@ -25,8 +25,8 @@ MIN_RING_PIXELS = 2.0
 MIN_MEASURED = 5
 """Minimum number of measured samples, of the nine that are the point and its ring."""
 MAX_ROBOT_SIGMA = 10.0
-"""Maximum robot error of a view in sigmas. A view that needs a larger correction was not captured at the pose that the
-arm reported."""
+"""Maximum robot error of a view (Mahalanobis norm). A view that needs a larger correction was not captured at the pose
+that the arm reported."""
 MAX_ROBOT_RATIO = 3.0
 """Maximum ratio of a view's robot error to the median of all views. A view is excluded only if it exceeds both limits:
 if the arm is worse than assumed in all views, no single view is at fault."""
@@ -46,7 +46,7 @@ def find_inconsistent_views(
 
     Args:
         clouds: The views as registered.
-        robot_errors: (V,) robot error of each view that registration found, in sigmas.
+        robot_errors: (V,) Mahalanobis norm of the robot error of each view that registration found.
         parameters: Parameters of the method, for the radius r.
 
     Returns:
@@ -135,7 +135,7 @@ def _check_points(
     in_camera = rays @ T[:3, :3]
     visible = np.flatnonzero(is_facing & (in_camera[:, 2] > MIN_DEPTH_M))
     x, y, z = in_camera[visible].T
-    # Where r spans few pixels, rims erode the string in the depth image: a pixel beside it still counts as string.
+    # Where r spans few pixels, flying pixels narrow the string in the depth image: a pixel beside it counts as string.
     ring_radius = np.maximum(radius, MIN_RING_PIXELS * z / K[0, 0])
     dx, dy = np.array([(0.0, 0.0), *RING_DIRECTIONS]).T[:, :, None] * ring_radius
     u = (x + dx) / z * K[0, 0] + K[0, 2] + 0.5

@@ -43,8 +43,7 @@ def estimate_hand_eye_error(alignment: Alignment, sigmas: PoseSigmas) -> HandEye
         return None
     # The prior's mean is zero, so that the whole information vector is from the views.
     vector = posterior_information @ alignment.hand_eye_error
-    prior_information = np.diag(np.repeat([sigmas.hand_eye_rad, sigmas.hand_eye_m], 3) ** -2.0)
-    information = posterior_information - prior_information
+    information = posterior_information - sigmas.shared_information[:-1, :-1]
     return HandEyeErrorEstimate(
         information=(information + information.T) / 2, vector=vector, posterior_mean=alignment.hand_eye_error
     )

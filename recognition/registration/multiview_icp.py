@@ -31,7 +31,7 @@ MIN_SIGMA_M = 0.0001
 """Minimum standard deviation of the residuals."""
 INDEPENDENT_SHARE = 0.05
 """Share of a view's points whose errors count as independent, because depth errors are correlated over neighbouring
-pixels. Measured on simulated scans: with it, the errors of registered poses spread as their covariance predicts."""
+pixels. On simulated scans, this share makes the errors of registered poses spread as their covariance predicts."""
 COARSE_SEARCH = SearchSettings(max_distance_radii=0.7, min_cosine=0.7, max_anchors=150)
 """Search while the views still move. The first pass uses the correspondences found as the views arrived."""
 MAX_COARSE_PASSES = 6
@@ -57,12 +57,12 @@ class Alignment:
     hand_eye_information: NDArray[np.float64] | None
     """(6, 6) inverse covariance of the hand-eye error, prior included; None if the poses are the given poses."""
     robot_errors: NDArray[np.float64]
-    """(V,) robot error of each view in sigmas: the length over its six directions."""
+    """(V,) Mahalanobis norm of the 6D robot error of each view."""
 
 
 @dataclass(frozen=True, eq=False)
 class _LinearResiduals:
-    """Linearised distances of all pairs of points, overlap by overlap: `residual + J (x_source - x_target)`."""
+    """Linearised distances `residual + J (x_source - x_target)` of all pairs of points, one overlap after the other."""
 
     overlaps: tuple[tuple[int, int, slice], ...]
     """Position of source and target view of each overlap in the list of clouds, and its rows."""
@@ -207,7 +207,7 @@ def _linearise(
     normal /= np.linalg.norm(normal, axis=1, keepdims=True)
     (x, y, z), (n_x, n_y, n_z) = (source[:, :3] + target[:, :3]).T / 2, normal.T
     J = np.column_stack([y * n_z - z * n_y, z * n_x - x * n_z, x * n_y - y * n_x, normal])
-    # A view's errors enter its pairs with each of the V - 1 other views, so that each counts 2 / V.
+    # A view's errors enter its overlaps with each of the V - 1 other views, so that each overlap counts 2 / V.
     shares = [
         min(INDEPENDENT_SHARE * len(clouds[i].points) / overlap.n_searched, 1.0) * 2 / len(clouds)
         for (i, _, _), overlap in paired

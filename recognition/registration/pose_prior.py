@@ -31,13 +31,13 @@ class PoseSigmas:
     """Standard deviations of the pose errors, per axis. The 3D rms error is sqrt(3) times this."""
 
     robot_m: float = 0.0003
-    """Position error of the flange, independent in each view (0.5 mm in length)."""
+    """Position error of the flange, independent in each view (0.5 mm rms in 3D)."""
     robot_rad: float = 0.001
-    """Rotation error of the flange, independent in each view (0.1 degrees)."""
+    """Rotation error of the flange, independent in each view (0.1 degrees rms in 3D)."""
     hand_eye_m: float = 0.0004
-    """Position error of the camera on the flange, the same in all views (0.7 mm)."""
+    """Position error of the camera on the flange, the same in all views (0.7 mm rms in 3D)."""
     hand_eye_rad: float = 0.0015
-    """Rotation error of the camera on the flange, the same in all views (0.15 degrees)."""
+    """Rotation error of the camera on the flange, the same in all views (0.15 degrees rms in 3D)."""
     disparity_per_m: float = 0.002
     """Depth error over depth squared, the same in all views: a disparity offset of 0.1 pixels at a baseline of 75 mm
     and a focal length of 800 pixels."""
@@ -62,15 +62,15 @@ class PosePrior:
     gradient: NDArray[np.float64]
     """(6 V + 7,): the most probable state x solves `information x = -gradient`."""
     robot_errors: tuple[tuple[NDArray[np.float64], NDArray[np.float64]], ...]
-    """(D, d) for each view: `D x + d` (6,) is its robot error in sigmas."""
+    """(D, d) for each view: `D x + d` (6,) is its robot error, each entry in sigmas."""
 
 
 def pose_prior(clouds: Sequence[NormalCloud], centre: NDArray[np.float64], sigmas: PoseSigmas) -> PosePrior:
     """Return the prior of the corrections to the current poses of the views.
 
     Args:
-        clouds: The V views. `T_correction` is what each pose was already corrected by. A view without `T_base_camera`
-            has its errors about `centre`.
+        clouds: The V views. `T_correction` is the correction that each pose already has. The errors of a view without
+            `T_base_camera` are about `centre`.
         centre: (3,) point about which the twists of the state rotate, metres, base frame.
         sigmas: Standard deviations of the errors.
 

@@ -1,7 +1,7 @@
 """Joint registration of all views at once, with the hand-eye poses as start and prior (section II.E).
 
-The paper registers one cloud after the other by ICP. That slides along the string, accumulates errors and passes the
-pose error of the first view on to all others.
+The paper registers one cloud after the other by ICP. This method slides along the string, accumulates errors and passes
+the pose error of the first view on to all others.
 """
 
 from collections.abc import Mapping, Sequence
@@ -23,14 +23,13 @@ from recognition.registration.pose_prior import PoseSigmas, pose_prior
 from recognition.registration.view_fitness import evaluate_fitness
 
 MAX_HAND_EYE_ERROR_SIGMA = 5.0
-"""Maximum length of the hand-eye error, in sigmas of its six directions. A longer error means that the calibration has
-drifted: by chance it occurs once in three thousand scans."""
+"""Maximum Mahalanobis norm of the 6D hand-eye error. A larger error means that the calibration has drifted. It
+occurs by chance once in three thousand scans."""
 EXPECTED_ROBOT_RMS = 1.6
-"""Root mean square of the robot errors of the views if the sigmas are right, in sigmas of all six directions together.
-The data do not constrain part of each error, which stays zero."""
+"""Expected rms over the views of the Mahalanobis norm of the 6D robot errors, if the sigmas are right. It is less than
+sqrt(6) because the data do not constrain part of each error, which stays zero."""
 MAX_ROBOT_RMS_RATIO = 1.3
-"""Maximum ratio of the robot errors to the expected ones. Beyond it, the sigmas are too small for this robot and its
-calibration."""
+"""Maximum ratio of the rms to `EXPECTED_ROBOT_RMS`. Above it, the sigmas are too small for this robot."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -160,7 +159,7 @@ def _exclude_views(correspondences: Sequence[Correspondences], reasons: Mapping[
 def _loosen_sigmas(sigmas: PoseSigmas, robot_errors: NDArray[np.float64]) -> PoseSigmas | None:
     """Return larger sigmas if the views show a robot that is worse than assumed, else None.
 
-    All sigmas grow by the same factor, so that the whole prior counts less against the surfaces.
+    All sigmas grow by the same factor, so that the whole prior has less weight relative to the surfaces.
     """
     ratio = float(np.sqrt(np.mean(robot_errors**2))) / EXPECTED_ROBOT_RMS
     if ratio <= MAX_ROBOT_RMS_RATIO:
@@ -169,7 +168,7 @@ def _loosen_sigmas(sigmas: PoseSigmas, robot_errors: NDArray[np.float64]) -> Pos
 
 
 def _excluded_qualities(clouds: Sequence[NormalCloud], reasons: Mapping[int, str]) -> list[ViewQuality]:
-    """Return the quality of each excluded view: its reason."""
+    """Return the quality of each excluded view, with its reason."""
     return [
         ViewQuality(index=cloud.view, used=False, reason=reasons[cloud.view], points=len(cloud.points))
         for cloud in clouds

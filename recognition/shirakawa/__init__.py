@@ -8,11 +8,10 @@ from recognition.shirakawa.chains import StrandAssembly, assemble_chains
 from recognition.shirakawa.end_extension import extend_ends
 from recognition.shirakawa.enhanced_matching import EnhancedMatching, match_enhanced, thin
 from recognition.shirakawa.matching import match_points
-from recognition.shirakawa.method_stages import ConnectedStrands, LinkedSegments, connect_segments, link_segments
+from recognition.shirakawa.method_stages import LinkedSegments, connect_segments, link_segments
 from recognition.shirakawa.reconstruction import Reconstruction, reconstruct
 
 __all__ = [
-    "ConnectedStrands",
     "EnhancedMatching",
     "LinkedSegments",
     "Reconstruction",

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
 from recognition.geometry.neighbours import neighbourhood_means
-from recognition.geometry.polyline import arc_length
+from recognition.geometry.polyline import arc_length, unit_vectors
 from recognition.messages import format_position
 from recognition.model.chains import Chain, canonical_order
 from recognition.parameters import ChainParameters
@@ -29,10 +29,8 @@ class StrandAssembly:
     """Strands in the order and direction of the chains."""
     chains: tuple[Chain, ...]
     """One chain for each strand, the longest first."""
-    warnings: Sequence[str] = ()
-    """What was excluded."""
-    ambiguities: Sequence[str] = ()
-    """None: these methods do not assess whether a strand is a string."""
+    warnings: Sequence[str]
+    """One message for each excluded strand, after a message that no string was found if no strand was kept."""
 
 
 def assemble_chains(
@@ -103,8 +101,7 @@ def point_uncertainty(
         Ours.
     """
     points = strand.points
-    tangent = np.gradient(points, axis=0) if len(points) > 1 else np.zeros_like(points)
-    tangent /= np.maximum(np.linalg.norm(tangent, axis=1, keepdims=True), 1e-12)
+    tangent = unit_vectors(np.gradient(points, axis=0) if len(points) > 1 else np.zeros_like(points))
     offsets = []
     for cloud in clouds:
         # The points within 2 r of the strand contain all c_i within r. A tree of all c_i for each strand is slower.

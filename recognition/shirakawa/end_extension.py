@@ -12,7 +12,7 @@ from recognition.preprocessing.target_cloud import Scene
 from recognition.strand import End, Strand, strand_ends
 
 REACH_PERCENTILE = 95.0
-"""Percentile of the centre points ahead of an end that is the end of the string: farther ones are depth noise."""
+"""Percentile of the distances of the centre points ahead that is taken for the end. Farther points are depth noise."""
 
 
 def extend_ends(

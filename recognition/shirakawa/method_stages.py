@@ -1,4 +1,4 @@
-"""Dispatch of the two methods of the paper: points linked to segments, and segments connected to strands."""
+"""Stages of the two methods of the paper: points are linked to segments, and segments are connected to strands."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -27,16 +27,6 @@ class LinkedSegments:
     """Contribution rates and bifurcation centres of `enhanced`; None for `matching`."""
 
 
-@dataclass(frozen=True, eq=False)
-class ConnectedStrands:
-    """Strands of one of the two methods."""
-
-    strands: Sequence[Strand]
-    """The strands, in no particular order or direction."""
-    reconstruction: Reconstruction | None = None
-    """The strands of `enhanced` after each step; None for `matching`, which connects nothing."""
-
-
 def link_segments(
     method: Literal["matching", "enhanced"], centre_points: NDArray[np.float64], parameters: ChainParameters
 ) -> LinkedSegments:
@@ -46,6 +36,9 @@ def link_segments(
         method: `"matching"` links all points; `"enhanced"` thins them first and stops at intersections.
         centre_points: (N, 3) means of the centre points (eq. 2), metres.
         parameters: Radii and thresholds.
+
+    Returns:
+        The segments, with the thinned points and the measures of `enhanced`.
 
     Source:
         Section II.G for `"matching"`; sections III.B to III.D for `"enhanced"`.
@@ -62,7 +55,7 @@ def connect_segments(
     surface: NDArray[np.float64],
     unaveraged: NDArray[np.float64],
     parameters: ChainParameters,
-) -> ConnectedStrands:
+) -> tuple[list[Strand], Reconstruction | None]:
     """Connect the segments of `enhanced` across intersections and gaps, and extend the ends of the strands.
 
     The segments of `matching` become strands as they are.
@@ -70,16 +63,20 @@ def connect_segments(
     Args:
         linked: Segments by `link_segments`.
         surface: (M, 3) registered surface points, metres.
-        unaveraged: (M, 3) centre points (eq. 1), metres.
+        unaveraged: (K, 3) centre points (eq. 1), metres.
         parameters: Radii and thresholds.
 
+    Returns:
+        The strands, in no particular order or direction, and the strands of `enhanced` after each step of the
+        reconstruction; None for `matching`, which connects nothing.
+
     Raises:
-        TooCrowdedError: There are more segments than strings can make.
+        TooCrowdedError: There are more segments than strings can have.
 
     Source:
         Section III.E; the extension of the ends is ours.
     """
     if linked.enhanced is None:
-        return ConnectedStrands([Strand(points, np.zeros(len(points), dtype=bool)) for points in linked.segments])
+        return [Strand(points, np.zeros(len(points), dtype=bool)) for points in linked.segments], None
     reconstruction = reconstruct(linked.segments, linked.enhanced.bifurcation_centres, surface, parameters)
-    return ConnectedStrands(extend_ends(reconstruction.connected, unaveraged, parameters), reconstruction)
+    return extend_ends(reconstruction.connected, unaveraged, parameters), reconstruction

@@ -132,8 +132,9 @@ def split_at_side_contacts(
     away_from_centres = assign_to_intersections(ends, centres, parameters) < 0
     owner = np.repeat(np.arange(len(strands)), [len(strand.points) for strand in strands])
     points = np.vstack([np.empty((0, 3)), *(strand.points for strand in strands)])
-    s = np.concatenate([[], *(arc_length(strand.points) for strand in strands)])
-    length = np.array([arc_length(strand.points)[-1] for strand in strands])
+    arc_lengths = [arc_length(strand.points) for strand in strands]
+    s = np.concatenate([[], *arc_lengths])
+    length = np.array([along[-1] for along in arc_lengths])
     closed = np.array([strand.closed for strand in strands], dtype=bool)
     is_side = closed[owner] | ((s > parameters.r_f) & (s < length[owner] - parameters.r_f))
     tree = KDTree(points)

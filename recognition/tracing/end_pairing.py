@@ -40,7 +40,7 @@ FREE_VISIBLE_GAP_RADII = 3.0
 MAX_BARE_GAP_RADII = 1.0
 """Maximum length of a gap over bare table, in radii. Noise leaves such holes, and no string is hidden there."""
 MIN_CERTAIN_MARGIN = 2.0
-"""A pair is ambiguous if the best solution without it costs less than this more than the best solution."""
+"""A pair is ambiguous if excluding it raises the minimum cost by less than this."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -76,9 +76,9 @@ def link_nodes(nodes: CentreLineNodes, parameters: ChainParameters) -> list[Frag
     Every node has two sides, one along its direction and one against it. Each side takes at most one link. The
     straightest and shortest links are made first. A side without a link is the end of a fragment.
 
-    Only the best-supported nodes are linked, and each represents the nodes beside it. Two of them may be farther apart
-    than a link may be long, although the nodes that they represent leave no hole. A longer link is made there if both
-    sides are still free.
+    Only the best-supported nodes are linked; each represents the nodes beside it. Two representatives can be farther
+    apart than `MAX_LINK_RADII` although the nodes between them leave no hole. They are linked at the end if both sides
+    are still free.
 
     Args:
         nodes: Nodes of the centre line.
@@ -110,7 +110,9 @@ def link_nodes(nodes: CentreLineNodes, parameters: ChainParameters) -> list[Frag
 
 
 def split_over_bare_table(fragments: Sequence[Fragment], height_map: HeightMap, r: float) -> list[Fragment]:
-    """Return the fragments, split where a long link leads over bare table: two strings lie in line there.
+    """Return the fragments, split where a long link leads over bare table.
+
+    Such a link connects the ends of two strings that lie in one line.
 
     Args:
         fragments: Fragments of the scene.

@@ -19,7 +19,7 @@ MIN_OCCLUDED_SHARE = 0.1
 
 @dataclass(frozen=True, eq=False)
 class Occlusion:
-    """What the surface shows at the queried points, seen from above."""
+    """Occluded points and points over bare table, seen from above."""
 
     is_occluded: NDArray[np.bool_]
     """(N,) whether another strand lies over the point."""

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 from scipy.spatial import KDTree
 
-from recognition.geometry.polyline import arc_length, close_polyline, points_at, resampled_lengths
+from recognition.geometry.polyline import arc_length, close_polyline, points_at, resampled_lengths, unit_vectors
 from recognition.parameters import ChainParameters
 from recognition.tracing.fragments import Fragment
 
@@ -34,9 +34,10 @@ def split_merged_strands(
 ) -> list[Fragment]:
     """Return the fragments without the parts that run between two strands.
 
-    Where strands cross twice nearby, each over the other once, they lie side by side at the same height in between. If
-    they are soft, and closer than 2 r there, the surface shows a single ridge, and links lead from one strand to the
-    other. Such a ridge is wider than a string on both sides of the line. After the cut, all four ends can be paired.
+    Two strands may cross twice within a short distance, each of them over the other once. Between the crossings they
+    lie side by side at the same height. Soft strands that are closer than 2 r there appear as a single ridge, and links
+    lead from one strand to the other. The ridge is wider than a string on both sides of the line. The fragments are cut
+    there, so that the four ends can be paired.
 
     Args:
         fragments: Fragments of the scene.
@@ -69,8 +70,7 @@ def _foreign_shares(fragments: Sequence[Fragment], surface: NDArray[np.float64],
     lengths = [resampled_lengths(line, STEP_RADII * r) for line in closed_lines]
     lines = [points_at(line, s) for line, s in zip(closed_lines, lengths, strict=True)]
     points = np.vstack(lines)
-    tangent = np.vstack([np.gradient(line[:, :2], axis=0) for line in lines])
-    tangent /= np.maximum(np.linalg.norm(tangent, axis=1, keepdims=True), 1e-12)
+    tangent = unit_vectors(np.vstack([np.gradient(line[:, :2], axis=0) for line in lines]))
     distance, indices = KDTree(points).query(surface, distance_upper_bound=MAX_BESIDE_RADII * r)
     is_beside = np.isfinite(distance)
     nearest = np.asarray(indices)[is_beside]

@@ -77,11 +77,11 @@ def _found(folder: Path) -> Seen:
         say(f"{name}: left out: {reason}")
     possible = len(content.setup.board.points)
 
-    def told(name: str, sighting: BoardSighting | str) -> None:
+    def report_view(name: str, sighting: BoardSighting | str) -> None:
         is_seen = not isinstance(sighting, str)
         say(f"{name}: {f'{len(sighting.ids)} of {possible} corners' if is_seen else sighting}")
 
-    observed = detect_views(content, told)
+    observed = detect_views(content, report_view)
     return Seen(observed.observations, observed.held_out, observed.excluded)
 
 

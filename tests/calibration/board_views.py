@@ -54,7 +54,7 @@ class Recorded:
     @property
     def T_base_flange(self) -> NDArray[np.float64]:
         """(N, 4, 4) reported flange poses."""
-        return np.array([view.T_base_flange for view in self.observations.views])
+        return self.observations.T_base_flange
 
 
 def look_at(
@@ -103,7 +103,7 @@ def realistic_plan(rng: np.random.Generator, count: int) -> NDArray[np.float64]:
 
 
 def orbit_plan(rng: np.random.Generator, count: int) -> NDArray[np.float64]:
-    """What cannot tell the board's size: all from one distance, aimed at the middle."""
+    """Views that do not determine the board's size: all from one distance, aimed at the middle."""
     return np.array(
         [
             look_at(

@@ -37,12 +37,12 @@ def rendered_folder(
             folder,
             f"{k + 1:02d}",
             np.ascontiguousarray(image[:, ::-1]) if mirrored else image,
-            _as_told(Y @ T_board_camera @ inverse(X), rng),
+            _as_reported(Y @ T_board_camera @ inverse(X), rng),
             held_out=k >= views,
         )
     return folder
 
 
-def _as_told(T_base_flange: NDArray[np.float64], rng: np.random.Generator) -> NDArray[np.float64]:
+def _as_reported(T_base_flange: NDArray[np.float64], rng: np.random.Generator) -> NDArray[np.float64]:
     error = from_rotation_vector(rng.normal(0, ROBOT_M, 3), rng.normal(0, ROBOT_RAD, 3))
     return T_base_flange @ error

@@ -178,7 +178,7 @@ def test_five_views_are_too_few():
 
 
 def test_pictures_that_are_mirrored():
-    # A detector of markers refuses the picture itself; of other boards, or corners from elsewhere, the poses tell.
+    # A detector of markers refuses the image itself. For other boards, or corners from elsewhere, the poses show it.
     observations = recorded(2).observations
     width = observations.image_size[0]
     views = tuple(
@@ -245,7 +245,7 @@ def test_an_orbit_at_one_distance_is_flagged_and_its_covariance_allows_for_the_b
     _, result = outcome(good.observations)
     assert result is not None
     assert "board-scale-unverified" in [finding.code for finding in result.findings]
-    # Half a per cent of 0.4 m is 2 mm, which the orbit cannot see: within three of the sigmas told.
+    # Half a per cent of 0.4 m is 2 mm, which the orbit cannot see: within three of the reported sigmas.
     assert error_of(result.X, good.X)[1] <= 3 * 1e3 * result.sigma_m
 
 

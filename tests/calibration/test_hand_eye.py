@@ -94,7 +94,7 @@ def test_a_barely_wrong_view_is_found_too() -> None:
 def test_the_board_s_size_is_found() -> None:
     for seed in range(4):
         result = solve_hand_eye(record(seed, 15, Noise(scale=0.01), plan=realistic_plan).observations)
-        # The prior of 0.2 % draws it towards the told size by (sigma / prior)^2, some 15 %, at most 0.2 %.
+        # The prior of 0.2 % draws it towards the given size by (sigma / prior)^2, some 15 %, at most 0.2 %.
         assert result.board_scale - 1 == pytest.approx(0.01, abs=0.002 + 3 * result.board_scale_sigma)
         assert result.verdict == "refuse"
         assert any(finding.code == "board-scale" for finding in result.findings)
@@ -103,7 +103,7 @@ def test_the_board_s_size_is_found() -> None:
 def test_from_one_distance_the_board_s_size_stays_open() -> None:
     result = solve_hand_eye(record(0, 15, plan=orbit_plan).observations)
     assert result.board_scale_sigma > 0.0015
-    # The covariance that is told allows for it, and so does what is predicted of a scan.
+    # The reported covariance allows for it, and so does the predicted repeatability.
     assert result.sigma_m > 0.0015
     assert result.repeatability_95_m > 2 * result.sigma_m
     assert [finding.code for finding in result.findings] == ["board-scale-unverified"]
@@ -129,7 +129,7 @@ def test_distorted_pictures_are_straightened() -> None:
     assert millimetres < 1e-4
 
 
-def test_the_result_tells_of_every_view() -> None:
+def test_the_result_reports_every_view() -> None:
     recorded = record(6, 15, plan=realistic_plan)
     observations, _ = spoilt(recorded, "off by 10 mm")
     result = solve_hand_eye(observations)

@@ -29,7 +29,7 @@ from tests.calibration.board_views import (
 MORE_SEEDS = pytest.mark.parametrize("count", [40, pytest.param(200, marks=pytest.mark.soak)])
 SEEDS = pytest.mark.parametrize("count", [16, pytest.param(200, marks=pytest.mark.soak)])
 NOMINAL = NoisePriors(focal=1e-5, centre=1e-5, scale=1e-5)
-"""A camera and a board that are as told, which closed forms take for granted."""
+"""A camera and a board that are as given, which closed forms take for granted."""
 COVERED = 12.592
 """Squared error in standard deviations of six numbers that 95 of 100 stay below."""
 
@@ -100,7 +100,7 @@ def test_a_nominal_camera_and_board(count: int) -> None:
     assert (found.median <= (0.03, 0.16)).all()
     assert (found.p95 <= (0.06, 0.30)).all()
     park = np.array([error_of(by_park(each), each.X) for each in recorded])
-    # A quarter better in place; in direction it is some 20 %. Of a few cells, the median scatters too much to tell.
+    # A quarter better in place; in direction it is some 20 %. Of a few cells, the median scatters too much.
     if count >= 200:
         assert found.median[1] <= 0.75 * np.median(park[:, 1])
         assert found.p95[1] <= 0.75 * np.percentile(park[:, 1], 95)
@@ -110,7 +110,7 @@ def test_a_nominal_camera_and_board(count: int) -> None:
 
 @SEEDS
 def test_a_camera_and_a_board_not_known_exactly_cost_some_of_it(count: int) -> None:
-    # Camera and board are as told here too, but the solver does not rely on it.
+    # Camera and board are as given here too, but the solver does not rely on it.
     found = figures(*solved(count, some(Noise())))
     assert (found.median <= (0.04, 0.25)).all()
     assert (found.p95 <= (0.08, 0.60)).all()

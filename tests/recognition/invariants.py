@@ -1,4 +1,4 @@
-"""What stays of strings that are turned round or mirrored, and Gauss codes read back from P-data."""
+"""Invariants of reversed and mirrored strings, and Gauss codes read back from P-data."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -14,7 +14,7 @@ Strings = tuple[tuple[Chain, ...], tuple[Crossing, ...]]
 
 
 def gauss_code_of(data: PData) -> list[list[list[Any]]]:
-    """The Gauss code that P-data stands for, read from its matrix alone but for the crossings' ids and signs."""
+    """Return the Gauss code of P-data, from its matrix and the ids and signs of its crossings."""
     segments: dict[int, list[int]] = {}
     for number, element in enumerate(data.elements):
         if isinstance(element, SegmentElement):
@@ -23,7 +23,7 @@ def gauss_code_of(data: PData) -> list[list[list[Any]]]:
 
 
 def _walk(data: PData, segments: list[int]) -> list[list[Any]]:
-    """The crossings met from the chain's first segment on; in a closed chain that is the one behind the first pass."""
+    """Return the crossings from the first segment of a chain on; in a closed chain it follows the first pass."""
     before = int(np.flatnonzero(data.matrix[:, segments[0]])[0])
     closed = not isinstance(data.elements[before], EndElement)
     # A closed chain's first point lies in its last segment.
@@ -40,7 +40,7 @@ def _walk(data: PData, segments: list[int]) -> list[list[Any]]:
 
 
 def turned_round(chains: Sequence[Chain], crossings: Sequence[Crossing], chain: int) -> Strings:
-    """The same strings with the direction of one chain, given by its id, turned round.
+    """Return the same strings with the direction of one chain, given by its id, reversed.
 
     Signs of its crossings with itself stay, those of its crossings with others flip.
     """
@@ -68,7 +68,7 @@ def turned_round(chains: Sequence[Chain], crossings: Sequence[Crossing], chain: 
 
 
 def mirrored(chains: Sequence[Chain], crossings: Sequence[Crossing]) -> Strings:
-    """The strings mirrored at the plane y = 0: over stays over, and every sign flips."""
+    """Return the strings mirrored at the plane y = 0: over stays over, and every sign flips."""
     flip = np.array([1.0, -1.0, 1.0])
     return (
         tuple(replace(c, points=c.points * flip) for c in chains),
@@ -77,12 +77,12 @@ def mirrored(chains: Sequence[Chain], crossings: Sequence[Crossing]) -> Strings:
 
 
 def writhe(crossings: Sequence[Crossing], chain: int) -> int:
-    """Sum of the signs of a chain's crossings with itself; it does not depend on the chain's direction."""
+    """Return the sum of the signs of the crossings of a chain with itself. It is the same in both directions."""
     return sum(x.sign for x in crossings if x.over.chain == chain == x.under.chain)
 
 
 def linking_number(chains: Sequence[Chain], crossings: Sequence[Crossing], a: int, b: int) -> int:
-    """How often two closed chains, given by their ids, wind round one another: half the sum of their signs."""
+    """Return the linking number of two closed chains, given by their ids: half the sum of their signs."""
     assert all(c.closed for c in chains if c.id in (a, b)), "of open chains the number has no meaning"
     signs = [x.sign for x in crossings if {x.over.chain, x.under.chain} == {a, b}]
     assert len(signs) % 2 == 0, "a crossing was missed: closed chains cross an even number of times"

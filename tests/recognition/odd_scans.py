@@ -1,4 +1,4 @@
-"""Scans of anything: what may lie on the table, what a camera may do to its images, and what may be told wrong."""
+"""Random scans: objects on the table, faults of the camera, and wrong poses and parameters."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -29,7 +29,7 @@ class Case:
     method: Method
 
 
-# --- what lies on the table: heights (H, W), metres, at the places x, y (H, W), metres, that the pixels show ---
+# --- objects on the table: heights (H, W), metres, at the positions x, y (H, W), metres, of the pixels ---
 
 
 def tubes(distance: Image, r: float, lift: Image | float = 0.0) -> Image:
@@ -119,7 +119,7 @@ PATTERNS: tuple[Callable[[Image, Image, float, np.random.Generator], Image], ...
 STRINGS = (side_by_side, net, rings, spiral, tangle)
 
 
-# --- what a camera may do to a depth image (H, W), uint16 ---
+# --- faults of a camera: changes of a depth image (H, W), uint16 ---
 
 
 def zero_rows(depth: NDArray[np.uint16], rng: np.random.Generator) -> NDArray[np.uint16]:
@@ -164,7 +164,7 @@ FAULTS: tuple[Callable[[NDArray[np.uint16], np.random.Generator], NDArray[np.uin
 )  # fmt: skip
 
 
-# --- what is told wrong of where a view was taken ---
+# --- wrong camera poses ---
 
 
 def same(T: Image, _rng: np.random.Generator) -> Image:
@@ -214,7 +214,7 @@ def cases(
     r = draw(st.sampled_from((0.0042, 0.0005, 0.001, 0.002, 0.01, 0.02)))
     strings = kind == "strings"
     count = draw(st.sampled_from((3, 2, 8) if strings else (3, 2, 5, 8, 0, 1, most_views)))
-    # So far away that a string is that many pixels wide; or any focal length.
+    # The distance at which a string is `across` pixels wide, for any focal length.
     across = draw(st.sampled_from((8, 5, 12, 25) if strings else (8, 2, 60)))
     focal = width * draw(st.sampled_from((0.7, 1.2) if strings else (0.7, 0.05, 3.0, 100.0)))
     z = 2 * r * focal / across
@@ -244,12 +244,12 @@ def cases(
         views.append(View(k, np.ascontiguousarray(depth), unit, K, T, np.eye(4)))
     if count > 1 and draw(st.integers(0, 19)) == 19:
         views[-1] = replace(views[-1], index=0)
-    told = draw(st.sampled_from((r, None, r, 0.7 * r, 1.5 * r, 0.0042)))
+    given_r = draw(st.sampled_from((r, None, r, 0.7 * r, 1.5 * r, 0.0042)))
     half = draw(st.sampled_from((None, None, 5 * r, 30 * r)))
     workspace = None if half is None else ((-half, half), (-half, half), (table_z, table_z + 8 * r))
     return Case(
         tuple(views),
-        None if told is None else ChainParameters.for_radius(float(np.clip(told, 0.0005, 0.02))),
+        None if given_r is None else ChainParameters.for_radius(float(np.clip(given_r, 0.0005, 0.02))),
         Scene(table_z, workspace),
         draw(st.sampled_from(METHODS)),
     )

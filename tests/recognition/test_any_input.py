@@ -1,4 +1,4 @@
-"""Whatever depth images and poses come in: a valid model or a refusal that says what to do, and nothing else."""
+"""Any depth images and poses give a valid model, or an error that says what to do."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -70,6 +70,6 @@ def test_a_scan_with_faults_put_in_gives_a_valid_model_or_a_refusal(
     parameters = None if radius is None else ChainParameters.for_radius(radius)
     answer = check(Case(tuple(views), parameters, Scene(0.0, scan.header.workspace_m), method))
     if share == 0.0 and radius == 0.0042:
-        # So the validator sees whole models, and the faults are what is refused.
+        # Without faults there is a model: the validator sees whole models, and errors are due to the faults.
         assert isinstance(answer, PointChainModel)
         assert answer.chains

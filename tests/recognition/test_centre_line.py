@@ -34,9 +34,9 @@ def test_the_means_are_drawn_inwards_at_the_ends_and_nowhere_else(
     table_1: ChainParameters, cylinder: tuple[np.ndarray, np.ndarray]
 ) -> None:
     x = estimate_centre_line(*cylinder, table_1).points[:, 0]
-    # Elsewhere they stay spread over the whole length: no gap wider than a few steps of 0.04 mm.
+    # Elsewhere they stay spread over the whole length: no gap is wider than a few steps of 0.04 mm.
     assert np.diff(np.sort(x[np.abs(x) < 0.05 - 3 * table_1.r])).max() < 0.0005
-    # A one-sided neighbourhood within 2 r has its middle somewhere within that reach.
+    # The mean of a one-sided neighbourhood of radius 2 r is less than 2 r from the end.
     for end in (0.05 + x.min(), 0.05 - x.max()):
         assert 0.5 * table_1.r < end < 2 * table_1.r
 
@@ -50,7 +50,7 @@ def test_wrong_normals_average_out_around_the_string(
     line = estimate_centre_line(points, tilted, table_1)
     off_unaveraged = np.linalg.norm(line.unaveraged[:, 1:] - (0.0, 0.02), axis=1)
     off_means = np.linalg.norm(line.points[:, 1:] - (0.0, 0.02), axis=1)
-    # 11 degrees of error: each centre is off by 0.2 r across; the means over some 250 of them hardly.
+    # Errors of 11 degrees: each centre is off by 0.2 r across, and the means over some 250 centres by far less.
     assert off_unaveraged.mean() > 0.15 * table_1.r
     assert off_means.max() < 0.1 * table_1.r
 

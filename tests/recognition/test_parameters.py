@@ -12,7 +12,7 @@ from recognition.errors import InvalidParametersError, RecognitionError
 from recognition.parameters import R_MAX, R_MIN, ChainParameters
 
 
-def test_the_papers_string_gets_the_papers_parameters(table_1: ChainParameters) -> None:
+def test_the_radius_of_the_paper_gives_the_parameters_of_the_paper(table_1: ChainParameters) -> None:
     expected = {
         "r": 0.0042,
         "z_t": 0.005,

@@ -43,7 +43,7 @@ def result(scan: SimulatedScan, scene: Scene, table_1: ChainParameters) -> Calla
 
 
 def empty_table(view: View) -> View:
-    """What the view would show if only the table z = 0 were there."""
+    """Return the view of an empty table at z = 0."""
     T = view.T_base_camera
     v, u = np.indices(view.depth.shape)
     rays = np.stack([u, v, np.ones_like(u)], axis=-1) @ np.linalg.inv(view.K).T @ T[:3, :3].T
@@ -52,7 +52,7 @@ def empty_table(view: View) -> View:
 
 
 def document(recognition: Recognition) -> dict[str, Any]:
-    """The model's JSON, read back, without what differs from run to run: the times."""
+    """Return the JSON document of the model, written and read back, without the times, which differ from run to run."""
     written = json.dumps(recognition.model.to_json(), allow_nan=False)
     read_back = json.loads(written, parse_float=lambda figure: round(float(figure), 9))
     del read_back["timing_s"]
@@ -88,7 +88,7 @@ def test_the_crossing_is_measured(scan: SimulatedScan, result: Callable[[Method]
         s_over, s_under = 0.4 - s_over, 0.4 - s_under
     assert crossing.over.s_m == pytest.approx(s_over, abs=0.01)
     assert crossing.under.s_m == pytest.approx(s_under, abs=0.01)
-    # 2 r at the crossing itself; beside it, where it is measured, the strands are closer already.
+    # 2 r at the crossing itself. It is measured beside the crossing, where the strands are closer.
     assert 0.5 * 0.0084 < crossing.gap_m < 1.1 * 0.0084
     assert crossing.confidence > 0.99
     assert model.quality.ambiguities == ()
@@ -105,17 +105,17 @@ def test_the_graph_method_is_the_default_and_finds_the_loop_better(
     assert model.method == "graph"
     (chain,), (curve,) = model.chains, scan.truth["curves"]
     assert (chain.closed, chain.ends, chain.radius_m) == (False, ("free", "free"), table_1.r)
-    # Both true ends, so all of its 0.4 m.
+    # Both ends are localised, so that the whole 0.4 m are found.
     assert chain.length_m == pytest.approx(0.4, abs=0.0015)
     truth = np.array(curve)
     ends = np.linalg.norm(chain.points[[0, -1]][:, None] - truth[[0, -1]], axis=2)
     assert ends.min(axis=1).max() < 0.0015
-    # The simulated poses are off by a millimetre, of which levelling and three views' mean leave a few tenths.
+    # Simulated pose errors are a millimetre. Alignment to the table and the mean of three views leave a few tenths.
     dense = np.column_stack([np.interp(np.linspace(0, 1, 4001), np.linspace(0, 1, len(truth)), k) for k in truth.T])
     distance, _ = KDTree(dense).query(chain.points)
     assert distance.mean() < 0.0004
     assert distance.max() < 0.0008
-    # Honest: all of this one scan may be off to one side, but not by three sigma.
+    # The whole scan may be off to one side, but not by three sigma.
     assert (distance < 3 * chain.sigma_m).all()
     assert KDTree(chain.points).query(truth)[0].max() < 0.7 * table_1.r_n
     assert chain.views.max() == 3
@@ -141,18 +141,20 @@ def test_the_graph_method_measures_the_crossing(scan: SimulatedScan, result: Cal
     assert model.quality.ambiguities == ()
 
 
-def test_the_radius_is_measured_when_nobody_tells_it(scan: SimulatedScan, scene: Scene) -> None:
+def test_the_radius_is_measured_if_it_is_not_given(scan: SimulatedScan, scene: Scene) -> None:
     model = recognise(scan.views, None, scene).model
     assert model.parameters.r == pytest.approx(0.0042, rel=0.05)
     assert len(model.chains) == len(model.crossings) == 1
 
 
-def test_a_string_much_thinner_than_told_makes_a_model_that_is_in_doubt(scan: SimulatedScan, scene: Scene) -> None:
-    # 4.2 mm, told as 6 mm: what is found is as thick as it is, but nobody may plan a grasp on it.
+def test_a_string_much_thinner_than_the_given_radius_makes_an_ambiguous_model(
+    scan: SimulatedScan, scene: Scene
+) -> None:
+    # The radius is 4.2 mm and 6 mm is given: the chain has the true radius, but the model is ambiguous.
     model = recognise(scan.views, ChainParameters.for_radius(0.006), scene).model
     assert model.chains[0].radius_m == pytest.approx(0.0042, rel=0.1)
     assert any("chain 0 measures 4." in doubt for doubt in model.quality.ambiguities)
-    # Told as 3 mm, it is found whole; that its radius is another one is told.
+    # If 3 mm is given, the string is found whole, and a warning reports its radius.
     model = recognise(scan.views, ChainParameters.for_radius(0.003), scene).model
     assert model.quality.ambiguities == ()
     assert any("chain 0 measures 4." in warning for warning in model.quality.warnings)
@@ -167,19 +169,19 @@ def test_the_previous_method_gives_a_model_of_its_own(
     assert (recognition.thinned, recognition.enhanced, recognition.reconstruction) == (None, None, None)
     points = np.vstack([chain.points for chain in recognition.model.chains])
     distance, _ = KDTree(np.array(scan.truth["curves"][0])).query(points)
-    # It links points of the centre line cloud, wherever they lead: near the string they are.
+    # It links points of the centre line cloud, which all lie near the string.
     assert distance.max() < 0.005
     # Without restarts and reconstruction the string comes in pieces at its crossing.
     assert len(recognition.model.chains) > 1
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_stages_are_told_in_order_and_timed(
+def test_stages_are_reported_in_order_and_timed(
     scan: SimulatedScan, scene: Scene, table_1: ChainParameters, method: Method
 ) -> None:
-    told: list[str] = []
-    model = recognise(scan.views, table_1, scene, method, on_stage=told.append).model
-    assert tuple(told) == stages_of(method)
+    reported: list[str] = []
+    model = recognise(scan.views, table_1, scene, method, on_stage=reported.append).model
+    assert tuple(reported) == stages_of(method)
     assert tuple(model.timing_s) == stages_of(method)
     assert all(seconds >= 0 for seconds in model.timing_s.values())
 
@@ -210,7 +212,7 @@ def test_the_same_input_gives_the_same_model(
     assert document(again) == document(result(method))
 
 
-def test_what_led_to_the_model_is_kept(scan: SimulatedScan, result: Callable[[Method], Recognition]) -> None:
+def test_the_results_of_the_stages_are_kept(scan: SimulatedScan, result: Callable[[Method], Recognition]) -> None:
     recognition = result("enhanced")
     assert [target.view for target in recognition.targets] == [0, 1, 2]
     assert [cloud.view for cloud in recognition.clouds] == [0, 1, 2]
@@ -237,7 +239,7 @@ def test_a_scan_moved_on_the_table_gives_the_model_moved(table_1: ChainParameter
     assert after.gauss_code() == before.gauss_code()
     assert len(after.gauss_code()[0]) == 2
     assert after.chains[0].ends == before.chains[0].ends
-    # The table is found anew and voxels fall differently: tenths of a millimetre across the string.
+    # The table plane is fitted again and the voxels differ: tenths of a millimetre across the string.
     line = transform_points(T_moved, before.chains[0].points)
     dense = np.vstack([np.linspace(a, b, 20) for a, b in pairwise(line)])
     distance, _ = KDTree(dense).query(after.chains[0].points)
@@ -251,20 +253,22 @@ def test_a_scan_moved_on_the_table_gives_the_model_moved(table_1: ChainParameter
 def test_no_string_is_a_valid_empty_model(
     scan: SimulatedScan, scene: Scene, table_1: ChainParameters, method: Method
 ) -> None:
-    told: list[str] = []
-    recognition = recognise(map(empty_table, scan.views), table_1, scene, method, on_stage=told.append)
+    reported: list[str] = []
+    recognition = recognise(map(empty_table, scan.views), table_1, scene, method, on_stage=reported.append)
     empty = document(recognition)
     assert (empty["chains"], empty["crossings"], empty["grasps"]) == ([], [], [])
     assert empty["topology"] == {"gauss_code": [], "p_data": {"elements": [], "matrix": []}}
-    warning, unseen = empty["quality"]["warnings"]
+    warning, uncovered = empty["quality"]["warnings"]
     assert warning.startswith("no string of this radius in view")
-    assert "is in fewer than 2 views" in unseen, "three views do not show the whole workspace"
+    assert "is in fewer than 2 views" in uncovered, "three views do not show the whole workspace"
     assert [view["used"] for view in empty["quality"]["views"]] == [False, False, False]
-    assert told == ["preprocess"]
+    assert reported == ["preprocess"]
     assert list(recognition.model.timing_s) == ["preprocess"]
 
 
-def test_a_blind_view_is_left_out_and_reported(scan: SimulatedScan, scene: Scene, table_1: ChainParameters) -> None:
+def test_a_view_without_depth_is_excluded_and_reported(
+    scan: SimulatedScan, scene: Scene, table_1: ChainParameters
+) -> None:
     views = [scan.views[0], replace(scan.views[1], depth=np.zeros_like(scan.views[1].depth)), scan.views[2]]
     model = recognise(views, table_1, scene).model
     assert [view.used for view in model.quality.views] == [True, False, True]
@@ -272,7 +276,9 @@ def test_a_blind_view_is_left_out_and_reported(scan: SimulatedScan, scene: Scene
     assert len(model.chains) >= 1
 
 
-def test_too_few_and_blind_views_are_refused(scan: SimulatedScan, scene: Scene, table_1: ChainParameters) -> None:
+def test_too_few_views_and_views_without_depth_are_errors(
+    scan: SimulatedScan, scene: Scene, table_1: ChainParameters
+) -> None:
     with pytest.raises(InsufficientViewsError, match="1 view given"):
         recognise(scan.views[:1], table_1, scene)
     with pytest.raises(InsufficientViewsError, match="0 views given"):
@@ -300,7 +306,7 @@ def test_an_unknown_method_is_refused(scan: SimulatedScan, scene: Scene, table_1
         recognise(scan.views, table_1, scene, "grpah")  # type: ignore[arg-type]  # the name must be refused, not typed
 
 
-def test_an_end_behind_which_string_was_lost_is_unseen_and_that_is_told(
+def test_an_end_behind_which_string_was_lost_is_unseen_and_reported(
     scan: SimulatedScan, scene: Scene, table_1: ChainParameters, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     first = np.array(scan.truth["curves"][0][0])
@@ -318,4 +324,4 @@ def test_an_end_behind_which_string_was_lost_is_unseen_and_that_is_told(
     assert chain.length_m < 0.39
     nearer = int(np.argmin(np.linalg.norm(chain.points[[0, -1]] - first, axis=1)))
     assert (chain.ends[nearer], chain.ends[1 - nearer]) == ("unseen", "free")
-    assert any("is above the table and in no chain" in said for said in model.quality.warnings)
+    assert any("is above the table and in no chain" in warning for warning in model.quality.warnings)

@@ -42,7 +42,7 @@ def test_the_points_of_a_bridge_are_about_the_spacing_apart(gap_mm: int) -> None
     a, b = end((0, 0, 0), (1, 0.2, 0)), end((gap_mm / 1000, 0, 0), (-1, -0.2, 0))
     chain = np.vstack([a.point, bridge_gap(a, b, 0.01), b.point])
     spacing = np.linalg.norm(np.diff(chain, axis=0), axis=1)
-    # The number is rounded (15 mm is one step or two), and a cubic's parameter is not quite its arc length.
+    # The number is rounded (15 mm is one step or two), and the parameter of the cubic is not exactly its arc length.
     assert spacing.min() > 0.0075
     assert spacing.max() < 0.0155
 
@@ -57,7 +57,7 @@ def test_joining_turns_reversed_segments_and_keeps_the_order() -> None:
     ends = strand_ends(strands, PARAMETERS)
     (joined,) = join_strands(strands, ends, [(1, 3), (2, 4)], PARAMETERS)
     x = joined.points[:, 0]
-    # All the measured centimetres and one bridged point in each gap of two, in order.
+    # All measured points, 1 cm apart, and one bridged point in each gap of 2 cm, in order.
     assert (np.diff(x) > 0).all() or (np.diff(x) < 0).all()
     np.testing.assert_allclose(np.sort(x), np.arange(17) * 0.01, rtol=0, atol=1e-15)
     np.testing.assert_allclose(np.sort(x[joined.bridged]), (0.05, 0.11), rtol=0, atol=1e-15)
@@ -126,7 +126,7 @@ def test_a_loop_of_three_pieces_closes_for_any_direction_of_the_pieces(turned: i
 
 
 def test_a_short_piece_does_not_close_on_itself() -> None:
-    # A ring of 15 mm radius: its ends are close and opposite, but no string of 10 mm radius bends so.
+    # A ring of 15 mm radius: its ends are close and opposite, but no string of 10 mm radius bends so tightly.
     ring = circle(0, 310, radius_m=0.015)
     (alone,) = reconnect_close_ends([ring], np.empty((0, 3)), PARAMETERS)
     assert not alone.closed

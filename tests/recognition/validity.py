@@ -1,4 +1,4 @@
-"""What must hold of every answer of recognition."""
+"""Conditions that every answer of recognition meets."""
 
 import json
 
@@ -12,11 +12,11 @@ from tests.recognition.invariants import gauss_code_of
 from tests.recognition.odd_scans import Case
 
 ADVICE = ("check", "give", "needed", "must", "no model is made")
-"""Words, one of which is in every refusal: what to do, or what is needed."""
+"""Every error message has one of these words: it says what to do or what is needed."""
 
 
 def check(case: Case) -> PointChainModel | RecognitionError:
-    """The answer to `case`, seen to be a valid model or a refusal that says what to do."""
+    """Return the answer to `case` after checking that it is a valid model, or an error that says what to do."""
     try:
         model = recognise(case.views, case.parameters, case.scene, case.method).model
     except RecognitionError as error:

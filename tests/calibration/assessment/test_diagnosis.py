@@ -1,4 +1,4 @@
-"""The mistakes that people make with poses are told by name, and good views are never accused."""
+"""Common mistakes with poses are reported by name, and good views are never accused."""
 
 import numpy as np
 import pytest
@@ -142,8 +142,8 @@ def test_a_board_that_moved_midway(offset_m, mounting):
     assert finding is not None
     assert finding.code == "board-moved"
     # 3 mm over six views each, noise 0.2 mm: found to some tenths of a millimetre.
-    told_mm = float(finding.message.split(" by ")[1].split(" mm")[0])
-    assert told_mm == pytest.approx(1e3 * offset_m, abs=0.5)
+    reported_mm = float(finding.message.split(" by ")[1].split(" mm")[0])
+    assert reported_mm == pytest.approx(1e3 * offset_m, abs=0.5)
 
 
 def test_a_camera_in_the_cell_that_moved():

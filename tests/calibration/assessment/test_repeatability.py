@@ -25,7 +25,7 @@ def test_it_bounds_19_of_20_scans() -> None:
     root = rng.normal(size=(6, 6)) * np.array([3e-4] * 3 + [1e-4] * 3)[:, None]
     covariance, robot = root @ root.T, np.array([3e-4] * 3 + [1e-4] * 3)
     distance = 0.42
-    # The same rings, told by the tilt from upright.
+    # The same rings, given by the tilt from upright.
     cameras = np.array(
         [
             look_at(
@@ -43,5 +43,5 @@ def test_it_bounds_19_of_20_scans() -> None:
         worst.append(np.linalg.norm(seen[:, None] - seen, axis=2).max())
     lever = np.array([0, 0, distance]) + X[:3, :3].T @ X[:3, 3]
     bound = repeatability_bound(covariance, robot[0], robot[3], distance, lever)
-    # 1500 scans tell a share of 0.95 to 0.006, and the prediction is drawn too.
+    # 1500 scans determine a share of 0.95 to 0.006, and the prediction is drawn too.
     assert np.mean(np.array(worst) < bound) == pytest.approx(0.95, abs=0.02)

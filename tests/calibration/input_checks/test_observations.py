@@ -243,7 +243,7 @@ def test_a_camera_that_the_robot_does_not_move():
 
 
 def test_a_mounting_that_is_none():
-    told: Any = "on the wall"
-    error = refused(replace(GOOD.observations, mounting=told))
+    mounting: Any = "on the wall"
+    error = refused(replace(GOOD.observations, mounting=mounting))
     assert error.slug == "mounting"
     assert "'eye-in-hand' or 'eye-to-hand'" in str(error)

@@ -25,7 +25,8 @@ def residual_of(recorded: Recorded, k1: float) -> ResidualDistortion:
     board_poses = estimate_board_poses(corners)
     start = Unknowns(recorded.X, recorded.Y, np.zeros((len(board_poses.found), 6)), np.zeros(N_LENS))
     adjusted = adjust(problem, start, board_poses.found, board_poses.inliers, problem.priors.noise)
-    return estimate_residual_distortion(problem, keep_consistent_views(problem, board_poses, adjusted))
+    solution = keep_consistent_views(problem, board_poses, adjusted)
+    return estimate_residual_distortion(problem, solution.adjusted)
 
 
 @pytest.mark.parametrize("k1", [-0.1, -0.03, 0.03, 0.1])

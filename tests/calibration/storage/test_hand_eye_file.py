@@ -62,7 +62,7 @@ def test_any_mounting_survives(tmp_path_factory: pytest.TempPathFactory, xyz: li
     np.testing.assert_allclose(load(path).T_flange_camera, mounting, rtol=0, atol=2e-15)
 
 
-def test_a_file_is_replaced_and_its_hash_tells(tmp_path: Path) -> None:
+def test_a_file_is_replaced_and_its_hash_changes(tmp_path: Path) -> None:
     path = tmp_path / "hand_eye.json"
     write_hand_eye(path, T, created=NOW)
     before = load(path)
@@ -94,9 +94,9 @@ def test_a_rounded_matrix_gives_an_exact_rotation(tmp_path: Path, decimals: int)
 def test_a_camera_that_looks_back_at_the_arm_is_a_warning(tmp_path: Path, degrees: float, warned: bool) -> None:
     path = tmp_path / "hand_eye.json"
     write_hand_eye(path, from_rotation_vector((0, 0, 0.05), (np.deg2rad(degrees), 0, 0)), created=NOW)
-    told = [warning for warning in load(path).warnings if "looks back at the arm" in warning]
-    assert len(told) == warned
-    assert all(f"{degrees} degrees from the flange's z" in words and "x, y, z, w" in words for words in told)
+    warnings = [warning for warning in load(path).warnings if "looks back at the arm" in warning]
+    assert len(warnings) == warned
+    assert all(f"{degrees} degrees from the flange's z" in text and "x, y, z, w" in text for text in warnings)
 
 
 def test_the_identity_with_its_real_part_first_is_a_warning(tmp_path: Path) -> None:
@@ -139,7 +139,7 @@ def moved(metres: float) -> dict[str, list[float]]:
 
 
 @pytest.mark.parametrize(
-    ("changes", "told"),
+    ("changes", "expected"),
     [
         ({"schema_version": 2}, "schema_version is 2; 1 is needed"),
         ({"T_flange_camera": ...}, "T_flange_camera is missing"),
@@ -182,11 +182,11 @@ def moved(metres: float) -> dict[str, list[float]]:
     ],
     ids=lambda value: str(value)[:50],
 )
-def test_a_senseless_file_is_refused(tmp_path: Path, changes: dict[str, Any], told: str) -> None:
+def test_a_senseless_file_is_refused(tmp_path: Path, changes: dict[str, Any], expected: str) -> None:
     path = written(tmp_path, **changes)
     with pytest.raises(HandEyeInvalidError) as refused:
         load(path)
-    assert told in str(refused.value)
+    assert expected in str(refused.value)
     assert str(path) in str(refused.value)
 
 

@@ -64,6 +64,7 @@ def result(*findings: Finding, **changes: Any) -> HandEyeResult:
         repeatability_95_m=7e-4,
         views=(ViewReport("one", True, None, 48, 0.1, 1e-4, 3e-4, 5e-4, 0.4),),
         findings=findings,
+        joint_covariance=1e-8 * np.eye(17),
     )
     return replace(solved, **changes)
 
@@ -148,15 +149,15 @@ def test_a_refused_calibration_is_written_and_never_loaded(tmp_path: Path) -> No
 
 
 @pytest.mark.parametrize(
-    ("changes", "told"),
+    ("changes", "expected"),
     [
         ({"findings": [record_document(WARNING), record_document(REFUSAL)]}, "views disagree by 4 mm"),
         ({"verification": {"passed": False, "words": "the board appears 9 mm off", "views": [{}]}}, "appears 9 mm off"),
         ({"verdict": "refuse"}, "the file does not say why"),
     ],
 )
-def test_a_verdict_alone_is_not_relied_on(tmp_path: Path, changes: dict[str, Any], told: str) -> None:
-    with pytest.raises(HandEyeRefusedError, match=told):
+def test_a_verdict_alone_is_not_relied_on(tmp_path: Path, changes: dict[str, Any], expected: str) -> None:
+    with pytest.raises(HandEyeRefusedError, match=expected):
         load(written(tmp_path, result(), **changes))
 
 
@@ -187,7 +188,7 @@ def changed(matrix: np.ndarray, row: int, column: int, value: float) -> dict[str
 
 
 @pytest.mark.parametrize(
-    ("changes", "told"),
+    ("changes", "expected"),
     [
         ({"covariance": changed(covariance(), 0, 1, 1e-3)}, "covariance.matrix: this is not a covariance"),
         ({"covariance": changed(covariance(), 5, 5, -1e-8)}, "symmetric and positive definite"),
@@ -223,11 +224,13 @@ def changed(matrix: np.ndarray, row: int, column: int, value: float) -> dict[str
     ],
     ids=lambda value: str(value)[-50:],
 )
-def test_what_is_told_beside_the_transform_is_checked_too(tmp_path: Path, changes: dict[str, Any], told: str) -> None:
+def test_what_is_given_beside_the_transform_is_checked_too(
+    tmp_path: Path, changes: dict[str, Any], expected: str
+) -> None:
     path = written(tmp_path, result(), **changes)
     with pytest.raises(HandEyeInvalidError) as refused:
         load(path)
-    assert told in str(refused.value)
+    assert expected in str(refused.value)
     assert str(path) in str(refused.value)
 
 
@@ -265,7 +268,7 @@ def test_observations_are_read_again_to_the_last_digit(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("changes", "told"),
+    ("changes", "expected"),
     [
         ({"ids": [0, 3, 4, 11, 12, len(BOARD.points)]}, "not different corner numbers from 0 to"),
         ({"ids": [0, 3, 4, 11, 12, 12]}, "not different corner numbers"),
@@ -281,14 +284,14 @@ def test_observations_are_read_again_to_the_last_digit(tmp_path: Path) -> None:
     ],
     ids=lambda value: str(value)[:40],
 )
-def test_senseless_observations_are_refused(tmp_path: Path, changes: dict[str, Any], told: str) -> None:
+def test_senseless_observations_are_refused(tmp_path: Path, changes: dict[str, Any], expected: str) -> None:
     path = written(tmp_path, result()).with_name("observations.json")
     document = json.loads(path.read_text())
     document["views"][0] |= changes
     path.write_text(json.dumps(document))
     with pytest.raises(CalibrationFolderError) as refused:
         load_observations(path)
-    assert told in str(refused.value)
+    assert expected in str(refused.value)
     assert str(path) in str(refused.value)
 
 

@@ -1,4 +1,4 @@
-"""What scans tell of a calibration, drawn from known errors."""
+"""Drift of a calibration by scans with known errors."""
 
 import numpy as np
 import pytest
@@ -32,20 +32,20 @@ def test_false_alarms_are_as_rare_as_said() -> None:
 
 
 @pytest.mark.parametrize("axis", range(6))
-def test_a_drift_is_told_with_its_size(axis: int) -> None:
+def test_a_drift_is_reported_with_its_size(axis: int) -> None:
     off = np.zeros(6)
     off[axis] = np.radians(0.5) if axis < 3 else 0.004  # 4 to 7 sigma
     drift = judge_drift([scan(off)] * MIN_SCANS, CALIBRATION)
     assert drift.drifted
     assert drift.p_value < MAX_P_VALUE
-    # What a scan tells of is believed but for a small share: (2 mrad / 17.5 mrad)^2 at most.
+    # The prior reduces the error of the scans by a small share: (2 mrad / 17.5 mrad)^2 at most.
     np.testing.assert_allclose(drift.error, off, rtol=0.03, atol=1e-12)
     assert ("mm and 0.00 degrees" if axis >= 3 else "0.0 mm and 0.") in drift.message
     assert "calibrate again" in drift.message
 
 
-def test_directions_that_strings_do_not_tell_of_count_for_nothing() -> None:
-    # Known in the first two of six directions, askew to the axes; in the others whatever is told is made up.
+def test_directions_without_information_count_for_nothing() -> None:
+    # Known in the first two of six directions, askew to the axes; in the others, the error is arbitrary.
     Q = np.linalg.qr(np.random.default_rng(1).standard_normal((6, 6)))[0]
     # Columns in units that are comparable: radians and metres are not.
     units = np.diag(np.repeat([0.001, 0.0004], 3))
@@ -87,10 +87,10 @@ def test_one_scan_that_is_wrong_raises_nothing() -> None:
     assert judge_drift([wrong] * MIN_SCANS, CALIBRATION).drifted
 
 
-@pytest.mark.parametrize(("count", "told"), [(0, "there are none"), (1, "there is 1, by"), (2, "there are 2, by")])
-def test_too_few_scans_agree_with_nothing(count: int, told: str) -> None:
+@pytest.mark.parametrize(("count", "expected"), [(0, "there are none"), (1, "there is 1, by"), (2, "there are 2, by")])
+def test_too_few_scans_agree_with_nothing(count: int, expected: str) -> None:
     message = judge_drift([scan(np.zeros(6))] * count, CALIBRATION).message
-    assert f"whether the calibration has drifted: {MIN_SCANS} scans with it are needed, and {told}" in message
+    assert f"whether the calibration has drifted: {MIN_SCANS} scans with it are needed, and {expected}" in message
     assert "agree" not in message
     assert "agree with the calibration" in judge_drift([scan(np.zeros(6))] * MIN_SCANS, CALIBRATION).message
 
@@ -108,7 +108,7 @@ def test_only_recent_scans_count() -> None:
     assert (drift.scans, drift.drifted, drift.off_m) == (MAX_SCANS, False, 0.0)
 
 
-def test_a_camera_that_is_knocked_is_told_of_within_some_scans() -> None:
+def test_a_camera_that_is_knocked_is_detected_within_some_scans() -> None:
     before = [scan(np.zeros(6))] * MAX_SCANS
     knocked = scan(np.full(6, 0.01))
     assert not judge_drift([*before, knocked], CALIBRATION).drifted
@@ -117,7 +117,7 @@ def test_a_camera_that_is_knocked_is_told_of_within_some_scans() -> None:
     assert drift.off_m == pytest.approx(0.01 * np.sqrt(3), rel=0.05)
 
 
-def test_a_knock_that_hides_the_calibrations_own_error_is_told_of_by_the_first_scans() -> None:
+def test_a_knock_that_hides_the_calibrations_own_error_is_detected_by_the_first_scans() -> None:
     was, now = np.array([0, 0, 0, 0, -0.0015, 0]), np.array([0, 0, 0, 0, 0.0015, 0])
     first, latest = [scan(was)] * LATEST_SCANS, [scan(now)] * LATEST_SCANS
     assert not judge_drift(first, CALIBRATION).drifted
@@ -137,7 +137,7 @@ def test_first_scans_that_know_little_raise_nothing() -> None:
     assert not judge_drift(latest + first, CALIBRATION, latest).drifted
 
 
-def test_without_a_scan_there_is_nothing_to_tell() -> None:
+def test_without_a_scan_nothing_has_drifted() -> None:
     drift = judge_drift([], CALIBRATION)
     assert (drift.scans, drift.p_value, drift.drifted) == (0, 1.0, False)
     assert drift.error.tolist() == [0.0] * 6

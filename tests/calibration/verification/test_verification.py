@@ -1,6 +1,7 @@
 """Verification on views of a cell with a known answer; the noise is that of a good arm, 0.1 mm and 0.02 degrees."""
 
 import json
+import math
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from functools import cache
@@ -19,7 +20,7 @@ from calibration.result import HandEyeResult
 from calibration.storage.hand_eye_file import load_hand_eye, write_hand_eye, write_result
 from calibration.target.board import Board
 from calibration.target.corner_ordering import symmetric_numberings
-from calibration.verification.verification import Verification, verify
+from calibration.verification.verification import Verification, VerifiedView, verification_findings, verify
 from tests.calibration.board_views import NOISE_FREE, Noise, Plan, Recorded, look_at, orbit_plan, realistic_plan, record
 
 SOLVED_FROM, SEEDS = 15, range(6)
@@ -28,7 +29,7 @@ ROUGH_ARM = Noise(pixel_px=0.05, robot_m=2.9e-4, robot_rad=float(np.radians(0.06
 
 
 def plan(rng: np.random.Generator, count: int) -> NDArray[np.float64]:
-    """As a cell does it, then two looks from opposite sides."""
+    """As a cell does it, then two views from opposite sides."""
     side = rng.uniform(-np.pi, np.pi)
     two = [look_at(np.radians(30), side + np.pi * k, np.radians((25, -25)[k]), 0.36) for k in range(2)]
     return np.concatenate([realistic_plan(rng, count - 2), two])
@@ -40,25 +41,27 @@ class Case:
     result: HandEyeResult
 
     def later(self, camera: NDArray[np.float64] = STILL, board: NDArray[np.float64] = STILL) -> Observations:
-        """The two looks, after the camera and the board were moved, each in its own frame."""
+        """The two views, after the camera and the board were moved, each in its own frame."""
         X, Y, observations = self.recorded.X, self.recorded.Y, self.recorded.observations
         # The pictures stay: it is the robot that would be elsewhere to see the same.
-        told = [
+        T_base_flange = [
             Y @ board @ inverse(Y) @ view.T_base_flange @ X @ inverse(camera) @ inverse(X)
             for view in observations.views[SOLVED_FROM:]
         ]
-        views = [replace(v, T_base_flange=T) for v, T in zip(observations.views[SOLVED_FROM:], told, strict=True)]
+        views = [
+            replace(v, T_base_flange=T) for v, T in zip(observations.views[SOLVED_FROM:], T_base_flange, strict=True)
+        ]
         return replace(observations, views=tuple(views))
 
 
 def orbit_then_two(rng: np.random.Generator, count: int) -> NDArray[np.float64]:
-    """All from one distance, which cannot tell the board's size, then two looks from opposite sides."""
+    """All from one distance, which does not determine the board's size, then two views from opposite sides."""
     two = [look_at(np.radians(30), np.pi * k, np.radians((25, -25)[k]), 0.4) for k in range(2)]
     return np.concatenate([orbit_plan(rng, count - 2), two])
 
 
 def realistic_then_near(rng: np.random.Generator, count: int) -> NDArray[np.float64]:
-    """As a cell does it, then two looks from hardly different sides."""
+    """As a cell does it, then two views from hardly different sides."""
     side = rng.uniform(-np.pi, np.pi)
     two = [look_at(np.radians(tilt), side, 0.0, 0.36) for tilt in (0.1, 22.0)]
     return np.concatenate([realistic_plan(rng, count - 2), two])
@@ -98,7 +101,7 @@ def test_without_noise_the_board_appears_just_where_it_lay() -> None:
 
 @pytest.mark.parametrize("seed", SEEDS)
 @pytest.mark.parametrize(("off_m", "off_degrees"), [(0.003, 0.0), (0.0, 0.6)])
-def test_a_camera_that_was_moved_is_told(seed: int, off_m: float, off_degrees: float) -> None:
+def test_a_camera_that_was_moved_is_detected(seed: int, off_m: float, off_degrees: float) -> None:
     u = direction(seed)
     drift = from_rotation_vector(off_m * u, np.radians(off_degrees) * u)
     verification = verify(case(seed).result, case(seed).later(camera=drift))
@@ -108,7 +111,7 @@ def test_a_camera_that_was_moved_is_told(seed: int, off_m: float, off_degrees: f
 
 
 @pytest.mark.parametrize("seed", range(8))
-def test_both_views_together_tell_what_neither_does_by_itself(seed: int) -> None:
+def test_both_views_together_detect_what_neither_does_by_itself(seed: int) -> None:
     # An arm that errs by 0.06 degrees: a view puts the board 1 mm off by chance, 3 mm at most.
     rough = case(seed, ROUGH_ARM)
     assert verify(rough.result, rough.later()).passed
@@ -117,7 +120,7 @@ def test_both_views_together_tell_what_neither_does_by_itself(seed: int) -> None
 
 
 @pytest.mark.parametrize("along", [(0.0, 0.0, 0.003), (0.0, 0.0, -0.003)])
-def test_a_camera_that_was_moved_along_its_view_is_told(along: tuple[float, float, float]) -> None:
+def test_a_camera_that_was_moved_along_its_view_is_detected(along: tuple[float, float, float]) -> None:
     verification = verify(case(1).result, case(1).later(camera=from_rotation_vector(along, (0, 0, 0))))
     assert not verification.passed
 
@@ -153,8 +156,8 @@ def test_a_board_that_was_turned_in_place_does_not_speak_against_the_camera(degr
     assert verification.board_turned_rad is not None
     assert verification.board_moved_m < 0.001
     assert np.degrees(verification.board_turned_rad) == pytest.approx(abs(degrees), abs=0.15)
-    told = f"the board was turned by {np.degrees(verification.board_turned_rad):.2f} degrees since"
-    assert told in verification.message
+    expected = f"the board was turned by {np.degrees(verification.board_turned_rad):.2f} degrees since"
+    assert expected in verification.message
 
 
 @pytest.mark.parametrize("seed", SEEDS)
@@ -163,12 +166,12 @@ def test_a_camera_that_was_turned_about_its_view_is_no_board_that_was_turned(deg
     later = case(seed).later(camera=from_rotation_vector((0, 0, 0), (0, 0, np.radians(degrees))))
     verification = verify(case(seed).result, later)
     assert not verification.passed
-    assert "degrees" in verification.message  # it is the turn that tells, not the place
+    assert "degrees" in verification.message  # the rotation contradicts the calibration, not the position
 
 
 @pytest.mark.parametrize("seed", SEEDS)
 @pytest.mark.parametrize("moved", [(0.003, 0.0, 0.0), (0.0, 0.003, 0.0), (0.0, 0.0, 0.003)])
-def test_a_camera_that_was_moved_is_told_though_the_views_hardly_differ(
+def test_a_camera_that_was_moved_is_detected_though_the_views_hardly_differ(
     moved: tuple[float, float, float], seed: int
 ) -> None:
     # 22 degrees from one another and turned alike about the view: the board appears moved nearly alike.
@@ -201,7 +204,7 @@ def test_few_views_know_little_of_their_noise_and_a_good_calibration_passes_all_
 
 @pytest.mark.parametrize("seed", range(3))
 @pytest.mark.parametrize("along_m", [0.003, -0.003])
-def test_a_shift_along_the_view_is_told_though_the_boards_size_is_not_verified(seed: int, along_m: float) -> None:
+def test_a_shift_along_the_view_is_detected_though_the_boards_size_is_not_verified(seed: int, along_m: float) -> None:
     # All from one distance: the board's size, and with it the camera's place along its view, is known to 2 mm only.
     orbit = case(seed, None, orbit_then_two)
     assert orbit.result.covariance[5, 5] > 0.0015**2
@@ -218,7 +221,7 @@ def test_a_board_that_was_raised_might_be_a_camera_that_was_moved() -> None:
     assert "unless something was put under the board" in verification.message
 
 
-def test_one_view_alone_cannot_tell_the_board_from_the_camera() -> None:
+def test_one_view_alone_does_not_distinguish_board_and_camera() -> None:
     later = case(3).later(board=from_rotation_vector((0.02, 0, 0), (0, 0, 0)))
     verification = verify(case(3).result, replace(later, views=later.views[:1]))
     assert not verification.passed
@@ -295,12 +298,12 @@ def test_views_of_something_else_are_refused_by_name(tmp_path: Path) -> None:
     hand_eye = load_hand_eye(tmp_path / "hand_eye.json", max_age_days=1)
     later = replace(case(0).later(), camera_id="A1")
     assert verify(hand_eye, later).passed
-    for changes, told in (
+    for changes, message in (
         ({"board": replace(later.board, pitch_m=0.021)}, r"pitch_m 0\.02,.*pitch_m 0\.021"),
         ({"camera_id": "B2"}, "camera A1, this is camera B2"),
         ({"mounting": "eye-to-hand"}, "is eye-in-hand, these views are eye-to-hand"),
     ):
-        with pytest.raises(HandEyeMismatchError, match=told):
+        with pytest.raises(HandEyeMismatchError, match=message):
             verify(hand_eye, replace(later, **changes))
     with pytest.raises(HandEyeMismatchError, match="is eye-in-hand, these views are eye-to-hand"):
         verify(case(0).result, replace(later, mounting="eye-to-hand"))
@@ -346,8 +349,8 @@ def test_a_file_that_does_not_say_of_how_many_views_it_is_is_taken_to_be_of_few(
     assert chance_mm(verification.message) > 1.1 * chance_mm(straight.message)
 
 
-def test_the_fitted_camera_and_board_are_taken_not_the_told_ones() -> None:
-    # The fitted camera and board are right to a tenth of what the told ones are off.
+def test_the_fitted_camera_and_board_are_taken_not_the_given_ones() -> None:
+    # The fitted camera and board have a tenth of the error of the given ones.
     wrong = case(5, Noise(focal=0.003, scale=0.002))
     verification = verify(wrong.result, wrong.later())
     assert verification.passed
@@ -377,3 +380,34 @@ def test_a_camera_that_stands_in_the_cell_is_verified_too() -> None:
         replace(v, T_base_flange=from_rotation_vector((0.004, 0, 0), (0, 0, 0)) @ v.T_base_flange) for v in later.views
     ]
     assert not verify(result, replace(later, views=tuple(moved))).passed
+
+
+def verified(passed: bool, board_moved_m: float | None = None, worst_m: float = 0.004) -> Verification:
+    view = VerifiedView("16", worst_m, 0.01, 0.0005, 0.0002)
+    turned = None if board_moved_m is None else 0.01
+    return Verification(
+        (view,), worst_m, 0.0005, 0.01, 0.0002, board_moved_m, turned, passed, "the board appears elsewhere"
+    )
+
+
+def test_one_that_holds_has_nothing_against_it() -> None:
+    assert verification_findings(verified(True)) == ()
+
+
+@pytest.mark.parametrize("verification", [verified(False), verified(True, board_moved_m=0.004)])
+def test_a_board_elsewhere_refuses_it_since_nobody_has_moved_it(verification: Verification) -> None:
+    (finding,) = verification_findings(verification)
+    assert (finding.code, finding.blocking) == ("verification-failed", True)
+    assert "4.0 mm and 0.57 degrees off, and about 0.5 mm and 0.01 degrees is expected" in finding.message
+
+
+def test_a_board_that_is_only_turned_is_reported_by_its_rotation() -> None:
+    (finding,) = verification_findings(verified(False, worst_m=0.0001))
+    assert "0.1 mm and 0.57 degrees off, and about 0.5 mm and 0.01 degrees is expected" in finding.message
+
+
+def test_without_views_it_is_a_warning() -> None:
+    nothing = Verification((), math.nan, math.nan, math.nan, math.nan, None, None, False, "there is no view")
+    (finding,) = verification_findings(nothing)
+    assert (finding.code, finding.blocking) == ("not-verified", False)
+    assert finding.message.startswith("there is no view")

@@ -1,4 +1,4 @@
-"""The maximum weight matching of ends, compared with trying all sets of pairs."""
+"""Maximum weight matching of ends, compared with brute force over all sets of pairs."""
 
 from itertools import combinations
 
@@ -18,7 +18,7 @@ graphs = st.lists(st.tuples(st.sampled_from(ALL), st.integers(-3, 9)), max_size=
 
 
 def max_gain(pairs: list[tuple[tuple[int, int], int]]) -> int:
-    """The largest gain of any set of pairs that share no end."""
+    """Return the largest gain of any set of pairs that share no end."""
     if not pairs:
         return 0
     (ends, gain), rest = pairs[0], pairs[1:]

@@ -19,6 +19,7 @@ from recognition.geometry.polyline import (
     fit_end_parabola,
     points_at,
     resample,
+    unit_vectors,
 )
 
 CORNERS = np.array([(0.0, 0.0, 0.0), (0.03, 0.0, 0.0), (0.03, 0.04, 0.0)])
@@ -31,6 +32,12 @@ DIRECTION = np.array([2.0, -1.0, 2.0]) / 3
 Points = NDArray[np.float64]
 
 polylines = arrays(np.float64, st.tuples(st.integers(2, 12), st.sampled_from((2, 3))), elements=st.floats(-1, 1))
+
+
+def test_unit_vectors_have_length_1_and_a_zero_vector_stays_zero() -> None:
+    vectors = np.array([[(3.0, 0.0, 4.0), (0.0, 0.0, 0.0)], [(0.0, -2.0, 0.0), (0.0, 0.0, 1e-6)]])
+    expected = [[(0.6, 0.0, 0.8), (0, 0, 0)], [(0, -1, 0), (0, 0, 1)]]
+    np.testing.assert_allclose(unit_vectors(vectors), expected, rtol=0, atol=1e-15)
 
 
 def test_arc_length_adds_up_the_links() -> None:
@@ -86,7 +93,7 @@ def test_the_parabola_of_a_straight_line_is_exact_for_any_spacing(count: int, le
 
 
 def test_the_parabola_of_a_parabola_is_exact() -> None:
-    # Along a parabola so flat that its length is its width: 5e-6 of a radius high, 1e-11 of one longer.
+    # The parabola is so flat that its arc length is x: 5e-6 radii high, and 1e-11 radii longer than x.
     x = np.linspace(0, LENGTH, 18)
     bend = 3e-7 / R
     terms = fit_end_parabola(FIRST + np.column_stack([x, np.zeros(18), bend * x**2]), LENGTH, R)
@@ -97,12 +104,12 @@ def test_the_parabola_of_a_parabola_is_exact() -> None:
 
 @pytest.mark.parametrize("radius", [10 * R, 20 * R, 60 * R])
 def test_the_parabola_of_a_circle_is_exact_to_the_third_order(radius: float) -> None:
-    first, way, bend = fit_end_parabola(circle(radius, LENGTH, 60), LENGTH, R)
-    # A circle differs from the parabola by s^3 / 6 R^2 along it and s^4 / 24 R^3 across, at most; and the best fit's
-    # derivatives by a few times that over s and over s^2.
+    position, direction, bend = fit_end_parabola(circle(radius, LENGTH, 60), LENGTH, R)
+    # A circle differs from the parabola by at most s^3 / 6 R^2 along it and s^4 / 24 R^3 across. The derivatives of the
+    # best fit differ by a few times that, divided by s and by s^2.
     along, across = LENGTH**3 / (6 * radius**2), LENGTH**4 / (24 * radius**3)
-    np.testing.assert_allclose(first, 0.0, rtol=0, atol=along)
-    np.testing.assert_allclose(way, (1, 0, 0), rtol=0, atol=4 * along / LENGTH)
+    np.testing.assert_allclose(position, 0.0, rtol=0, atol=along)
+    np.testing.assert_allclose(direction, (1, 0, 0), rtol=0, atol=4 * along / LENGTH)
     assert bend[1] == pytest.approx(1 / (2 * radius), abs=4 * across / LENGTH**2)
 
 
@@ -126,8 +133,8 @@ def test_displaced_points_at_the_end_have_little_weight() -> None:
     aside = np.array([1.0, 2.0, 0.0]) / np.sqrt(5)
     line[arc_length(line) < DISTURBED_RADII * R] += 0.2 * R * aside
     position, direction, _ = fit_end_parabola(line, LENGTH, R)
-    # Three points of seventeen are off by 0.2 r. Counted like the others they draw the end all of that aside, and turn
-    # its direction by 0.17.
+    # Three points of seventeen are off by 0.2 r. With full weight they shift the end by 0.2 r and turn its direction by
+    # 0.17 rad.
     assert abs((position - FIRST) @ aside) < 0.1 * R
     assert abs(direction @ aside) < 0.08
 
@@ -146,7 +153,7 @@ def test_the_parabola_of_coincident_points_is_constant() -> None:
 
 @st.composite
 def lines(draw: st.DrawFn) -> Points:
-    """Lines in radii that wander about in space, and whose lengths are nowhere a rounding from one that decides."""
+    """Draw random lines in units of radii, with no arc length within rounding of a threshold."""
     steps = draw(arrays(np.float64, st.tuples(st.integers(1, 25), st.just(3)), elements=st.floats(-1, 1)))
     line = np.vstack([np.zeros(3), np.cumsum(steps, axis=0)])
     s = arc_length(line)

@@ -1,4 +1,4 @@
-"""One point a voxel."""
+"""Means of the points in each voxel."""
 
 import numpy as np
 
@@ -8,12 +8,12 @@ from recognition.geometry.voxel_grid import voxel_means
 def test_means_by_hand() -> None:
     points = np.array([[0.0, 0, 0], [0.3, 0, 0], [2.5, 0, 0], [0.1, 1.9, 0.2]])
     values = np.array([[1.0], [3.0], [5.0], [7.0]])
-    means, of_values = voxel_means(points, 1.0, values)
+    means, value_means = voxel_means(points, 1.0, values)
     np.testing.assert_allclose(means, [(0.15, 0, 0), (0.1, 1.9, 0.2), (2.5, 0, 0)], rtol=0, atol=1e-15)
-    np.testing.assert_array_equal(of_values, [[2.0], [7.0], [5.0]])
+    np.testing.assert_array_equal(value_means, [[2.0], [7.0], [5.0]])
 
 
-def test_as_by_a_dictionary() -> None:
+def test_means_agree_with_a_dictionary_of_voxels() -> None:
     rng = np.random.default_rng(1)
     points = rng.uniform(-3, 5, (400, 3))
     boxes: dict[tuple[int, ...], list[np.ndarray]] = {}
@@ -24,6 +24,6 @@ def test_as_by_a_dictionary() -> None:
     np.testing.assert_allclose(means, expected, rtol=0, atol=1e-12)
 
 
-def test_no_points_give_none() -> None:
+def test_no_points_give_no_means() -> None:
     means, values = voxel_means(np.empty((0, 3)), 0.1, np.empty((0, 2)))
     assert (means.shape, values.shape) == ((0, 3), (0, 2))

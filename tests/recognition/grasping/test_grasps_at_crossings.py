@@ -44,7 +44,7 @@ def test_no_grasp_near_a_crossing_on_the_lower_strand() -> None:
     assert above
     for grasp in above:
         tips = 3 * R - grasp.reach_m - 2 * R
-        assert grasp.clearance_m == pytest.approx(tips, abs=2e-4)  # balls fill the string up to r / 30
+        assert grasp.clearance_m == pytest.approx(tips, abs=2e-4)  # balls leave notches of r / 30
         assert grasp.clearance_m >= GRIPPER.clearance_m
     best_away = max(grasp.score for grasp in grasps if grasp.chain == 1)
     assert max(grasp.score for grasp in above) < best_away / 2
@@ -78,7 +78,7 @@ def test_no_finger_is_in_a_string_or_the_table(name: str) -> None:
     tree = KDTree(np.vstack([c.points for c in chains]))
     for grasp in grasps:
         fingers = finger_points(grasp)
-        # 0.2 mm: the curves are polylines of 1 mm, the balls fill a string up to r / 30.
+        # 0.2 mm: the curves are polylines of 1 mm, and the balls leave notches of r / 30 in a string.
         assert tree.query(fingers)[0].min() > R + GRIPPER.clearance_m - 2e-4
         assert fingers[:, 2].min() - TABLE_Z == pytest.approx(grasp.table_clearance_m, abs=1e-9)
         assert grasp.table_clearance_m > GRIPPER.table_clearance_m - 1e-9

@@ -1,4 +1,4 @@
-"""The model's JSON document is the contract's, and its figures follow from the arrays."""
+"""The JSON document of the model has the keys of the contract and the values of the arrays."""
 
 import json
 import math
@@ -97,7 +97,7 @@ def numbers(value: Any) -> list[float]:
     return [value] if isinstance(value, int | float) else []
 
 
-def test_it_is_plain_json_of_finite_numbers_to_a_micrometre(model: PointChainModel) -> None:
+def test_the_document_is_plain_json_of_finite_numbers_to_a_micrometre(model: PointChainModel) -> None:
     document = model.to_json()
     again = json.loads(json.dumps(document, allow_nan=False))
     assert all(map(math.isfinite, numbers(again)))
@@ -137,7 +137,7 @@ def test_no_string_is_a_valid_model(table_1: ChainParameters) -> None:
 
 def test_lengths_by_hand() -> None:
     assert chain(0, SQUARE).length_m == pytest.approx(0.1, abs=1e-15)
-    # All the way round.
+    # Including the link from the last point to the first.
     assert chain(0, SQUARE, closed=True).length_m == pytest.approx(0.14, abs=1e-15)
 
 

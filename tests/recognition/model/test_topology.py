@@ -1,4 +1,4 @@
-"""Gauss code and P-data: by hand, of known knots and links, and their laws on random ones."""
+"""Gauss code and P-data: by hand, for known knots and links, and their invariants on random chains."""
 
 import json
 from dataclasses import replace
@@ -29,21 +29,21 @@ def chain(number: int, points: np.ndarray, closed: bool = False) -> Chain:
 
 
 def laid(*curves: np.ndarray, closed: bool = False) -> Strings:
-    """Chains along exact curves, and their crossings, over and under by the curves' heights."""
+    """Return chains along exact curves, and their crossings according to the heights of the curves."""
     strands = [Strand(points, np.zeros(len(points), dtype=bool), closed) for points in curves]
     crossings = find_crossings(strands, np.empty((0, 3)), PARAMETERS).crossings
     return tuple(chain(k, points, closed) for k, points in enumerate(curves)), tuple(crossings)
 
 
 def circle(x: float, waves: int = 0) -> np.ndarray:
-    """A ring of 50 mm about (x, 0), counter-clockwise, that goes up and down `waves` times, by 10 mm."""
+    """Return a ring of radius 50 mm about (x, 0), counter-clockwise, with `waves` height waves of amplitude 10 mm."""
     t = np.linspace(0, 2 * np.pi, 100, endpoint=False) + 0.01
     height = 0.01 * np.sin(waves * t) if waves else np.full(len(t), 0.02)
     return np.column_stack([x + 0.05 * np.cos(t), 0.05 * np.sin(t), height])
 
 
 LOOP = np.array([(0, 0, 0.004), (60, 0, 0.004), (60, 40, 0.004), (30, 40, 0.012), (30, -40, 0.012)]) * (1e-3, 1e-3, 1)
-"""East, north, west, then south over its own beginning, at 30 mm: the crossing of over = -y and under = +x."""
+"""A string along +x, +y, -x, then -y. It crosses over its first part at x = 30 mm: over is along -y, under along +x."""
 OVER_AT = 0.06 + 0.04 + np.hypot(0.03, 0.008) + 0.04
 
 
@@ -54,13 +54,13 @@ def test_an_overhand_knot_is_a_trefoil(seed: int) -> None:
     assert abs(writhe(crossings, 0)) == 3
     (code,) = gauss_code(chains, crossings)
     assert [role for _, role, _ in code] in (["over", "under"] * 3, ["under", "over"] * 3)
-    # Each crossing is met again three passes later.
+    # Each crossing is passed again three passes later.
     assert [number for number, _, _ in code[:3]] == [number for number, _, _ in code[3:]]
 
 
 def test_a_loop_by_hand() -> None:
     chains, crossings = laid(LOOP)
-    # Over comes from the north, under from the west: turning over's direction counter-clockwise meets under's.
+    # Over is along -y and under along +x: the cross product of over and under is along +z.
     assert gauss_code(chains, crossings) == [[[0, "under", 1], [0, "over", 1]]]
     data = p_data(chains, crossings)
     length = chains[0].length_m
@@ -70,7 +70,7 @@ def test_a_loop_by_hand() -> None:
     assert isinstance(crossing, CrossingElement)
     assert (crossing.crossing, crossing.sign) == (0, 1)
     np.testing.assert_allclose(spans(data), [(0, 0.03), (0.03, OVER_AT), (OVER_AT, length)], rtol=0, atol=1e-12)
-    # Into the crossing underneath (-1), round and in again on top (1), out to the other end (2).
+    # To the crossing (under, -1), around to the crossing again (over, 1), then to the other end (2).
     assert data.matrix.tolist() == [
         [0, 0, 0, 2, 0, 0],
         [0, 0, 0, 0, 0, 0],
@@ -121,7 +121,7 @@ def test_the_document_names_every_element() -> None:
 
 
 def test_linking_numbers() -> None:
-    # Heights differ where the rings meet: the wavy one goes over the flat one at one point and under it at the other.
+    # The wavy ring passes over the flat one at one crossing and under it at the other.
     chains, crossings = laid(circle(0.0) - np.array([0, 0, 0.02]), circle(0.06, waves=1), closed=True)
     assert len(crossings) == 2
     hopf = linking_number(chains, crossings, 0, 1)
@@ -135,7 +135,7 @@ def test_linking_numbers() -> None:
     assert linking_number(chains, crossings, 0, 1) == 0
 
 
-def test_a_crossing_of_no_chain_is_refused() -> None:
+def test_a_crossing_of_an_unknown_chain_is_an_error() -> None:
     chains, crossings = laid(LOOP)
     with pytest.raises(TopologyError, match="chain 0, which is not in the model"):
         p_data((replace(chains[0], id=7),), crossings)
@@ -180,12 +180,12 @@ def test_turning_a_closed_chain_agrees_with_the_turned_curve() -> None:
 
 @st.composite
 def tangles(draw: st.DrawFn) -> Strings:
-    """Open and closed chains whose passes meet in any way, whether or not a string could lie so."""
+    """Draw open and closed chains with crossings at any passes, also such that no real string could have."""
     closed = draw(st.lists(st.booleans(), min_size=1, max_size=4))
     straight = np.column_stack([np.linspace(0, 1, 11), np.zeros((11, 2))])
     chains = tuple(chain(k, straight, loop) for k, loop in enumerate(closed))
     count = draw(st.integers(0, 8))
-    # Passes in a random order, each with an arc length of its own: one after the other along their chains.
+    # Passes in a random order, each at its own arc length.
     order = draw(st.permutations(range(2 * count)))
     passes = [StrandPoint(draw(st.integers(0, len(closed) - 1)), (k + 0.5) / (2 * count)) for k in order]
     crossings = tuple(
@@ -213,10 +213,11 @@ def test_every_element_has_its_neighbours(strings: Strings) -> None:
         assert np.count_nonzero(matrix[k]) + np.count_nonzero(matrix[:, k]) == 1
     for k in segments:
         assert np.count_nonzero(matrix[k]) == np.count_nonzero(matrix[:, k]) == 1
-    # Handshake: each segment has two ends, and they are the ends' and the crossings' contacts; whole loops aside.
+    # Each segment has two ends, each at an end (1 contact) or a crossing (4 contacts). Closed chains without crossings
+    # have none.
     loops = int(np.count_nonzero(np.diag(matrix)))
     assert 2 * (len(segments) - loops) == len(ends) + 4 * len(nodes)
-    # Together, the segments are the chains.
+    # The segments together are as long as the chains.
     assert sum(end - begin for begin, end in spans(data)) == pytest.approx(sum(c.length_m for c in chains), abs=1e-9)
 
 
@@ -226,7 +227,7 @@ def test_the_gauss_code_can_be_read_from_the_matrix(strings: Strings) -> None:
 
 
 @given(tangles(), st.randoms(use_true_random=False))
-def test_numbering_crossings_otherwise_changes_nothing(strings: Strings, random: Random) -> None:
+def test_the_numbers_of_the_crossings_do_not_matter(strings: Strings, random: Random) -> None:
     chains, crossings = strings
     shuffled = list(crossings)
     random.shuffle(shuffled)
@@ -239,7 +240,7 @@ def test_numbering_crossings_otherwise_changes_nothing(strings: Strings, random:
     ]
 
 
-def test_nor_does_it_where_three_strands_meet_in_one_point() -> None:
+def test_the_numbers_do_not_matter_where_three_strands_cross_in_one_point() -> None:
     line = np.column_stack([np.linspace(0, 1, 11), np.zeros((11, 2))])
     chains = tuple(chain(k, line) for k in range(3))
     lowest, at = StrandPoint(0, 0.5), np.zeros(3)
@@ -255,18 +256,18 @@ def test_nor_does_it_where_three_strands_meet_in_one_point() -> None:
 
 
 @given(tangles())
-def test_turning_every_chain_round_reverses_every_walk(strings: Strings) -> None:
+def test_reversing_every_chain_reverses_its_gauss_code(strings: Strings) -> None:
     chains, crossings = strings
     for c in chains:
         chains, crossings = turned_round(chains, crossings, c.id)
     assert [x.sign for x in crossings] == [x.sign for x in strings[1]]
     for there, back in zip(gauss_code(*strings), gauss_code_of(p_data(chains, crossings)), strict=True):
-        # A closed chain's may begin elsewhere.
+        # The code of a closed chain may begin at another crossing.
         turned = back[::-1]
         assert any(turned[k:] + turned[:k] == there for k in range(max(len(there), 1)))
 
 
-def test_the_document_has_both() -> None:
+def test_the_document_has_gauss_code_and_p_data() -> None:
     chains, crossings = laid(LOOP)
     model = PointChainModel("enhanced", PARAMETERS, chains, crossings)
     topology = model.to_json()["topology"]

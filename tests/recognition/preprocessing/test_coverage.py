@@ -47,7 +47,7 @@ def coverage_of(view_count: NDArray[np.int64], side_m: float = 1.0) -> Coverage:
 
 
 def test_a_camera_straight_above_sees_a_rectangle() -> None:
-    # 0.4 m above the table, 1 mm a pixel: 639 mm along y and 399 mm along x, about (0.1, -0.2).
+    # 0.4 m above the table, 1 mm per pixel: 639 mm along y and 399 mm along x, about (0.1, -0.2).
     coverage = table_coverage([above(0.1, -0.2, 0.5)], (-0.5, 0.5), (-0.6, 0.6), 0.1)
     assert coverage.view_count.shape == (100, 120)
     x, y = -0.495 + 0.01 * np.arange(100), -0.595 + 0.01 * np.arange(120)
@@ -70,7 +70,7 @@ def test_oblique_views_are_counted_square_by_square() -> None:
     assert 0.1 < coverage.covered_share < 0.9
 
 
-def test_what_lies_behind_a_camera_is_not_in_its_view() -> None:
+def test_the_table_behind_a_camera_is_not_in_its_view() -> None:
     up = above(0.0, 0.0, 0.5).T_base_camera @ np.diag([1.0, -1.0, -1.0, 1.0])
     assert table_coverage([frustum(up)] * 2, (-0.5, 0.5), (-0.5, 0.5), 0.0).covered_share == 0.0
 
@@ -78,7 +78,7 @@ def test_what_lies_behind_a_camera_is_not_in_its_view() -> None:
 def test_a_large_workspace_has_larger_squares() -> None:
     coverage = table_coverage([above(0.0, 0.0, 9.0)] * 2, (-5.0, 5.0), (0.0, 0.004), 0.0)
     assert coverage.view_count.shape == (MAX_SQUARES, 1)
-    # 9 m up it sees 22.5 mm a pixel, 399 of them along x.
+    # At a height of 9 m a pixel has 22.5 mm, and 399 pixels are along x.
     assert coverage.covered_share == pytest.approx(399 * 0.0225 / 10, abs=2 / MAX_SQUARES)
 
 
@@ -125,21 +125,21 @@ def test_no_covered_square_or_no_covered_rectangle_has_a_message() -> None:
     assert (coverage_message(coverage_of(board)) or "").endswith("this part is scattered over the table")
 
 
-def test_it_takes_less_than_five_milliseconds() -> None:
-    # The required bound, for the largest grid and eight views: in the processor's time, of the best of many: others
-    # share its core.
+def test_coverage_takes_less_than_five_milliseconds() -> None:
+    # The required limit for the largest grid and eight views, in processor time. The best of many runs counts, because
+    # other processes share the core.
     frustums = [frustum(look_at(np.zeros(3), azimuth, 0.8, 0.3, 0.2)) for azimuth in np.arange(8.0)]
-    spent = []
+    spent_s = []
     for _ in range(100):
-        began = time.process_time()
+        begin_s = time.process_time()
         assert coverage_message(table_coverage(frustums, (-0.6, 0.6), (-0.6, 0.6), 0.0)) is not None
-        spent.append(time.process_time() - began)
-    assert min(spent) < 0.005
+        spent_s.append(time.process_time() - begin_s)
+    assert min(spent_s) < 0.005
 
 
 @pytest.mark.parametrize("name", SCENES)
 def test_simulated_scans_show_all_of_their_workspace(name: str) -> None:
-    # As `pointchain simulate` makes them by default.
+    # With the defaults of `pointchain simulate`.
     camera, scene = camera_model("oak-d-pro"), make_scene(name, 0)
     points = np.vstack(scene.curves) if scene.curves else np.zeros((1, 3))
     size = (camera.width, camera.height)
@@ -162,7 +162,7 @@ def warned(scan: SimulatedScan, workspace_m: tuple[float, float] | None, views: 
     return [warning for warning in model.quality.warnings if "in fewer than" in warning]
 
 
-def test_a_model_warns_about_what_its_views_do_not_show(scan: SimulatedScan) -> None:
+def test_a_model_warns_about_the_part_that_its_views_do_not_show(scan: SimulatedScan) -> None:
     assert warned(scan, (-0.15, 0.15)) == []
     assert warned(scan, None) == [], "there is no workspace to cover"
     (message,) = warned(scan, (-0.6, 0.6))

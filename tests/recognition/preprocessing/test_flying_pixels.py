@@ -1,4 +1,4 @@
-"""Flying pixels are removed; straight edges stay."""
+"""Filter of flying pixels: straight edges stay."""
 
 from dataclasses import dataclass
 
@@ -29,8 +29,8 @@ def kept(depth_image: Image, parameters: ChainParameters) -> np.ndarray:
 def test_a_straight_edge_stays_and_flying_pixels_go(table_1: ChainParameters) -> None:
     depth = np.full((30, 40), 4400)
     depth[:, 20:] = 4200  # 20 mm nearer
-    depth[10, 20] = 4300  # half way between
-    depth[20, 10] = 4250  # over the plain
+    depth[10, 20] = 4300  # halfway between
+    depth[20, 10] = 4250  # above the table
     depth[25, 30] = 0  # a hole
     result = kept(image(depth), table_1)
     gone = np.argwhere(~result[1:-1, 1:-1]) + 1
@@ -52,7 +52,7 @@ def test_the_slope_of_a_string_stays(table_1: ChainParameters) -> None:
 def test_a_string_two_pixels_wide_stays(table_1: ChainParameters, focal_px: float, stays: bool) -> None:
     depth = np.full((30, 40), 4400)
     depth[:, 20] = 4200
-    # One pixel wide: a spike if a string is nine pixels wide, a string if a string is two pixels wide.
+    # A column one pixel wide is a spike if strings are nine pixels wide, and a string if strings are two pixels wide.
     assert kept(image(depth, focal_px), table_1)[5:25, 20].all() == stays
 
 

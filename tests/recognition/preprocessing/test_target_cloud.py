@@ -98,7 +98,7 @@ def test_a_view_with_a_pose_error_is_aligned_first(table_1: ChainParameters) -> 
     # The arm reports the camera 2 mm too high.
     T_error = from_rotation_vector((0.0, 0.0, 0.002), (0, 0, 0))
     target = preprocess(view_of(depth, T_error @ T_BASE_CAMERA), table_1, Scene())
-    # The reported heights are 2 and 10 mm; the ridge of 8 mm is found at 8 mm, but for roundings of the fit.
+    # The reported heights are 2 and 10 mm; the ridge of 8 mm is found at 8 mm, except for rounding in the fit.
     assert len(target.points) == 80
     np.testing.assert_allclose(target.points[:, 2], 0.008, rtol=0, atol=1e-12)
     np.testing.assert_allclose(target.T_table_alignment, inverse(T_error), rtol=0, atol=1e-12)

@@ -32,8 +32,8 @@ def half(table_1: ChainParameters, tube: Callable) -> Callable[..., NormalCloud]
     return make
 
 
-def test_only_what_both_show_is_paired(table_1: ChainParameters, half: Callable) -> None:
-    # 19 points round: every 5 degrees. 60 to 90 degrees are in both.
+def test_only_surface_in_both_views_is_paired(table_1: ChainParameters, half: Callable) -> None:
+    # 19 points around: one every 5 degrees. 60 to 90 degrees are in both.
     right, left = half(3, 0, 90), half(5, 60, 150)
     (overlap,) = find_correspondences(left, [right], table_1, max_distance_radii=0.05)
     assert (overlap.source_view, overlap.target_view) == (5, 3)
@@ -44,7 +44,7 @@ def test_only_what_both_show_is_paired(table_1: ChainParameters, half: Callable)
     np.testing.assert_allclose(overlap.cosines, 1.0, rtol=0, atol=1e-12)
     height = np.degrees(np.arcsin(left.points[overlap.source_indices, 2] / table_1.r))
     assert 60 - 1e-6 < height.min() < 66
-    # All anchor points there have a partner: those of 7 of 19 angles.
+    # All anchor points there have a partner. They are at 7 of the 19 angles.
     assert len(overlap.source_indices) == pytest.approx(overlap.n_searched * 7 / 19, rel=0.1)
 
 
@@ -68,7 +68,7 @@ def test_clouds_are_compared_where_they_are_moved_to(table_1: ChainParameters, h
     assert find_correspondences(away[0], [away[1]], table_1) == []
     (there,) = find_correspondences(away[0], [away[1]], table_1, T=T, T_others=[T_other])
     (here,) = find_correspondences(second, [first], table_1)
-    # At rounding, another of two points that are equally far may be taken.
+    # Rounding may select the other one of two equally distant points.
     np.testing.assert_allclose(there.distances, here.distances, rtol=0, atol=1e-12)
     np.testing.assert_allclose(there.cosines, here.cosines, rtol=0, atol=1e-12)
 

@@ -1,4 +1,4 @@
-"""Views that show another scene are found and excluded; the majority decides which."""
+"""Views that show another scene are excluded, according to the majority of the views."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -27,7 +27,7 @@ def image(view: int, depth: np.ndarray) -> View:
 
 
 def strip(view: int, y_m: float, x_m: tuple[float, float] = (-0.1, 0.1)) -> NormalCloud:
-    """What a camera straight above sees of a flat strip along x, 8 mm wide and 8 mm above the table."""
+    """Return the view of a flat strip along x from straight above, 8 mm wide and 8 mm above the table."""
     u, v = np.meshgrid(np.arange(320), np.arange(200))
     x, y = (u - K[0, 2]) / K[0, 0] * 0.392, -(v - K[1, 2]) / K[1, 1] * 0.392
     on = (np.abs(y - y_m) < 0.004) & (x > x_m[0]) & (x < x_m[1])
@@ -42,14 +42,14 @@ def inconsistent(clouds: Sequence[NormalCloud], table_1: ChainParameters, robot:
     return find_inconsistent_views(clouds, np.full(len(clouds), robot), table_1)
 
 
-def test_views_of_one_scene_do_not_see_through_one_another(table_1: ChainParameters) -> None:
-    # A millimetre and a half is what poses may be off, and not yet another place.
+def test_views_of_one_scene_have_no_free_space_violations(table_1: ChainParameters) -> None:
+    # Pose errors reach 1.5 mm, which is not another position.
     clouds = [strip(0, 0.0), strip(1, 0.0015), strip(2, -0.001)]
     np.testing.assert_array_equal(free_space_violations(clouds, table_1), 0.0)
     assert inconsistent(clouds, table_1) == {}
 
 
-def test_a_strip_elsewhere_is_seen_through_altogether(table_1: ChainParameters) -> None:
+def test_a_strip_at_another_position_is_in_free_space(table_1: ChainParameters) -> None:
     violations = free_space_violations([strip(0, 0.0), strip(1, 0.02)], table_1)
     assert (np.diag(violations) == 0).all()
     assert min(violations[0, 1], violations[1, 0]) > 0.9
@@ -64,7 +64,7 @@ def test_the_contradicting_view_is_excluded_in_any_position(table_1: ChainParame
         assert "contradicts the other views" in reasons[10 + wrong]
 
 
-def test_two_of_five_can_be_wrong_each_in_its_way(table_1: ChainParameters) -> None:
+def test_two_of_five_views_can_be_wrong_in_different_ways(table_1: ChainParameters) -> None:
     places = [0.0, 0.02, 0.0, -0.03, 0.0]
     assert sorted(inconsistent([strip(k, y) for k, y in enumerate(places)], table_1)) == [1, 3]
 
@@ -73,7 +73,7 @@ def test_a_shift_along_a_straight_strip_shows_at_its_ends(table_1: ChainParamete
     clouds = [strip(k, 0.0) for k in range(4)]
     clouds[2] = strip(2, 0.0, (-0.08, 0.12))
     assert list(inconsistent(clouds, table_1)) == [2]
-    # Ends that fray by a few pixels are the same scene.
+    # Ends that differ by a few pixels are the same scene.
     clouds[2] = strip(2, 0.0, (-0.098, 0.103))
     assert inconsistent(clouds, table_1) == {}
 
@@ -85,8 +85,8 @@ def test_without_a_majority_there_is_no_answer(table_1: ChainParameters, places:
     assert caught.value.slug == "contradicting-views"
 
 
-def test_a_majority_must_be_left_when_poses_have_gone_too(table_1: ChainParameters) -> None:
-    # Two of five contradict the others; of the three that agree, one is not where the arm says.
+def test_views_excluded_for_their_robot_error_count_against_the_majority(table_1: ChainParameters) -> None:
+    # Two of five views contradict the others. One of the three that agree has a wrong robot pose.
     clouds = [strip(k, y) for k, y in enumerate([0.0, 0.02, 0.0, -0.03, 0.0])]
     robot = np.array([1.0, 1.0, 1.0, 1.0, MAX_ROBOT_SIGMA + 5])
     with pytest.raises(
@@ -96,7 +96,7 @@ def test_a_majority_must_be_left_when_poses_have_gone_too(table_1: ChainParamete
     assert "check the poses" in str(caught.value)
 
 
-def test_what_a_view_does_not_see_it_does_not_contradict(table_1: ChainParameters) -> None:
+def test_a_view_does_not_contradict_surface_that_it_does_not_see(table_1: ChainParameters) -> None:
     whole, half = strip(0, 0.0), strip(1, 0.0)
     assert half.image is not None
     # Half of the second image is without depth.
@@ -104,7 +104,7 @@ def test_what_a_view_does_not_see_it_does_not_contradict(table_1: ChainParameter
     depth[:, 160:] = 0
     kept = half.points[:, 0] < 0
     half = replace(half, points=half.points[kept], normals=half.normals[kept], image=image(1, depth))
-    # Something stands before the strip in the third.
+    # An object hides part of the strip in the third.
     hidden = strip(2, 0.0)
     assert hidden.image is not None
     before = hidden.image.depth.copy()
@@ -129,6 +129,6 @@ def test_a_view_with_an_implausible_robot_error_is_excluded(table_1: ChainParame
     reasons = find_inconsistent_views(clouds, robot, table_1)
     assert list(reasons) == [2]
     assert "12 sigma of the arm's accuracy (the other views: 2)" in reasons[2]
-    # An arm that is worse than assumed in all views is no view's fault; of two views, neither is known to be wrong.
+    # If the arm is worse than assumed in all views, no single view is at fault. Of two views, either may be wrong.
     assert find_inconsistent_views(clouds, robot + 8, table_1) == {}
     assert find_inconsistent_views(clouds[1:3], robot[1:3], table_1) == {}

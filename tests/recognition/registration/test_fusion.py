@@ -1,4 +1,4 @@
-"""One cloud of all views."""
+"""Merging of all views into one cloud."""
 
 from collections.abc import Callable
 
@@ -14,7 +14,7 @@ from recognition.registration.fusion import MAX_POINTS, merge_clouds
 ARC = np.column_stack([np.cos(np.linspace(0, 3, 250)), np.sin(np.linspace(0, 3, 250)), np.zeros(250)]) * 0.06
 
 
-def test_merging_thins_drops_outliers_and_keeps_unit_normals(table_1: ChainParameters, tube: Callable) -> None:
+def test_merging_averages_removes_outliers_and_keeps_unit_normals(table_1: ChainParameters, tube: Callable) -> None:
     clouds = []
     for k in range(3):
         points, normals = tube(ARC, table_1.r, np.radians(20 * k), np.radians(140 + 20 * k), around=18)
@@ -35,7 +35,7 @@ def test_a_point_with_opposite_normals_has_no_side(table_1: ChainParameters) -> 
     sheet = np.column_stack([x.ravel(), y.ravel(), np.zeros(144)])
     up = np.tile((0.0, 0.0, 1.0), (144, 1))
     down = up.copy()
-    # Half of the second view's sheet is seen from below.
+    # The second view sees half of the sheet from below.
     down[sheet[:, 0] > 0.011] *= -1
     points, normals = merge_clouds(
         [NormalCloud(0, sheet, up, np.eye(4)), NormalCloud(1, sheet, down, np.eye(4))], table_1
@@ -44,7 +44,7 @@ def test_a_point_with_opposite_normals_has_no_side(table_1: ChainParameters) -> 
     np.testing.assert_allclose(normals, np.tile((0.0, 0.0, 1.0), (len(points), 1)), rtol=0, atol=1e-12)
 
 
-def test_more_points_than_strings_have_are_refused(table_1: ChainParameters) -> None:
+def test_more_points_than_strings_have_are_an_error(table_1: ChainParameters) -> None:
     points = np.random.default_rng(0).uniform(0, 2.0, (MAX_POINTS + 5000, 3))
     cloud = NormalCloud(0, points, np.tile((0.0, 0.0, 1.0), (len(points), 1)), np.eye(4))
     with pytest.raises(TooCrowdedError, match=r"the views together have 15[0-9]{4} points above the table"):

@@ -6,8 +6,8 @@ from functools import cache
 
 import numpy as np
 import pytest
-from scipy.spatial.transform import Rotation
 
+from calibration.geometry.se3 import twist_from_pose
 from calibration.geometry.transforms import from_rotation_vector, inverse
 from calibration.verification.drift import ScanError, judge_drift
 from cell.devices import View
@@ -17,6 +17,7 @@ from cell.simulation.scenes import make_scene
 from cell.simulation.world import SimulatedWorld, simulated_world
 from cell.viewpoints import ViewpointPlan, plan_viewpoints
 from recognition.parameters import ChainParameters
+from recognition.preprocessing.normals import NormalCloud
 from recognition.preprocessing.target_cloud import Scene
 from recognition.registration.hand_eye_error import HandEyeErrorEstimate
 from recognition.registration.pose_prior import PoseSigmas
@@ -25,7 +26,7 @@ from recognition.view_ingestion import IngestedViews, ingest_views
 
 SCENES = ("figure-eight", "several", "straight")
 PRIOR_COVARIANCE = np.diag(np.repeat([PoseSigmas().hand_eye_rad, PoseSigmas().hand_eye_m], 3) ** 2)
-"""Covariance of a calibration whose file holds none."""
+"""Covariance for a calibration whose file has none."""
 
 
 @cache
@@ -37,8 +38,8 @@ def default_cell() -> tuple[SimulatedWorld, ViewpointPlan, Scene]:
     return world, plan, Scene(settings.mounting.table_z_m, settings.workspace_m)
 
 
-def arrivals(scene: str, moved: tuple[float, ...]) -> IngestedViews:
-    """The views of a scene after the camera `moved` (rotation vector, translation) since it was calibrated."""
+def ingested(scene: str, moved: tuple[float, ...]) -> IngestedViews:
+    """Return the views of a scene after the camera `moved` (rotation vector, translation) since its calibration."""
     world, plan, where = default_cell()
     T_flange_camera = world.T_flange_camera @ from_rotation_vector(moved[3:], moved[:3])
     source = FrameSource(replace(world, scene=make_scene(scene, 1), T_flange_camera=T_flange_camera))
@@ -51,18 +52,18 @@ def arrivals(scene: str, moved: tuple[float, ...]) -> IngestedViews:
     return ingest_views(views, ChainParameters.for_radius(0.0042), where)
 
 
-def estimate(seen: IngestedViews, sigmas: PoseSigmas | None = None) -> HandEyeErrorEstimate:
+def estimate(views: IngestedViews, sigmas: PoseSigmas | None = None) -> HandEyeErrorEstimate:
     parameters = ChainParameters.for_radius(0.0042)
-    error = register(seen.clouds, parameters, seen.correspondences, sigmas).hand_eye_error
+    error = register(views.clouds, parameters, views.correspondences, sigmas).hand_eye_error
     assert error is not None
     return error
 
 
 def true_error(moved: tuple[float, ...]) -> np.ndarray:
-    """(6,) error of the given calibration, as `HandEyeErrorEstimate` defines it."""
+    """Return the error (6,) of the given calibration, as `HandEyeErrorEstimate` defines it."""
     world, _, _ = default_cell()
     T = inverse(world.told_T_flange_camera) @ world.T_flange_camera @ from_rotation_vector(moved[3:], moved[:3])
-    return np.concatenate([Rotation.from_matrix(T[:3, :3]).as_rotvec(), T[:3, 3]])
+    return twist_from_pose(T)
 
 
 STILL = (0.0,) * 6
@@ -72,24 +73,23 @@ TURNED = (0.0, float(np.radians(0.5)), 0.0, 0.0, 0.0, 0.0)
 
 @pytest.mark.parametrize("moved", [STILL, SHIFTED, TURNED], ids=["still", "shifted", "turned"])
 def test_scans_show_a_camera_that_has_moved_and_no_other(moved: tuple[float, ...]) -> None:
-    errors = [estimate(arrivals(scene, moved)) for scene in SCENES]
+    errors = [estimate(ingested(scene, moved)) for scene in SCENES]
     drift = judge_drift([ScanError(error.information, error.vector) for error in errors], PRIOR_COVARIANCE)
     assert drift.drifted == (moved != STILL)
-    # Sigmas of the scans' average are 0.9 mm and 0.17 degrees (lengths); those of one scene, not of one cell.
+    # The 3D sigmas of the mean over these scans are 0.9 mm and 0.17 degrees.
     off = drift.error - true_error(moved)
     assert np.linalg.norm(off[3:]) < 0.002
     assert np.linalg.norm(off[:3]) < np.radians(0.35)
     for error in errors:
-        squared = (error.vector - error.information @ true_error(moved)) @ np.linalg.solve(
-            error.information, error.vector - error.information @ true_error(moved)
-        )
+        residual = error.vector - error.information @ true_error(moved)
+        squared = residual @ np.linalg.solve(error.information, residual)
         # Chi square of 6 without a move (22 is exceeded once in a thousand); a larger move leaves fewer pairs.
         assert squared < (22 if moved == STILL else 45)
 
 
 def test_the_prior_is_not_included() -> None:
-    seen = arrivals("several", STILL)
-    default, loose = estimate(seen), estimate(seen, PoseSigmas(hand_eye_m=0.004, hand_eye_rad=0.015))
+    views = ingested("several", STILL)
+    default, loose = estimate(views), estimate(views, PoseSigmas(hand_eye_m=0.004, hand_eye_rad=0.015))
     # The prior is a hundredth; correspondences and weights differ slightly.
     scale = np.sqrt(np.diag(default.information))
     np.testing.assert_allclose(
@@ -102,8 +102,6 @@ def test_the_prior_is_not_included() -> None:
 
 
 def test_views_without_overlap_give_no_estimate(table_1: ChainParameters, tube: Callable) -> None:
-    from recognition.preprocessing.normals import NormalCloud
-
     s = np.arange(0.0, 0.2, 0.0008)
     line = np.column_stack([s, np.zeros_like(s), np.zeros_like(s)])
     clouds = []

@@ -12,7 +12,7 @@ SIGMAS = PoseSigmas()
 
 
 def ring(count: int) -> list[np.ndarray]:
-    """T_base_camera of views from all round, 0.4 m off, looking at the centre."""
+    """Return T_base_camera of views around the centre, 0.4 m away and directed at it."""
     poses = []
     for k in range(count):
         R = from_rotation_vector(np.zeros(3), (0, 0, 2 * np.pi * k / count))
@@ -29,7 +29,7 @@ def cloud_at(view: int, T_base_camera: np.ndarray | None, T_correction: np.ndarr
 
 
 def drawn(rng: np.random.Generator, poses: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
-    """(V, 6) true corrections of the given poses, and (6,) the hand-eye error in the camera frame."""
+    """Draw the true corrections (V, 6) of the given poses, and the hand-eye error (6,) in the camera frame."""
     hand_eye = rng.standard_normal(6) * np.repeat([SIGMAS.hand_eye_rad, SIGMAS.hand_eye_m], 3)
     twists = []
     for T in poses:
@@ -44,13 +44,13 @@ def drawn(rng: np.random.Generator, poses: list[np.ndarray]) -> tuple[np.ndarray
 def test_drawn_errors_spread_as_the_prior_predicts() -> None:
     poses = ring(5)
     prior = pose_prior([cloud_at(k, T) for k, T in enumerate(poses)], CENTRE, SIGMAS)
-    # The offset of the disparity was not drawn: without it.
+    # Without the disparity offset, which was not drawn.
     only_poses = np.delete(np.delete(prior.information, -1, axis=0), -1, axis=1)
     covariance = np.linalg.inv(only_poses)[: 6 * 5, : 6 * 5]
     rng = np.random.default_rng(0)
     drawn_twists = np.array([drawn(rng, poses)[0].ravel() for _ in range(600)])
     squared = np.einsum("ki,ij,kj->k", drawn_twists, np.linalg.inv(covariance), drawn_twists) / 30
-    # Chi square of 30 over 30: a mean of 1 +- 0.011; products of two errors are neglected.
+    # Chi square of 30 degrees of freedom over 30: a mean of 1 +- 0.011. Products of two errors are neglected.
     assert squared.mean() == pytest.approx(1.0, abs=0.04)
     # Shared errors rotate with the view: covariance of a view with the opposite one.
     sampled = np.cov(drawn_twists.T)
@@ -69,15 +69,15 @@ def test_the_hand_eye_error_is_found_from_its_twists() -> None:
     information[: len(twists), : len(twists)] += np.eye(len(twists)) * 1e14
     gradient[: len(twists)] -= twists * 1e14
     found = -np.linalg.solve(information, gradient)
-    # Eight views at 1 mrad and 0.3 mm against a prior of 1.5 mrad and 0.4 mm: 1 part in 20 stays with the prior; the
-    # disparity's offset may take some of the shift along the line of sight.
+    # Eight views at 1 mrad and 0.3 mm against a prior of 1.5 mrad and 0.4 mm: the prior keeps 1 part in 20. The
+    # disparity offset may explain some of the shift along the line of sight.
     np.testing.assert_allclose(found[-7:-4], hand_eye[:3], rtol=0, atol=0.0003)
     np.testing.assert_allclose(found[-4:-2], hand_eye[3:5], rtol=0, atol=0.0002)
 
 
 def test_table_alignment_informs_the_rest_of_the_pose() -> None:
-    # The hand-eye calibration was turned about the camera: the table was found tilted and brought level about its
-    # middle. The prior knows that the same turn has also shifted the view.
+    # The hand-eye rotation was wrong: the table was seen tilted and was aligned about its centre. The prior knows that
+    # the same rotation has also shifted the view.
     poses = ring(8)
     turn = np.array([0.0025, 0.002, 0.0])
     clouds, twists = [], []
@@ -102,7 +102,7 @@ def test_without_cameras_errors_are_about_the_centre() -> None:
     np.testing.assert_array_equal(prior.gradient, 0.0)
     difference = np.linalg.inv(prior.information)
     difference = difference[:6, :6] + difference[6:12, 6:12] - difference[:6, 6:12] - difference[6:12, :6]
-    # The common error cancels; two robots' remain.
+    # The shared error cancels. Two robot errors remain.
     expected = 2 * np.diag(np.repeat([SIGMAS.robot_rad, SIGMAS.robot_m], 3) ** 2)
     np.testing.assert_allclose(difference, expected, rtol=0, atol=1e-12)
 
@@ -110,7 +110,7 @@ def test_without_cameras_errors_are_about_the_centre() -> None:
 def test_the_disparity_offset_moves_points_along_the_line_of_sight() -> None:
     T = from_rotation_vector(CENTRE + np.array([0, 0, 0.5]), (np.pi, 0, 0))
     prior = pose_prior([cloud_at(0, T)], CENTRE, SIGMAS)
-    # Depths come out too far by b times their square: the plane 0.5 m ahead lies 0.25 b too low and is to be raised.
+    # Measured depths are too large by b times their square: the plane at 0.5 m is 0.25 b too low and must be raised.
     (D, _) = prior.robot_errors[0]
     to_camera = D[:, :6] * np.repeat([SIGMAS.robot_rad, SIGMAS.robot_m], 3)[:, None]
     twist = -np.linalg.solve(to_camera, D[:, -1] * np.repeat([SIGMAS.robot_rad, SIGMAS.robot_m], 3))

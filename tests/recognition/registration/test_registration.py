@@ -1,4 +1,4 @@
-"""Merging views whose poses are off by a known error."""
+"""Registration of views with known pose errors."""
 
 import re
 from collections.abc import Callable
@@ -31,7 +31,7 @@ SIDES = [(np.radians(low), np.radians(low + 140)) for low in (10, 30, 50, -10, 2
 
 
 def views_of(tube: Callable, curve: np.ndarray, r: float, twists: np.ndarray) -> list[NormalCloud]:
-    """One cloud a twist: another side of the string each, and moved by it about the curve's middle."""
+    """Return one cloud per twist. Each shows another side of the string and is moved about the middle of the curve."""
     clouds = []
     for k, twist in enumerate(twists):
         rng = np.random.default_rng(k)
@@ -44,14 +44,14 @@ def views_of(tube: Callable, curve: np.ndarray, r: float, twists: np.ndarray) ->
 
 
 def about(twist: np.ndarray, centre: np.ndarray) -> np.ndarray:
-    """The transform that turns about `centre` by a rotation vector and moves it."""
+    """Return the transform that rotates about `centre` by a rotation vector and translates."""
     T = from_rotation_vector(twist[3:], twist[:3])
     T[:3, 3] += centre - T[:3, :3] @ centre
     return T
 
 
 def off_surface(points: np.ndarray, curve: np.ndarray, r: float) -> np.ndarray:
-    """(N,) distance of each point from the true tube; the curve's steps of 0.8 mm make at most 0.02 mm of it."""
+    """Return the distance (N,) of each point from the true tube. The curve steps of 0.8 mm add at most 0.02 mm."""
     return np.abs(KDTree(curve).query(points)[0] - r)
 
 
@@ -60,7 +60,7 @@ def surface_error(registration: Registration, curve: np.ndarray, r: float) -> fl
 
 
 def pose_errors(seed: int, count: int) -> np.ndarray:
-    """Twists as robot and calibration err: 1 mrad and 0.7 mm about each axis."""
+    """Draw twists of the size of robot and calibration errors: 1 mrad and 0.7 mm per axis."""
     return np.random.default_rng(seed).standard_normal((count, 6)) * np.repeat([0.001, 0.0007], 3)
 
 
@@ -71,7 +71,7 @@ def test_a_bent_string_is_merged_better_than_by_the_hand_eye_poses(table_1: Chai
         by_pose = float(np.mean([off_surface(cloud.points, BENT, table_1.r).mean() for cloud in clouds]))
         registered = surface_error(register(clouds, table_1), BENT, table_1.r)
         gains.append(registered / by_pose)
-    # Never worse; what all views have in common (1 / sqrt 6 of the error, 40 %) no registration can see.
+    # Never worse. No registration can see the error that all views share (1 / sqrt 6 of it, 40 %).
     assert max(gains) < 1.0
     assert np.mean(gains) < 0.75
 
@@ -92,7 +92,7 @@ def test_views_that_differ_are_brought_together(table_1: ChainParameters, tube: 
     clouds = views_of(tube, BENT, table_1.r, np.array([-aside, aside]))
     registration = register(clouds, table_1)
     heights = [transform_points(cloud.T_correction, np.zeros((1, 3)))[0, 2] for cloud in registration.clouds]
-    # Both know their height alike well, so they meet half way, by most of the 2 mm between them.
+    # Both heights have the same sigma, so that each view moves halfway. Most of the 2 mm between them is removed.
     assert 0.0012 < heights[0] - heights[1] < 0.0021
     assert surface_error(registration, BENT, table_1.r) < 0.5 * np.mean(
         [off_surface(cloud.points, BENT, table_1.r).mean() for cloud in clouds]
@@ -107,7 +107,7 @@ def test_the_common_motion_is_removed(table_1: ChainParameters, tube: Callable) 
     shifted = [transform_points(T, centre[None])[0] - centre for T in T_corrections]
     turned = [Rotation.from_matrix(T[:3, :3]).as_rotvec() for T in T_corrections]
     assert np.linalg.norm(shifted, axis=1).max() > 0.0001
-    # Zero but for roundings: the merged cloud stays where the hand-eye poses together put it.
+    # Zero except for rounding: the merged cloud stays at the mean of the hand-eye poses.
     np.testing.assert_allclose(np.mean(shifted, axis=0), 0.0, rtol=0, atol=1e-9)
     np.testing.assert_allclose(np.mean(turned, axis=0), 0.0, rtol=0, atol=1e-9)
 
@@ -135,10 +135,10 @@ def test_a_straight_string_is_not_slid_along_its_axis(table_1: ChainParameters, 
     twists[1, 3:] = (along_m, 0.0006, 0.0)
     registration = register(views_of(tube, STRAIGHT, table_1.r, twists), table_1)
     first, second = (twist_about(cloud.T_correction, STRAIGHT.mean(axis=0)) for cloud in registration.clouds)
-    # Across it they meet, all but a tenth; along it there is nothing to see.
+    # Nine tenths of the offset across the string are removed. Along it the surfaces show nothing.
     assert second[4] - first[4] == pytest.approx(-0.0006, abs=0.00006)
     assert max(abs(first[3]), abs(second[3])) < 0.00005
-    # And it is known how well: along it as the poses alone, across it better by far.
+    # The covariance agrees: along the string it is that of the poses alone, across it far smaller.
     difference = np.array([1.0, -1.0])
     along, across = (
         np.sqrt(difference @ registration.covariance[np.ix_([k, 6 + k], [k, 6 + k])] @ difference) for k in (3, 4)
@@ -150,7 +150,7 @@ def test_a_straight_string_is_not_slid_along_its_axis(table_1: ChainParameters, 
 def test_registered_views_are_never_worse_and_as_good_as_their_covariance(
     table_1: ChainParameters, tube: Callable
 ) -> None:
-    # Independent errors of the size that the prior takes robots to have.
+    # Independent errors with the robot sigmas of the prior.
     sigma = np.repeat([PoseSigmas().robot_rad, PoseSigmas().robot_m], 3)
     centre = BENT.mean(axis=0)
     before, after, squared = [], [], []
@@ -173,12 +173,12 @@ def test_registered_views_are_never_worse_and_as_good_as_their_covariance(
         squared.append(difference @ np.linalg.solve(D @ registration.covariance @ D.T, difference) / 6)
     assert (np.array(after) < np.array(before)).all()
     assert np.mean(after) < 0.3 * np.mean(before)
-    # Errors of these points are independent, other than those of a camera that the covariance allows for: smaller.
+    # The errors of these points are independent. The covariance assumes correlated errors of a camera and is larger.
     assert 0.05 < np.mean(squared) < 1.2
 
 
 def apart(twists: np.ndarray) -> float:
-    """Root mean square distance (metres) between where the views put points 0.1 m from the centre."""
+    """Return the rms distance (metres) between the views of a point 0.1 m from the centre."""
     relative = (twists - twists.mean(axis=0)) * np.repeat([0.1, 1.0], 3)
     return float(np.sqrt((relative**2).sum(axis=1).mean()))
 
@@ -194,15 +194,15 @@ def test_a_calibration_that_has_drifted_gives_a_warning(table_1: ChainParameters
     ):
         T_error = from_rotation_vector((drift_m, 0, 0), (0, 0, turn_rad))
         views = [replace(view, T_flange_camera=view.T_flange_camera @ T_error) for view in scan.views]
-        arrivals = ingest_views(views, table_1, scene)
-        registration = register(arrivals.clouds, table_1, arrivals.correspondences)
+        ingested = ingest_views(views, table_1, scene)
+        registration = register(ingested.clouds, table_1, ingested.correspondences)
         assert all(view.used for view in registration.views)
         assert bool(registration.warnings) == has_warning
         for warning in registration.warnings:
             found = re.match(r"the calibration has drifted: .* with the camera (.+) mm and (.+) degrees from", warning)
             assert found is not None
-            # A shift across the line of sight looks much like a turn about the camera: the warning has the most likely
-            # mixture, at least half of the error that was made and no more than it.
+            # A shift across the line of sight resembles a rotation of the camera. The warning has the most likely
+            # mixture: half to all of the true error.
             if drift_m:
                 assert 0.5 < float(found[1]) / 1000 / drift_m < 1.0
             else:

@@ -114,14 +114,14 @@ def pairs(*angles: tuple[float, float]) -> set[frozenset[tuple[int, int]]]:
 
 
 @pytest.mark.parametrize(
-    "couples",
+    "angles",
     [[(0, 180), (90, 270)], [(20, 200), (-20, 160)], [(0, 160), (80, 265)], [(0, 180), (60, 240), (120, 300)]],
     ids=["right angle", "acute", "bent", "six ends"],
 )
-def test_ends_at_an_intersection_are_paired_straight_through(couples: list[tuple[float, float]]) -> None:
-    strands = [arm(angle) for angle in sorted(a for couple in couples for a in couple)]
+def test_ends_at_an_intersection_are_paired_straight_through(angles: list[tuple[float, float]]) -> None:
+    strands = [arm(angle) for angle in sorted(a for pair in angles for a in pair)]
     joined = connect_at_intersections(strands, np.zeros((1, 3)), PARAMETERS)
-    assert spans(joined) == pairs(*couples)
+    assert spans(joined) == pairs(*angles)
     assert not any(s.closed for s in joined)
 
 

@@ -65,7 +65,7 @@ def test_a_row_of_nodes_is_one_fragment_in_order() -> None:
 
 @pytest.mark.parametrize("degrees", [30, 60, 90])
 def test_strands_that_cross_are_two_fragments(degrees: float) -> None:
-    # The centre lines 1.2 r apart, as of soft strands pressed together.
+    # The centre lines 1.2 r apart, as for soft strands that are pressed together.
     c, s = 100 * np.cos(np.radians(degrees)), 100 * np.sin(np.radians(degrees))
     fragments = link_nodes(together(along((-100, 0, 0), (100, 0, 0)), along((-c, -s, 12), (c, s, 12))), PARAMETERS)
     x, y = round(c), round(s)
