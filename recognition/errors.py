@@ -1,4 +1,4 @@
-"""Errors of recognition. Each has a `slug`, which the service and the command line report."""
+"""Errors of recognition. Those with a `slug` are reported by the service and the command line."""
 
 
 class RecognitionError(ValueError):
@@ -65,3 +65,7 @@ class TopologyError(ValueError):
     """The chains and the crossings of a model contradict each other."""
 
     slug = "topology"
+
+
+class ModelError(ValueError):
+    """The document is not a model of schema `pointchain/1`, or it contradicts itself."""

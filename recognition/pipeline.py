@@ -16,7 +16,8 @@ from recognition.centre_line import CentreLine, estimate_centre_line
 from recognition.errors import InvalidParametersError
 from recognition.grasping.grasp_planner import find_grasps
 from recognition.grasping.gripper import Gripper
-from recognition.model.model import METHODS, Method, PointChainModel, Quality
+from recognition.model.model import METHODS, Method, PointChainModel
+from recognition.model.quality import Quality
 from recognition.parameters import ChainParameters, check_settings
 from recognition.preprocessing.coverage import coverage_warnings
 from recognition.preprocessing.normals import NormalCloud

@@ -4,7 +4,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 from recognition.errors import DuplicateViewError, TooCrowdedError
-from recognition.model.model import ViewQuality
+from recognition.model.quality import ViewQuality
 from recognition.parameters import ChainParameters
 from recognition.preprocessing.normals import NormalCloud, estimate_normals
 from recognition.preprocessing.target_cloud import DepthView, Scene, TargetCloud, preprocess

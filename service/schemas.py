@@ -1,12 +1,13 @@
 """What goes over HTTP, as JSON: requests, recordings, scans, problems. Metres, radians, seconds, UTC.
 
-The point chain model's own document is described in `service.model_schema`.
+The point chain model's own document is defined in `recognition.model.document`.
 """
 
 from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, ConfigDict, Field, StrictBool
 
+from recognition.model.document import GraspDocument
 from recognition.model.model import Method
 from recognition.parameters import R_MAX, R_MIN
 from service.described import Described
@@ -219,3 +220,14 @@ class ScanList(Described):
     scans: list[ScanResource]
     next: str | None
     """Where the list goes on, with the same filters; null: it ends here."""
+
+
+class GraspsDocument(Described):
+    """The grasps of a model, without the rest of the model."""
+
+    model_config = ConfigDict(extra="allow")
+
+    schema_: Literal["pointchain/1"] = Field(alias="schema")
+    frame: Literal["base"]
+    grasps: list[GraspDocument]
+    """The best first."""

@@ -1,91 +1,333 @@
-"""The parts of the JSON document of a model. Positions and lengths are rounded to a micrometre."""
+"""The JSON document of a model, schema `pointchain/1`: the one definition for writing, reading and OpenAPI.
 
+Each class reads the fields of the dataclass that it describes. Positions and lengths are rounded to a micrometre.
+Documents may gain members, and readers must ignore the members that they do not know.
+"""
+
+from collections.abc import Mapping
 from dataclasses import asdict
-from typing import Any
+from typing import Annotated, Any, Literal
 
-from recognition.model.chains import Chain, Crossing, Grasp, StrandPoint
-from recognition.model.topology import CrossingElement, Element, EndElement, PData, SegmentElement
+import numpy as np
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
+
+from recognition.model.chains import Chain, Crossing, End, Grasp, StrandPoint
+from recognition.model.quality import Quality, ViewQuality
+from recognition.model.topology import CrossingElement, Element, EndElement, PData, Role, SegmentElement
 from recognition.parameters import ChainParameters
+
+SCHEMA = "pointchain/1"
+"""Name and version of the document."""
+WITHOUT_UNIT = ("rho_t", "R_t")
+"""Parameters without a unit. The names of the others get the unit in the document (`r_m`)."""
+ELEMENT_KINDS: dict[type[Element], str] = {EndElement: "end", CrossingElement: "crossing", SegmentElement: "segment"}
+"""Kind of each element of P-data in the document."""
+
+
+def _rounded(decimals: int) -> BeforeValidator:
+    """Return a validator that rounds numbers, and turns arrays into rounded lists."""
+
+    def to_json_values(value: Any) -> Any:
+        match value:
+            case np.ndarray():
+                return value.round(decimals).tolist()
+            case float():
+                return round(value, decimals)
+        return value
+
+    return BeforeValidator(to_json_values)
+
+
+def _pose_rows(value: Any) -> Any:
+    """Turn a pose into rows, its rotation rounded to 9 decimals and its position to a micrometre."""
+    if not isinstance(value, np.ndarray):
+        return value
+    T = value.round(9)
+    T[:3, 3] = T[:3, 3].round(6)
+    T += 0.0  # turns -0.0 into 0.0
+    return T.tolist()
+
+
+Rounded = Annotated[float, _rounded(6)]
+"""A number rounded to a micrometre, microradian or microsecond."""
+Share = Annotated[float, Field(ge=0, le=1), _rounded(4)]
+Point = tuple[float, float, float]
+"""x, y, z, metres, base frame."""
+Sign = Literal[-1, 1]
+Row = tuple[float, float, float, float]
+
+
+class _Document(BaseModel):
+    model_config = ConfigDict(extra="allow", from_attributes=True, use_attribute_docstrings=True, allow_inf_nan=False)
+
+
+class ChainDocument(_Document):
+    """One string as ordered points of its centre line."""
+
+    id: int
+    """Number of the chain in the model, from 0."""
+    closed: bool
+    """A ring: the last point connects to the first, which is not repeated."""
+    radius_m: float
+    """Radius of the string: the given radius, or the measured one if the data contradict the given one, metres."""
+    length_m: Rounded
+    """Length of the centre line, metres. For a ring, the length of the whole ring."""
+    points: Annotated[list[Point], _rounded(6)]
+    """Points of the centre line, from one end to the other, metres, base frame."""
+    arc_length_m: Annotated[list[float], _rounded(6)]
+    """Distance of each point from the first one along the chain, metres. The first is 0."""
+    sigma_m: Annotated[list[float], _rounded(6)]
+    """One sigma of the position of each point across the string, metres."""
+    views: Annotated[list[int], _rounded(0)]
+    """Number of views that saw the string at each point. 0: the point is bridged."""
+    ends: tuple[End, End]
+    """First and last end. `free`: the string was seen to end there."""
+
+    def to_chain(self) -> Chain:
+        """Return the chain with arrays.
+
+        Raises:
+            ValueError: The numbers of points, sigmas and view counts differ.
+        """
+        if not len(self.points) == len(self.sigma_m) == len(self.views):
+            raise ValueError(
+                f"chain {self.id} has {len(self.points)} points, {len(self.sigma_m)} sigmas and {len(self.views)} view "
+                "counts; the numbers must be equal"
+            )
+        points = np.array(self.points, dtype=np.float64).reshape(-1, 3)
+        sigma_m, views = np.array(self.sigma_m, dtype=np.float64), np.array(self.views, dtype=np.int64)
+        return Chain(self.id, self.closed, self.radius_m, points, sigma_m, views, self.ends)
+
+
+class StrandPointDocument(_Document):
+    """A position on a chain."""
+
+    chain: int
+    """Id of the chain."""
+    s_m: Rounded
+    """Arc length from the first point of the chain, metres."""
+
+    def to_strand_point(self) -> StrandPoint:
+        """Return the position."""
+        return StrandPoint(self.chain, self.s_m)
+
+
+class CrossingDocument(_Document):
+    """A crossing of two strands, of two chains or of the same chain."""
+
+    id: int
+    """Number of the crossing in the model, from 0."""
+    point: Annotated[Point, _rounded(6)]
+    """Midpoint between the two centre lines, metres, base frame."""
+    over: StrandPointDocument
+    """Position on the upper strand."""
+    under: StrandPointDocument
+    """Position on the lower strand."""
+    gap_m: Rounded
+    """Height of the upper centre line above the lower one, metres."""
+    angle_rad: Rounded
+    """Angle between the strands, seen from above, 0 to pi / 2 radians."""
+    sign: Sign
+    """Right-handed crossing sign. 1: the lower strand goes from right to left, seen along the upper one."""
+    confidence: Share
+    """Probability that over and under are right."""
+
+    def to_crossing(self) -> Crossing:
+        """Return the crossing with arrays."""
+        return Crossing(
+            id=self.id,
+            point=np.array(self.point, dtype=np.float64),
+            over=self.over.to_strand_point(),
+            under=self.under.to_strand_point(),
+            gap_m=self.gap_m,
+            angle_rad=self.angle_rad,
+            sign=self.sign,
+            confidence=self.confidence,
+        )
+
+
+class EndElementDocument(_Document):
+    """One end of an open chain."""
+
+    id: int
+    kind: Literal["end"]
+    chain: int
+    which: Literal["first", "last"]
+    s_m: Rounded
+    end: End
+
+
+class CrossingElementDocument(_Document):
+    """A crossing, the node of two passes."""
+
+    id: int
+    kind: Literal["crossing"]
+    crossing: int
+    """Id of the crossing in the model."""
+    sign: Sign
+    over: StrandPointDocument
+    under: StrandPointDocument
+
+
+class SegmentElementDocument(_Document):
+    """The part of a string from one end or crossing pass to the next."""
+
+    id: int
+    kind: Literal["segment"]
+    chain: int
+    s_m: tuple[Rounded, Rounded]
+    """Arc lengths of its start and end, metres. The last segment of a ring ends beyond the length of the ring."""
+
+
+class PDataDocument(_Document):
+    """Elements and the order in which they follow one another along the chains.
+
+    matrix[i][j] is not 0 if element j follows element i: 1 at the over pass of a crossing, -1 at its under pass, 2 at
+    an end. A ring without crossings is one segment that follows itself, with 2.
+    """
+
+    elements: list[
+        Annotated[EndElementDocument | CrossingElementDocument | SegmentElementDocument, Field(discriminator="kind")]
+    ]
+    """`id` is the index in this list, and the row and the column of the matrix."""
+    matrix: list[list[Literal[-1, 0, 1, 2]]]
+
+
+class TopologyDocument(_Document):
+    """The topology of the strings, without lengths."""
+
+    gauss_code: list[list[tuple[int, Role, Sign]]]
+    """For each chain, its crossings in order from its first point: (crossing id, role, sign)."""
+    p_data: PDataDocument
+
+
+class GraspDocument(_Document):
+    """A pose in which the configured gripper can grasp a string."""
+
+    chain: int
+    """Id of the chain."""
+    s_m: Rounded
+    """Arc length from the first point of the chain, metres."""
+    T_base_grasp: Annotated[tuple[Row, Row, Row, Row], BeforeValidator(_pose_rows)]
+    """Pose of the gripper: z = approach, x = closing direction, origin on the centre line."""
+    opening_m: Rounded
+    """Distance between the fingers before they close, metres."""
+    reach_m: Rounded
+    """Distance of the fingertips beyond the origin, along z, metres."""
+    clearance_m: Rounded
+    """Smallest distance of fingers and palm from other strands and objects during the approach, metres. 0.03 means
+    0.03 or more."""
+    table_clearance_m: Rounded
+    """Smallest distance of the fingertips from the table, metres."""
+    score: Share
+    """Quality of the grasp, 1 is best. It considers clearance, views, sigma, slope, and the distances from ends and
+    crossings."""
+
+    def to_grasp(self) -> Grasp:
+        """Return the grasp with arrays."""
+        return Grasp(
+            chain=self.chain,
+            s_m=self.s_m,
+            T_base_grasp=np.array(self.T_base_grasp, dtype=np.float64),
+            opening_m=self.opening_m,
+            reach_m=self.reach_m,
+            clearance_m=self.clearance_m,
+            table_clearance_m=self.table_clearance_m,
+            score=self.score,
+        )
+
+
+class ViewQualityDocument(_Document):
+    """How recognition used one view."""
+
+    index: int
+    """Index of the viewpoint."""
+    used: bool
+    """Whether the view is part of the model."""
+    reason: str | None
+    """Why the view was excluded; null if it was used."""
+    points: int
+    """Number of points above the height threshold."""
+    fitness: float | None
+    """Share of these points that another view measured on the same surface."""
+    rms_m: float | None
+    """Root mean square distance of these points from the surface of the other views, metres."""
+    correction_m: float | None
+    """Translation of the view from its pose by arm and hand-eye calibration, metres."""
+    correction_rad: float | None
+    """Rotation of the view from its pose by arm and hand-eye calibration, radians."""
+
+    def to_view_quality(self) -> ViewQuality:
+        """Return the quality of the view."""
+        return ViewQuality(
+            index=self.index,
+            used=self.used,
+            reason=self.reason,
+            points=self.points,
+            fitness=self.fitness,
+            rms_m=self.rms_m,
+            correction_m=self.correction_m,
+            correction_rad=self.correction_rad,
+        )
+
+
+class QualityDocument(_Document):
+    """Whether the model can be trusted."""
+
+    views: list[ViewQualityDocument]
+    """One entry per view, by index."""
+    ambiguities: list[str]
+    """What could not be decided. The model may be wrong there."""
+    warnings: list[str]
+    """What was excluded, and what contradicts the given values."""
+
+    def to_quality(self) -> Quality:
+        """Return the quality of the model."""
+        views = tuple(view.to_view_quality() for view in self.views)
+        return Quality(views, tuple(self.ambiguities), tuple(self.warnings))
+
+
+class ModelDocument(_Document):
+    """All strings of a scene as ordered point chains, with their crossings and grasps."""
+
+    schema_: Literal["pointchain/1"] = Field(alias="schema")
+    frame: Literal["base"]
+    """The frame of all points and poses: the base of the robot."""
+    method: str
+    """Method that made the model."""
+    parameters: dict[str, float]
+    """Symbols of the paper with their units; r_m is the radius of the string."""
+    chains: list[ChainDocument]
+    """The strings, the longest first."""
+    crossings: list[CrossingDocument]
+    """All crossings of two strands."""
+    topology: TopologyDocument
+    grasps: list[GraspDocument]
+    """Grasps on all chains, the best first."""
+    quality: QualityDocument
+    timing_s: dict[str, Rounded]
+    """Duration of each stage, seconds."""
 
 
 def parameters_document(parameters: ChainParameters) -> dict[str, float]:
     """Return the parameters with their units in the keys (`r_m`)."""
-    return {name if name in ("rho_t", "R_t") else f"{name}_m": value for name, value in asdict(parameters).items()}
+    return {name if name in WITHOUT_UNIT else f"{name}_m": value for name, value in asdict(parameters).items()}
 
 
-def chain_document(chain: Chain) -> dict[str, Any]:
-    """Return the JSON document of a chain."""
-    return {
-        "id": chain.id,
-        "closed": chain.closed,
-        "radius_m": chain.radius_m,
-        "length_m": round(chain.length_m, 6),
-        "points": chain.points.round(6).tolist(),
-        "arc_length_m": chain.arc_length_m.round(6).tolist(),
-        "sigma_m": chain.sigma_m.round(6).tolist(),
-        "views": chain.views.tolist(),
-        "ends": list(chain.ends),
-    }
+def parameters_from_document(document: Mapping[str, float]) -> ChainParameters:
+    """Return the parameters of a document.
+
+    Raises:
+        InvalidParametersError: A value breaks a condition of Table I.
+        TypeError: A parameter is missing or unknown.
+    """
+    return ChainParameters(**{key.removesuffix("_m"): value for key, value in document.items()})
 
 
-def crossing_document(crossing: Crossing) -> dict[str, Any]:
-    """Return the JSON document of a crossing."""
-    return {
-        "id": crossing.id,
-        "point": crossing.point.round(6).tolist(),
-        "over": _strand_point_document(crossing.over),
-        "under": _strand_point_document(crossing.under),
-        "gap_m": round(crossing.gap_m, 6),
-        "angle_rad": round(crossing.angle_rad, 6),
-        "sign": crossing.sign,
-        "confidence": round(crossing.confidence, 4),
-    }
-
-
-def grasp_document(grasp: Grasp) -> dict[str, Any]:
-    """Return the JSON document of a grasp."""
-    T = grasp.T_base_grasp.round(9)
-    T[:3, 3] = T[:3, 3].round(6)
-    T += 0.0  # turns -0.0 into 0.0
-    return {
-        "chain": grasp.chain,
-        "s_m": round(grasp.s_m, 6),
-        "T_base_grasp": T.tolist(),
-        "opening_m": round(grasp.opening_m, 6),
-        "reach_m": round(grasp.reach_m, 6),
-        "clearance_m": round(grasp.clearance_m, 6),
-        "table_clearance_m": round(grasp.table_clearance_m, 6),
-        "score": round(grasp.score, 4),
-    }
-
-
-def p_data_document(p_data: PData) -> dict[str, Any]:
-    """Return the JSON document of P-data: `{"elements": [...], "matrix": [[...]]}`."""
-    elements = [{"id": number} | _element_document(element) for number, element in enumerate(p_data.elements)]
-    return {"elements": elements, "matrix": p_data.matrix.tolist()}
-
-
-def _strand_point_document(position: StrandPoint) -> dict[str, Any]:
-    return {"chain": position.chain, "s_m": round(position.s_m, 6)}
-
-
-def _element_document(element: Element) -> dict[str, Any]:
-    match element:
-        case EndElement():
-            return {
-                "kind": "end",
-                "chain": element.chain,
-                "which": element.which,
-                "s_m": round(element.s_m, 6),
-                "end": element.end,
-            }
-        case CrossingElement():
-            return {
-                "kind": "crossing",
-                "crossing": element.crossing,
-                "sign": element.sign,
-                "over": _strand_point_document(element.over),
-                "under": _strand_point_document(element.under),
-            }
-        case SegmentElement():
-            return {"kind": "segment", "chain": element.chain, "s_m": [round(s, 6) for s in element.s_m]}
+def p_data_document(p_data: PData) -> PDataDocument:
+    """Return the document of P-data, with an id and a kind for each element."""
+    elements = [
+        {"id": number, "kind": ELEMENT_KINDS[type(element)]} | asdict(element)
+        for number, element in enumerate(p_data.elements)
+    ]
+    return PDataDocument.model_validate({"elements": elements, "matrix": p_data.matrix.tolist()})

@@ -1,61 +1,28 @@
 """The point chain model, the result of recognition. Metres, radians, seconds, base frame."""
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
-from typing import Any, Literal
+from dataclasses import dataclass, field
+from typing import Any, Literal, Self, cast
 
+from pydantic import ValidationError
+
+from recognition.errors import ModelError
 from recognition.model.chains import Chain, Crossing, Grasp
 from recognition.model.document import (
-    chain_document,
-    crossing_document,
-    grasp_document,
+    SCHEMA,
+    ModelDocument,
     p_data_document,
     parameters_document,
+    parameters_from_document,
 )
+from recognition.model.quality import Quality
 from recognition.model.topology import PData, gauss_code, p_data
 from recognition.parameters import ChainParameters
-
-SCHEMA = "pointchain/1"
-"""Name and version of the JSON document."""
 
 Method = Literal["matching", "enhanced", "graph"]
 """Name of a method. `matching` and `enhanced` are the methods of the paper."""
 METHODS: tuple[Method, ...] = ("matching", "enhanced", "graph")
 """All methods."""
-
-
-@dataclass(frozen=True)
-class ViewQuality:
-    """How recognition used one view."""
-
-    index: int
-    """Index of the view."""
-    used: bool
-    """Whether the view is part of the model."""
-    reason: str | None
-    """Why the view was excluded; None if it was used."""
-    points: int
-    """Number of points above the height threshold."""
-    fitness: float | None = None
-    """Share of the points that have a point of another view on the same surface within r, 0 to 1."""
-    rms_m: float | None = None
-    """Root mean square distance of these points from the surface of the other views, metres."""
-    correction_m: float | None = None
-    """Translation of the centroid of the view by alignment to the table and registration, metres."""
-    correction_rad: float | None = None
-    """Rotation of the view by alignment to the table and registration, radians."""
-
-
-@dataclass(frozen=True)
-class Quality:
-    """Whether the model can be trusted. Read this before you use the rest of the model."""
-
-    views: tuple[ViewQuality, ...] = ()
-    """One entry per view, by index."""
-    ambiguities: tuple[str, ...] = ()
-    """What could not be decided, for example which strand of a crossing is over."""
-    warnings: tuple[str, ...] = ()
-    """What was excluded, and what looks wrong, for example a radius that differs from the given one."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,19 +54,63 @@ class PointChainModel:
         """Return the model as a JSON document of schema `pointchain/1`.
 
         All numbers are finite. Positions and lengths are rounded to a micrometre.
+
+        Raises:
+            ValueError: A number of the model is not finite.
+            TopologyError: The chains and the crossings contradict each other.
         """
-        return {
-            "schema": SCHEMA,
-            "frame": self.frame,
-            "method": self.method,
-            "parameters": parameters_document(self.parameters),
-            "chains": [chain_document(chain) for chain in self.chains],
-            "crossings": [crossing_document(crossing) for crossing in self.crossings],
-            "topology": {"gauss_code": self.gauss_code(), "p_data": p_data_document(self.p_data())},
-            "grasps": [grasp_document(grasp) for grasp in self.grasps],
-            "quality": asdict(self.quality),
-            "timing_s": {stage: round(seconds, 6) for stage, seconds in self.timing_s.items()},
-        }
+        document = ModelDocument.model_validate(
+            {
+                "schema": SCHEMA,
+                "frame": self.frame,
+                "method": self.method,
+                "parameters": parameters_document(self.parameters),
+                "chains": self.chains,
+                "crossings": self.crossings,
+                "topology": {"gauss_code": self.gauss_code(), "p_data": p_data_document(self.p_data())},
+                "grasps": self.grasps,
+                "quality": self.quality,
+                "timing_s": dict(self.timing_s),
+            }
+        )
+        return document.model_dump(mode="json", by_alias=True)
+
+    @classmethod
+    def from_json(cls, document: Mapping[str, Any]) -> Self:
+        """Return the model of a document that `to_json` returned, accurate to a micrometre.
+
+        Args:
+            document: The document. Unknown members are ignored.
+
+        Raises:
+            ModelError: The document is not a model, or it contradicts itself.
+        """
+        try:
+            parsed = ModelDocument.model_validate(document)
+            model = cls(
+                method=cast(Method, parsed.method),
+                parameters=parameters_from_document(parsed.parameters),
+                chains=tuple(chain.to_chain() for chain in parsed.chains),
+                crossings=tuple(crossing.to_crossing() for crossing in parsed.crossings),
+                quality=parsed.quality.to_quality(),
+                timing_s=parsed.timing_s,
+                frame=parsed.frame,
+                grasps=tuple(grasp.to_grasp() for grasp in parsed.grasps),
+            )
+        except ValidationError as error:
+            first = error.errors()[0]
+            member = ".".join(str(part) for part in first["loc"])
+            raise ModelError(f"not a point chain model: {member}: {first['msg']}") from error
+        except TypeError as error:
+            raise ModelError(f"not a point chain model: parameters: {error}") from error
+        except ValueError as error:
+            raise ModelError(f"not a point chain model: {error}") from error
+        known = {chain.id for chain in model.chains}
+        referred = {position.chain for crossing in model.crossings for position in (crossing.over, crossing.under)}
+        referred |= {grasp.chain for grasp in model.grasps}
+        if not referred <= known:
+            raise ModelError(f"the model refers to chains that it does not have: {sorted(referred - known)}")
+        return model
 
     def gauss_code(self) -> list[list[list[Any]]]:
         """Return for each chain the crossings along it, in order: `[crossing id, "over" or "under", sign]`."""

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from recognition.errors import InsufficientViewsError, NoDepthError, TooCrowdedError
-from recognition.model.model import ViewQuality
+from recognition.model.quality import ViewQuality
 from recognition.preprocessing.target_cloud import TargetCloud
 
 MIN_VIEWS = 2

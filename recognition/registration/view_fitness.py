@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.geometry.transforms import inverse, rotation_angle, transform_points
-from recognition.model.model import ViewQuality
+from recognition.model.quality import ViewQuality
 from recognition.parameters import ChainParameters
 from recognition.preprocessing.normals import NormalCloud
 from recognition.registration.correspondences import MIN_COSINE, anchor_points

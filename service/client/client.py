@@ -25,7 +25,6 @@ from service.client.errors import (
     UnreachableError,
     require_success,
 )
-from service.client.model_arrays import model_from_json
 from service.client.patience import AGAIN_S, CONNECT_S, Patience
 from service.client.progress import ScanProgress, follow, look
 from service.schemas import ID_PATTERN, RESULT_STATES, RecordingResource, ScanResource
@@ -275,7 +274,7 @@ class Client:
         scan = self.get(scan) if isinstance(scan, str) else scan
         if scan.links.model is None:
             raise ScanFailedError(scan)
-        return model_from_json(self._get(scan.links.model).json())
+        return PointChainModel.from_json(self._get(scan.links.model).json())
 
     def upload(self, recording: str | os.PathLike[str]) -> RecordingResource:
         """Upload a recording under the name of its file.

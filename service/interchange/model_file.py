@@ -11,9 +11,8 @@ from pydantic import ValidationError
 
 from calibration.atomic_write import TooLargeError, read_limited
 from cell.recording import read_result
-from recognition.model.model import SCHEMA
+from recognition.model.document import SCHEMA, ModelDocument
 from service.interchange.errors import ExportError
-from service.model_schema import ModelDocument
 
 STDIN = Path("-")
 MOST_BYTES = 64 << 20

@@ -9,16 +9,16 @@ from typing import Any
 from fastapi import APIRouter, Response
 from fastapi.responses import FileResponse
 
+from recognition.model.document import ModelDocument
 from service.context import Context, Id, Scan, Service, find_scan
 from service.data_folder import CLOUD, MODEL, PREVIEW
 from service.etags import matches
-from service.model_schema import GraspsDocument, ModelDocument
 from service.pictures import shrink_picture
 from service.problems import ProblemError, problem_responses
 from service.routes import recordings
 from service.routes.files import NOT_MODIFIED, IfNoneMatch, not_modified, present, read_whole, send_file
 from service.scan_resource import SCANS
-from service.schemas import ACTIVE_STATES, RESULT_STATES
+from service.schemas import ACTIVE_STATES, RESULT_STATES, GraspsDocument
 from service.tables import ScanRow
 from service.worker import PREVIEW_S
 

@@ -7,8 +7,8 @@ from typing import Any
 from pydantic import TypeAdapter
 
 import service.client
-from service.client.model_arrays import model_from_json
-from service.model_schema import ModelDocument
+from recognition.model.document import ModelDocument
+from recognition.model.model import PointChainModel
 from service.security.roles import LEAST_ROLE
 from tests.docs.pages import DOCS, blocks
 
@@ -34,7 +34,7 @@ def test_each_member_of_the_model_is_explained() -> None:
 def test_the_example_is_a_model() -> None:
     (example,) = [block for block in blocks(PLANNER / "model.md") if block.language == "json"]
     document = json.loads(example.text)
-    model = model_from_json(document)
+    model = PointChainModel.from_json(document)
     assert model.gauss_code() == document["topology"]["gauss_code"]
     assert set(document["parameters"]) == set(model.to_json()["parameters"])
 

@@ -18,7 +18,8 @@ import pytest
 from calibration.geometry.transforms import from_rotation_vector
 from cell.devices import View
 from cell.recording import RecordingHeader, RecordingWriter, read_recording
-from service.model_schema import GraspsDocument, ModelDocument
+from recognition.model.document import ModelDocument
+from service.schemas import GraspsDocument
 from tests.service.conftest import ServedClient, wait_until
 
 AssertProblem = Callable[[httpx.Response, int, str], str]

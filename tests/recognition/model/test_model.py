@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from recognition.model.chains import Chain, Crossing, Grasp, StrandPoint
-from recognition.model.model import METHODS, PointChainModel, Quality, ViewQuality
+from recognition.model.model import METHODS, PointChainModel
+from recognition.model.quality import Quality, ViewQuality
 from recognition.parameters import ChainParameters
 
 T_BASE_GRASP = np.array([(0.6, -0.8, 0, 0.1), (-0.8, -0.6, 0, -0.2), (0, 0, -1, 1 / 3), (0, 0, 0, 1)])

@@ -108,11 +108,11 @@ def spans(data: PData) -> list[tuple[float, float]]:
 def test_no_string_has_no_elements() -> None:
     data = p_data((), ())
     assert (data.elements, data.matrix.shape) == ((), (0, 0))
-    assert p_data_document(data) == {"elements": [], "matrix": []}
+    assert p_data_document(data).model_dump() == {"elements": [], "matrix": []}
 
 
 def test_the_document_names_every_element() -> None:
-    document = json.loads(json.dumps(p_data_document(p_data(*laid(LOOP))), allow_nan=False))
+    document = json.loads(p_data_document(p_data(*laid(LOOP))).model_dump_json())
     assert [element["id"] for element in document["elements"]] == list(range(6))
     assert [element["kind"] for element in document["elements"]] == ["end"] * 2 + ["crossing"] + ["segment"] * 3
     assert document["elements"][0] == {"id": 0, "kind": "end", "chain": 0, "which": "first", "s_m": 0.0, "end": "free"}
@@ -273,5 +273,5 @@ def test_the_document_has_gauss_code_and_p_data() -> None:
     topology = model.to_json()["topology"]
     assert topology == {
         "gauss_code": gauss_code(chains, crossings),
-        "p_data": p_data_document(p_data(chains, crossings)),
+        "p_data": p_data_document(p_data(chains, crossings)).model_dump(mode="json"),
     }

@@ -1,0 +1,76 @@
+"""A model that is written as JSON and read again is the same model. Documents that are not a model are refused."""
+
+import json
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cell.simulation.camera import camera_model
+from cell.simulation.scenes import make_scene
+from cell.simulation.simulate import simulate
+from recognition.errors import ModelError
+from recognition.model.document import ModelDocument
+from recognition.model.model import PointChainModel
+from recognition.parameters import ChainParameters
+from recognition.pipeline import recognise
+from recognition.preprocessing.target_cloud import Scene
+
+
+@pytest.fixture(scope="module")
+def model() -> PointChainModel:
+    scan = simulate(make_scene("loop", 2901), camera_model("oak-d-sr"), 2901)
+    scene = Scene(scan.header.table_z_m or 0.0, scan.header.workspace_m)
+    return recognise(scan.views, ChainParameters.for_radius(0.0042), scene).model
+
+
+@pytest.fixture
+def document(model: PointChainModel) -> dict[str, Any]:
+    return json.loads(json.dumps(model.to_json()))
+
+
+def test_a_document_gives_the_model_that_wrote_it(model: PointChainModel, document: dict[str, Any]) -> None:
+    again = PointChainModel.from_json(document | {"member of a later version": 1})
+    assert (len(again.chains), len(again.crossings)) == (len(model.chains), len(model.crossings)) == (1, 1)
+    # Positions are written to a micrometre; rounding moves them by up to half of it.
+    np.testing.assert_allclose(again.chains[0].points, model.chains[0].points, atol=5.1e-7)
+    np.testing.assert_array_equal(again.chains[0].views, model.chains[0].views)
+    np.testing.assert_allclose(again.crossings[0].point, model.crossings[0].point, atol=5.1e-7)
+    np.testing.assert_allclose(again.grasps[0].T_base_grasp, model.grasps[0].T_base_grasp, atol=5.1e-7)
+    assert again.parameters == model.parameters
+    assert again.quality == model.quality
+    assert again.to_json()["topology"] == document["topology"]
+
+
+def test_rounded_numbers_are_not_changed_by_reading(document: dict[str, Any]) -> None:
+    assert ModelDocument.model_validate(document).model_dump(mode="json", by_alias=True) == document
+
+
+def test_a_document_that_contradicts_itself_is_refused(document: dict[str, Any]) -> None:
+    with pytest.raises(ModelError, match=r"does not have: \[0\]"):
+        PointChainModel.from_json(document | {"chains": []})
+    document["chains"][0]["sigma_m"].pop()
+    with pytest.raises(ModelError, match="the numbers must be equal"):
+        PointChainModel.from_json(document)
+
+
+def test_a_document_that_is_not_a_model_is_refused(document: dict[str, Any]) -> None:
+    with pytest.raises(ModelError, match="not a point chain model: schema"):
+        PointChainModel.from_json(document | {"schema": "pointchain/2"})
+    chain = document["chains"][0]
+    with pytest.raises(ModelError, match=r"chains\.0\.sigma_m\.0: .*finite"):
+        PointChainModel.from_json(document | {"chains": [chain | {"sigma_m": [float("nan"), *chain["sigma_m"][1:]]}]})
+    with pytest.raises(ModelError, match=r"parameters: .*missing"):
+        PointChainModel.from_json(document | {"parameters": {"r_m": 0.0042}})
+    with pytest.raises(ModelError, match="0 < z_t"):
+        PointChainModel.from_json(document | {"parameters": document["parameters"] | {"z_t_m": 0.1}})
+
+
+def test_a_model_with_a_number_that_is_not_finite_is_not_written(model: PointChainModel) -> None:
+    chain = model.chains[0]
+    chain.sigma_m[3], before = np.nan, chain.sigma_m[3]
+    try:
+        with pytest.raises(ValueError, match="finite"):
+            model.to_json()
+    finally:
+        chain.sigma_m[3] = before
