@@ -13,91 +13,106 @@ Verdict = Literal["accept", "warn", "refuse"]
 
 @dataclass(frozen=True)
 class Finding:
-    """Something that speaks against a calibration, with a message for people."""
+    """Problem found in a calibration, with a message for people."""
 
     code: str
-    """Code for programs, for example `parallel-axes`."""
+    """Machine-readable code, for example `parallel-axes`."""
     message: str
     """What was found, where, and what to do."""
     blocking: bool
-    """Whether the calibration must not be used. Otherwise, the finding is a warning."""
+    """True if the calibration must not be used; False for a warning."""
 
 
 @dataclass(frozen=True)
 class ViewReport:
-    """How the solver used one view."""
+    """Report on one view: whether the calibration uses the view, and the errors of the view."""
 
     name: str
     """Name of the view."""
     used: bool
-    """Whether the calibration was solved from it."""
+    """True if the calibration was estimated from the view; False if the view was excluded."""
     reason: str | None
     """Why the view was excluded; None if it was used."""
     corners: int
-    """Number of corners in the view."""
+    """Number of detected corners in the view."""
     rms_px: float | None
-    """Reprojection error with the solved calibration, pixels, root mean square; None if it cannot be computed."""
+    """Root mean square reprojection residual per image coordinate, pixels; None if it cannot be computed. For an
+    excluded view, the board pose is fitted to this view alone."""
     robot_error_m: float | None
-    """Estimated position error of the reported flange pose, metres."""
+    """Estimated position error of the reported flange pose, metres; None if it cannot be computed."""
     robot_error_rad: float | None
-    """Estimated rotation error of the reported flange pose, radians."""
+    """Estimated rotation error of the reported flange pose, radians; None if it cannot be computed."""
     loo_error_m: float | None
-    """Leave-one-out error, the distance of the middle of the board from where the other views predict it, metres.
-    None if it cannot be computed."""
+    """Leave-one-out error, metres. It is the distance between the observed middle of the board and its prediction from
+    the other views. None if it cannot be computed."""
     distance_m: float | None
-    """Distance from the camera to the middle of the board, metres."""
+    """Distance from the camera to the middle of the board, metres; None if no board pose was found."""
 
 
 @dataclass(frozen=True, eq=False)
 class HandEyeResult:
-    """A solved calibration, good or bad. Read `verdict` and `findings` before you use it."""
+    """Estimated calibration of any quality. Read `verdict` and `findings` before you use it."""
 
     mounting: Mounting
-    """Whether the camera is on the flange or stands in the cell."""
+    """Whether the camera is on the flange or in the cell."""
     X: NDArray[np.float64]
-    """(4, 4) `T_flange_camera`; `T_base_camera` for a camera that stands in the cell (eye-to-hand)."""
+    """(4, 4) camera pose, metres, `T_flange_camera` (eye-in-hand) or `T_base_camera` (eye-to-hand)."""
     covariance: NDArray[np.float64]
-    """(6, 6) covariance of the error (rx, ry, rz, tx, ty, tz) of X, radians and metres, in the camera frame.
-    `X_true = X @ from_rotation_vector((tx, ty, tz), (rx, ry, rz))`."""
+    """(6, 6) covariance of the error of X, camera frame, rotation rx, ry, rz (rad), then translation tx, ty, tz (m).
+    `X_true = X @ from_rotation_vector(translation=(tx, ty, tz), rotation_vector=(rx, ry, rz))`."""
     Y: NDArray[np.float64]
-    """(4, 4) `T_base_board`; `T_flange_board` for a camera that stands in the cell."""
+    """(4, 4) board pose, metres, `T_base_board` (eye-in-hand) or `T_flange_board` (eye-to-hand)."""
     K: NDArray[np.float64]
     """(3, 3) fitted pinhole matrix, pixels."""
     board_scale: float
-    """Estimated size of the board, as a share of the given size."""
+    """Estimated size of the board divided by its nominal size."""
     board_scale_sigma: float
-    """One sigma of `board_scale`."""
+    """Standard deviation of `board_scale`."""
     pixel_sigma_px: float
-    """Estimated noise of one coordinate of a corner, pixels, one sigma."""
+    """Estimated standard deviation of the corner noise per image coordinate, pixels."""
     robot_sigma_m: float
-    """Estimated noise of the robot's position along one axis, metres, one sigma."""
+    """Estimated standard deviation of the robot position error per axis, metres."""
     robot_sigma_rad: float
-    """Estimated noise of the robot's rotation about one axis, radians, one sigma."""
+    """Estimated standard deviation of the robot rotation error per axis, radians."""
     loo_error_m: float
-    """Leave-one-out error, the root mean square of `loo_error_m` of the views used, metres."""
+    """Root mean square of the leave-one-out errors `ViewReport.loo_error_m` of the used views, metres."""
     repeatability_95_m: float
-    """Predicted repeatability of a scan, metres. In 95 % of scans, no two of eight views disagree by more."""
+    """Predicted repeatability of a scan, metres. It is the 95th percentile of the largest disagreement between two of
+    eight views."""
     views: tuple[ViewReport, ...]
-    """One report per view, in the given order."""
+    """One report per view, in the order of `Observations.views`."""
     findings: tuple[Finding, ...]
-    """Reasons against the calibration, the most serious first."""
+    """Problems of the calibration, the most serious first."""
     joint_covariance: NDArray[np.float64]
-    """(17, 17) covariance of the errors of X, of Y, of fx, fy, cx and cy as shares of the focal lengths, and of the
-    logarithm of the scale of the board, in this order. Verification uses it, since these errors are correlated."""
+    """(17, 17) joint covariance of the errors of all shared unknowns. Verification needs the correlations.
+
+    Order: X (6) and Y (6), each with rotation (rad), then translation (m); fx, fy, cx and cy, relative to the focal
+    lengths (4); logarithm of the board scale (1).
+    """
 
     @property
     def verdict(self) -> Verdict:
-        """Whether the calibration may be used (`accept`, `warn` or `refuse`)."""
+        """`refuse` if a finding is blocking, `warn` if all findings are warnings, `accept` without findings."""
         if any(finding.blocking for finding in self.findings):
             return "refuse"
         return "warn" if self.findings else "accept"
 
     @property
+    def views_given(self) -> int:
+        """Number of views that the solver was given."""
+        return len(self.views)
+
+    @property
+    def views_used(self) -> int:
+        """Number of views from which the calibration was estimated."""
+        return sum(view.used for view in self.views)
+
+    @property
     def sigma_m(self) -> float:
-        """One sigma of the camera position, all axes together, metres."""
+        """Standard deviation of the camera position (root sum of squares over the axes), metres."""
         return float(np.sqrt(np.trace(self.covariance[3:, 3:])))
 
     @property
     def sigma_rad(self) -> float:
-        """One sigma of the camera rotation, all axes together, radians."""
+        """Standard deviation of the camera rotation (root sum of squares over the axes), radians."""
         return float(np.sqrt(np.trace(self.covariance[:3, :3])))

@@ -1,22 +1,32 @@
-"""The JSON document of a solved calibration, for its file, the command line and HTTP.
+"""The JSON document of a calibration result, for the file, the command line and HTTP: the one definition of its parts.
 
-Its members are `mounting`; `frames`, which describes the transforms; `T_flange_camera` and `T_base_board` (for a
-camera that stands in the cell `T_base_camera` and `T_flange_board`); `covariance`; `joint_covariance`; `intrinsics`,
-fitted and given; `board` with its given size and estimated `scale`; `metrics`; `verdict`; `findings`; `views`; and
-`verification` with views that were held out. Units are metres, radians and pixels. Numbers that a refused solution
-lacks are null.
+Each class reads the fields of the dataclass that it describes. Members:
+
+    mounting, frames        mounting of the camera, and a description of the two transforms
+    T_flange_camera,        camera pose and board pose (eye-in-hand)
+    T_base_board
+    T_base_camera,          camera pose and board pose (eye-to-hand)
+    T_flange_board
+    covariance,             covariance of the camera pose, and of all shared unknowns of the solver
+    joint_covariance
+    intrinsics, board       fitted and given values
+    metrics, verdict,       assessment
+    findings, views
+    verification            check with held-out views, if there were any
+
+Units are metres, radians and pixels. Numbers that cannot be computed are null.
 """
 
-from dataclasses import asdict
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import AliasChoices, BaseModel, BeforeValidator, ConfigDict, Field
 
 from calibration.dataset.forms import transform_to_json
 from calibration.geometry.transforms import NotRigidError, rigid
 from calibration.observations import Mounting, Observations
-from calibration.result import Finding, HandEyeResult, ViewReport
+from calibration.result import HandEyeResult, Verdict
 
 FRAMES: dict[Mounting, tuple[tuple[str, str], tuple[str, str]]] = {
     "eye-in-hand": (
@@ -29,13 +39,6 @@ FRAMES: dict[Mounting, tuple[tuple[str, str], tuple[str, str]]] = {
     ),
 }
 """Name and description of the two transforms X and Y, by mounting."""
-JSON_KEYS = {
-    "message": "words",
-    "blocking": "refuses",
-    "loo_error_m": "left_out_m",
-    "repeatability_95_m": "eight_views_m",
-}
-"""Keys in JSON of the fields of `calibration.result` that have another name in Python."""
 COVARIANCE = {
     "order": ["rx", "ry", "rz", "tx", "ty", "tz"],
     "side": "right, in the camera's frame: X_true = X @ error, where X is the camera's transform and error has the "
@@ -43,6 +46,171 @@ COVARIANCE = {
     "units": ["rad", "rad", "rad", "m", "m", "m"],
 }
 """Convention of the covariance of X."""
+
+
+def _finite(value: Any) -> Any:
+    """Replace numbers that are not finite by None, since JSON has no NaN."""
+    match value:
+        case dict():
+            return {key: _finite(item) for key, item in value.items()}
+        case list() | tuple():
+            return [_finite(item) for item in value]
+        case np.generic() | np.ndarray():
+            return _finite(value.tolist())
+        case float() if not np.isfinite(value):
+            return None
+    return value
+
+
+Figure = Annotated[float | None, BeforeValidator(_finite)]
+"""A number, or null if it cannot be computed."""
+
+
+class _Document(BaseModel):
+    model_config = ConfigDict(from_attributes=True, use_attribute_docstrings=True)
+
+
+class TransformResource(_Document):
+    """A rigid transform."""
+
+    xyz_m: list[float]
+    """Translation, metres."""
+    quat_xyzw: list[float]
+    """Rotation as a unit quaternion."""
+
+
+class CovarianceResource(_Document):
+    """Covariance of the error of the camera pose, with its convention."""
+
+    matrix: Annotated[list[list[float | None]], BeforeValidator(_finite)]
+    """6 x 6; nulls without a solution."""
+    order: list[str]
+    """Order of the rows and columns."""
+    side: str
+    """Definition of the error: the side of the transform on which it is multiplied, and its parts."""
+    units: list[str]
+    """Unit of each row and column."""
+
+
+class FindingResource(_Document):
+    """Problem found in a calibration, with a message for people."""
+
+    code: str
+    """Machine-readable code."""
+    words: str = Field(validation_alias=AliasChoices("words", "message"))
+    """What was found, where, and what to do."""
+    refuses: bool = Field(validation_alias=AliasChoices("refuses", "blocking"))
+    """True if the calibration must not be used; false for a warning."""
+
+
+class SolvedView(_Document):
+    """Report on one view. Numbers that cannot be computed are null."""
+
+    name: str
+    """Name of the view."""
+    used: bool
+    """Whether the calibration was estimated from the view."""
+    reason: str | None
+    """Why the view was excluded; null if it was used."""
+    corners: int
+    """Number of detected corners in the view."""
+    rms_px: Figure
+    """Root mean square reprojection residual per image coordinate, pixels. For an excluded view, the board pose is
+    fitted to this view alone."""
+    robot_error_m: Figure
+    """Estimated position error of the reported flange pose, metres."""
+    robot_error_rad: Figure
+    """Estimated rotation error of the reported flange pose, radians."""
+    left_out_m: Figure = Field(validation_alias=AliasChoices("left_out_m", "loo_error_m"))
+    """Leave-one-out error, metres: distance between the observed middle of the board and its prediction from the other
+    views."""
+    distance_m: Figure
+    """Distance from the camera to the middle of the board, metres."""
+
+
+class CalibrationMetrics(_Document):
+    """Accuracy of a calibration. Numbers are null without a solution."""
+
+    sigma_m: Figure
+    """Standard deviation of the camera position (root sum of squares over the axes), metres."""
+    sigma_rad: Figure
+    """Standard deviation of the camera rotation (root sum of squares over the axes), radians."""
+    eight_views_m: Figure = Field(validation_alias=AliasChoices("eight_views_m", "repeatability_95_m"))
+    """Predicted repeatability of a scan, metres: 95th percentile of the largest disagreement between two of eight
+    views."""
+    left_out_m: Figure = Field(validation_alias=AliasChoices("left_out_m", "loo_error_m"))
+    """Root mean square of the leave-one-out errors of the used views, metres."""
+    pixel_sigma_px: Figure
+    """Estimated standard deviation of the corner noise per image coordinate, pixels."""
+    robot_sigma_m: Figure
+    """Estimated standard deviation of the robot position error per axis, metres."""
+    robot_sigma_rad: Figure
+    """Estimated standard deviation of the robot rotation error per axis, radians."""
+    views_given: int
+    """Number of views that the solver was given."""
+    views_used: int
+    """Number of views from which the calibration was estimated."""
+
+
+class VerifiedView(_Document):
+    """Position of the board in one view, according to the calibration."""
+
+    name: str
+    """Name of the view."""
+    off_m: float
+    """Distance of the middle of the board from where it lay, metres."""
+    off_rad: float
+    """Rotation of the board relative to where it lay, radians."""
+    expected_m: float
+    """Expected root mean square of `off_m`, from the covariance of the calibration and the noise, metres."""
+    expected_rad: float | None = None
+    """Expected root mean square of `off_rad`, radians; null in verifications by an earlier version."""
+
+
+class VerificationResource(_Document):
+    """Check of a calibration with views that were not used to estimate it."""
+
+    passed: bool
+    """Whether the calibration still holds. A board that was moved does not contradict it."""
+    words: str = Field(validation_alias=AliasChoices("words", "message"))
+    """Result and what to do, for people."""
+    worst_m: Figure
+    """Largest `off_m`; null without views."""
+    expected_m: Figure
+    """Largest `expected_m`; null without views."""
+    worst_rad: Figure = None
+    """Largest `off_rad`; null without views, and in verifications by an earlier version."""
+    expected_rad: Figure = None
+    """Largest `expected_rad`; null without views, and in verifications by an earlier version."""
+    board_moved_m: float | None
+    """Distance by which the board moved, metres, if the views agree that it did; otherwise null."""
+    board_turned_rad: float | None = None
+    """Rotation of the board about its normal, radians; null if `board_moved_m` is null."""
+    views: list[VerifiedView]
+    """The views in which the board was seen."""
+
+
+class CalibrationResult(_Document):
+    """A solved calibration of a camera on the flange."""
+
+    verdict: Verdict
+    """Whether the calibration may be used."""
+    findings: list[FindingResource]
+    """Problems of the calibration, the most serious first."""
+    T_flange_camera: TransformResource | None
+    """Pose of the camera on the flange; null without a solution."""
+    T_base_board: TransformResource | None
+    """Pose of the board in the base frame; null without a solution."""
+    covariance: CovarianceResource
+    """Covariance of `T_flange_camera`."""
+    intrinsics: dict[str, Any]
+    """Camera matrix, fitted and given, with the image size and the distortion."""
+    board: dict[str, Any]
+    """Board with its nominal size, and its estimated scale."""
+    metrics: CalibrationMetrics
+    """Accuracy."""
+    views: list[SolvedView]
+    """One entry per view, in the given order."""
 
 
 def result_document(
@@ -72,29 +240,14 @@ def result_document(
             "height": height,
         },
         "board": observations.board.to_json() | {"scale": result.board_scale, "scale_sigma": result.board_scale_sigma},
-        "metrics": {
-            "sigma_m": result.sigma_m,
-            "sigma_rad": result.sigma_rad,
-            JSON_KEYS["repeatability_95_m"]: result.repeatability_95_m,
-            JSON_KEYS["loo_error_m"]: result.loo_error_m,
-            "pixel_sigma_px": result.pixel_sigma_px,
-            "robot_sigma_m": result.robot_sigma_m,
-            "robot_sigma_rad": result.robot_sigma_rad,
-            "views_given": len(result.views),
-            "views_used": sum(view.used for view in result.views),
-        },
+        "metrics": CalibrationMetrics.model_validate(result).model_dump(mode="json"),
         "verdict": result.verdict,
-        "findings": [record_document(finding) for finding in result.findings],
-        "views": [record_document(view) for view in result.views],
+        "findings": [FindingResource.model_validate(finding).model_dump() for finding in result.findings],
+        "views": [SolvedView.model_validate(view).model_dump(mode="json") for view in result.views],
     }
     if verification is not None:
         document["verification"] = verification
     return _finite(document)
-
-
-def record_document(record: Finding | ViewReport) -> dict[str, Any]:
-    """Return a finding or a view report as JSON values."""
-    return {JSON_KEYS.get(name, name): value for name, value in asdict(record).items()}
 
 
 def _transform(T: NDArray[np.float64]) -> dict[str, list[float]] | None:
@@ -103,17 +256,3 @@ def _transform(T: NDArray[np.float64]) -> dict[str, list[float]] | None:
         return transform_to_json(rigid(T, "the solution"))
     except NotRigidError:
         return None
-
-
-def _finite(value: Any) -> Any:
-    """Replace numbers that are not finite by None, since JSON has no NaN."""
-    match value:
-        case dict():
-            return {key: _finite(item) for key, item in value.items()}
-        case list() | tuple():
-            return [_finite(item) for item in value]
-        case np.generic() | np.ndarray():
-            return _finite(value.tolist())
-        case float() if not np.isfinite(value):
-            return None
-    return value

@@ -11,7 +11,7 @@ from calibration.dataset.forms import STRICT_CONFIG, Form, PinholeMatrix, Timest
 from calibration.geometry.transforms import with_nearest_rotation
 from calibration.observations import Mounting
 from calibration.result import Verdict
-from calibration.storage.document import COVARIANCE, JSON_KEYS
+from calibration.storage.document import COVARIANCE
 from calibration.target.board import Board
 
 MAX_ASYMMETRY = 1e-6
@@ -67,8 +67,8 @@ CovarianceMatrix = Annotated[list[Vector6], Field(min_length=6, max_length=6), A
 
 class _Finding(Form):
     code: str
-    message: Annotated[str, Field(validation_alias=JSON_KEYS["message"])]
-    blocking: Annotated[bool, Field(validation_alias=JSON_KEYS["blocking"])] = False
+    message: Annotated[str, Field(validation_alias="words")]
+    blocking: Annotated[bool, Field(validation_alias="refuses")] = False
 
 
 class _Covariance(Form):
@@ -102,7 +102,7 @@ class Metrics(Form):
 
     robot_sigma_m: NotNegative | None = None
     robot_sigma_rad: NotNegative | None = None
-    repeatability_95_m: Annotated[NotNegative | None, Field(validation_alias=JSON_KEYS["repeatability_95_m"])] = None
+    repeatability_95_m: Annotated[NotNegative | None, Field(validation_alias="eight_views_m")] = None
     views_used: Annotated[int, Field(ge=0)] | None = None
 
 

@@ -1,8 +1,8 @@
-"""Verification of a calibration with views that it was not solved from.
+"""Verification of a calibration with new views of the board.
 
-The board should appear where it lay during the calibration. It appears elsewhere if the board was moved, or if the
-camera was. Views from two sides distinguish the two: a moved board appears at one position on the table, while a moved
-camera shows it at two positions, or above or below the table.
+The board should appear at its pose during the calibration. A different pose means that the board or the camera was
+moved. Views from two sides distinguish the two cases. A moved board appears at one position on the table. A moved
+camera makes the board appear at two positions, or above or below the table.
 """
 
 import math
@@ -16,6 +16,7 @@ from calibration.geometry.se3 import rotation_angles
 from calibration.input_checks.observations import check_each_view
 from calibration.observations import Observations
 from calibration.result import Finding, HandEyeResult
+from calibration.storage.document import VerificationResource
 from calibration.storage.hand_eye_file import HandEye
 from calibration.verification.board_prediction import (
     BoardObservation,
@@ -27,30 +28,30 @@ from calibration.verification.board_prediction import (
 from calibration.verification.displacement import Displacement, estimate_displacement
 
 NOTABLE_M = 0.001
-"""A smaller deviation is good enough, however precise arm and camera are."""
+"""Maximum deviation that always passes, metres, even if the noise is smaller."""
 NOTABLE_RAD = np.radians(0.2)
-"""A smaller rotation is good enough. It is 1 mm in 0.3 m."""
+"""Maximum rotation that always passes, radians. It is 1 mm at 0.3 m."""
 FALSE_ALARM_RATE = 0.001
-"""Share of verifications in which noise alone fails one of the tests."""
+"""Fraction of verifications in which noise alone fails one of the tests."""
 MIN_LOG_RATIO = 6.0
-"""Minimum `Displacement.board_log_ratio` that decides that the board was moved. It is a likelihood ratio of 20."""
+"""Minimum `Displacement.board_log_ratio` for a moved board. It corresponds to a likelihood ratio of 20."""
 SIDES_RAD = np.radians(20.0)
-"""Minimum angle between two directions of view that count as two sides. At this angle, a camera that was moved by
-3 mm shows the board at positions 1 mm apart, which is notable."""
+"""Minimum rotation of the camera between two views that count as two sides, radians. At this angle, a camera that was
+moved by 3 mm shows the board at positions 1 mm apart."""
 
 
 @dataclass(frozen=True)
 class VerifiedView:
-    """Where one view sees the board, by the calibration."""
+    """Deviation of the board in one view from its pose during the calibration."""
 
     name: str
     """Name of the view."""
     off_m: float
-    """Distance of the middle of the board from where it lay, metres."""
+    """Distance of the middle of the board from its position during the calibration, metres."""
     off_rad: float
-    """Rotation of the board against where it lay, radians."""
+    """Rotation of the board from its orientation during the calibration, radians."""
     expected_m: float
-    """Expected root mean square of `off_m`, from the covariance of the calibration and the noise, metres."""
+    """Expected root mean square of `off_m`, from the covariance of the calibration and from the noise, metres."""
     expected_rad: float
     """Expected root mean square of `off_rad`, radians."""
 
@@ -60,7 +61,7 @@ class Verification:
     """Result of a verification."""
 
     views: tuple[VerifiedView, ...]
-    """The views in which the board was seen."""
+    """Deviations in the views with a board pose."""
     worst_m: float
     """Largest `off_m`; NaN without views."""
     expected_m: float
@@ -70,40 +71,30 @@ class Verification:
     expected_rad: float
     """Largest `expected_rad`; NaN without views."""
     board_moved_m: float | None
-    """Distance by which the board moved, metres, if the views agree that it did; otherwise None."""
+    """Distance by which the board was moved, metres; None if the views do not show that the board was moved."""
     board_turned_rad: float | None
     """Rotation of the board about its normal, radians; None if `board_moved_m` is None."""
     passed: bool
-    """Whether the calibration still holds. A board that was moved does not contradict it."""
+    """Whether the calibration still holds. A moved board does not contradict the calibration."""
     message: str
-    """Result and what to do, for people."""
+    """Result and advice for the operator."""
 
     def to_json(self) -> dict[str, Any]:
-        """Return the result as JSON values. Values that need views are null without them."""
-        return {
-            "passed": self.passed,
-            "words": self.message,
-            "worst_m": _finite(self.worst_m),
-            "expected_m": _finite(self.expected_m),
-            "worst_rad": _finite(self.worst_rad),
-            "expected_rad": _finite(self.expected_rad),
-            "board_moved_m": self.board_moved_m,
-            "board_turned_rad": self.board_turned_rad,
-            "views": [vars(view) for view in self.views],
-        }
+        """Return the result as JSON values. NaN becomes null."""
+        return VerificationResource.model_validate(self).model_dump(mode="json")
 
 
 def verify(hand_eye: HandEye | HandEyeResult, views: Observations) -> Verification:
-    """Check with views that a calibration was not solved from whether the board appears where it lay.
+    """Check with new views whether the board appears at its pose during the calibration.
 
     Args:
         hand_eye: The calibration.
-        views: Two or more views of the board, from different sides. One view does not distinguish a moved camera
-            from a moved board. Without views, nothing passes.
+        views: Two or more views of the board, from different sides. They must not have been used for the calibration.
+            One view does not distinguish a moved camera from a moved board. Without views, the verification fails.
 
     Raises:
-        HandEyeInvalidError: The calibration has no board pose or no covariance.
-        HandEyeMismatchError: It is of another camera, robot, board, mounting or image size.
+        HandEyeInvalidError: The calibration has no board pose, no covariance or no camera matrix.
+        HandEyeMismatchError: The views have another camera, robot, board, mounting or image size than the calibration.
         HandEyeInputError: A view is not valid.
     """
     predicted = predict_board(hand_eye)
@@ -149,15 +140,15 @@ def verify(hand_eye: HandEye | HandEyeResult, views: Observations) -> Verificati
 
 
 def verification_findings(verification: Verification) -> tuple[Finding, ...]:
-    """Return the findings against a new calibration by the views that were held out of it.
+    """Return the findings against a new calibration from its held-out views.
 
-    Nobody moved the board between these views, so a board that seems moved contradicts the calibration as well.
+    The board stands still while the views are taken. A board that appears moved therefore contradicts the calibration.
 
     Args:
-        verification: Result of `verify` with the views that were held out.
+        verification: Result of `verify` with the held-out views.
 
     Returns:
-        No finding if the calibration holds.
+        The findings; empty if the calibration holds.
     """
     if not verification.views:
         message = f"{verification.message}, so the calibration is not verified: run a verification, or calibrate again"
@@ -179,9 +170,10 @@ def _is_displaced(
     displacement: Displacement,
     predicted: PredictedBoard,
 ) -> bool:
-    """Return whether the board is displaced, notably and significantly.
+    """Return whether the displacement of the board is notable and significant.
 
-    Each view is tested by itself. All views together are tested for a motion of the camera, which shows smaller ones.
+    Each view is tested alone. All views are also tested together for a camera motion. The test of all views detects
+    smaller motions. `covariances` are the covariances (6, 6) of the deviations of the views.
     """
     tests = 2 * len(observations) + 1
     limit = _chi2_limit(3, predicted, tests)
@@ -199,7 +191,7 @@ def _explain(
     displacement: Displacement,
     predicted: PredictedBoard,
 ) -> Verification:
-    """Decide why the board is displaced: the camera or the board was moved, or the views do not show which."""
+    """Return `verification` with the cause of the displacement: moved board, moved camera, or not distinguishable."""
     limit = _chi2_limit(3, predicted, 2 * max(len(displacement.pair_differences), 1))
     pairs = zip(displacement.pair_differences, displacement.pair_covariances, strict=True)
     recalibrate = "check that camera and bracket are tight and that the tool is the same, then calibrate again"
@@ -237,7 +229,7 @@ def _explain(
 
 
 def _off_plane(displacement: Displacement, predicted: PredictedBoard) -> str | None:
-    """Describe how the board left the plane in which it lay, or return None if it did not."""
+    """Return a description of how the board left its original plane, or None if the board is still in this plane."""
     along, normal = predicted.Y[:3, :2], predicted.Y[:3, 2:3]
     rise, tilt = displacement.mean[3:] @ normal, displacement.mean[:3] @ along
     covariance = displacement.covariance
@@ -249,35 +241,38 @@ def _off_plane(displacement: Displacement, predicted: PredictedBoard) -> str | N
 
 
 def _from_two_sides(observations: list[BoardObservation]) -> bool:
-    """Return whether two directions of view differ by at least `SIDES_RAD`."""
+    """Return whether the camera rotations of two views differ by at least `SIDES_RAD`."""
     rotations = np.array([each.J_prediction[:3, :3] for each in observations])
     return bool(rotation_angles(rotations[:, None].swapaxes(-1, -2) @ rotations).max() >= SIDES_RAD)
 
 
 def _is_significant(deviation: NDArray[np.float64], covariance: NDArray[np.float64], limit: float) -> bool:
-    """Return whether a deviation (6,) is notable and above the chi-square limit, in translation or rotation."""
+    """Return whether the translation or the rotation of a deviation (6,) is notable and above the chi-square limit."""
     return _exceeds(deviation[3:], covariance[3:, 3:], NOTABLE_M, limit) or _exceeds(
         deviation[:3], covariance[:3, :3], NOTABLE_RAD, limit
     )
 
 
 def _exceeds(values: NDArray[np.float64], covariance: NDArray[np.float64], notable: float, limit: float) -> bool:
-    """Return whether `values` (D,) exceed both the notable length and the chi-square limit."""
+    """Return whether `values` (D,) are longer than `notable` and their chi-square exceeds `limit`."""
     chi2 = float(values @ np.linalg.solve(covariance, values))
     return not float(np.linalg.norm(values)) <= notable and not chi2 <= limit
 
 
 def _chi2_limit(dimensions: int, predicted: PredictedBoard, tests: int) -> float:
-    """Return the chi-square that noise exceeds in a share `FALSE_ALARM_RATE` of verifications, over all tests."""
+    """Return the chi-square limit of one test, so that all `tests` together have the rate `FALSE_ALARM_RATE`.
+
+    `dimensions` is the number of tested values, for example 3 for a translation.
+    """
     from scipy.special import fdtri
 
-    # The noise levels are estimated from three errors in each of a few views, so Snedecor's F distribution applies.
+    # The noise levels are estimated from few errors, three per view, so Snedecor's F distribution applies.
     degrees_of_freedom = 3.0 * max(predicted.views_used - 3, 1)
     return dimensions * float(fdtri(dimensions, degrees_of_freedom, 1 - FALSE_ALARM_RATE / tests))
 
 
 def _not_verified(message: str) -> Verification:
-    """Return a verification without views, which does not pass."""
+    """Return a failed verification with no views and the given message."""
     return Verification(
         views=(),
         worst_m=math.nan,
@@ -291,10 +286,6 @@ def _not_verified(message: str) -> Verification:
     )
 
 
-def _finite(value: float) -> float | None:
-    return value if math.isfinite(value) else None
-
-
 def _mm(metres: float) -> str:
     return f"{1000 * metres:.1f} mm"
 
@@ -304,5 +295,5 @@ def _degrees(radians: float) -> str:
 
 
 def format_discrepancy(metres: float, radians: float) -> str:
-    """Format the distance of two poses for people, in millimetres and degrees."""
+    """Format the difference of two poses for the operator, in millimetres and degrees."""
     return f"{_mm(metres)} and {_degrees(radians)}"

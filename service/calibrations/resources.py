@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from calibration.storage.document import record_document
+from calibration.storage.document import CalibrationResult, FindingResource, VerificationResource
 from calibration.storage.hand_eye_file import HandEye
 from calibration.verification.drift import Drift
 from cell.cell import Cell
@@ -14,7 +14,6 @@ from cell.errors import CellError
 from service import wall_clock
 from service.calibrations.activation import why_not_activated
 from service.calibrations.drift_watch import DriftWatch
-from service.calibrations.result_schema import CalibrationResult, FindingResource, VerificationResource
 from service.calibrations.schemas import (
     CalibrationInUse,
     CalibrationProgress,
@@ -81,7 +80,7 @@ def in_use(hand_eye: HandEye, drift: Drift) -> CalibrationInUse:
         sigma_rad=None if covariance is None else float(np.sqrt(np.trace(covariance[:3, :3]))),
         eight_views_m=hand_eye.repeatability_95_m,
         verdict=hand_eye.verdict,
-        findings=[FindingResource(**record_document(finding)) for finding in hand_eye.findings],
+        findings=[FindingResource.model_validate(finding) for finding in hand_eye.findings],
         created_at=None if created is None else created.isoformat(),
         age_s=None if created is None else (wall_clock.present() - created).total_seconds(),
         camera_id=hand_eye.camera_id,

@@ -5,6 +5,7 @@ from typing import Annotated, Any, Literal
 from pydantic import ConfigDict, Field, JsonValue
 
 from calibration.result import Verdict
+from calibration.storage.document import CalibrationResult, FindingResource, VerificationResource
 from calibration.target.board import (
     MARKER_COUNTS,
     MAX_PER_SIDE,
@@ -16,7 +17,6 @@ from calibration.target.board import (
     board_with_defaults,
 )
 from cell.board_seen import ACROSS, DOWN
-from service.calibrations.result_schema import CalibrationResult, FindingResource, VerificationResource
 from service.described import Described
 from service.schemas import WHOLE, Id, Problem, ScanState, ViewState
 

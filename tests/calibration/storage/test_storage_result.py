@@ -22,7 +22,7 @@ from calibration.errors import (
 from calibration.geometry.transforms import from_rotation_vector
 from calibration.observations import BoardView, Observations
 from calibration.result import Finding, HandEyeResult, ViewReport
-from calibration.storage.document import record_document
+from calibration.storage.document import FindingResource
 from calibration.storage.hand_eye_file import (
     HandEye,
     activate,
@@ -40,6 +40,11 @@ K = np.array([[800.25, 0.0, 640.5], [0.0, 801.125, 400.25], [0.0, 0.0, 1.0]])
 BOARD = Board()
 WARNING = Finding("board-scale-unverified", "the board's size is known to 0.2 % only: add a second distance", False)
 REFUSAL = Finding("leave-one-out", "views disagree by 4 mm: find the loose mounting", True)
+
+
+def as_json(finding: Finding) -> dict[str, Any]:
+    """Return a finding as a hand-eye file has it."""
+    return FindingResource.model_validate(finding).model_dump()
 
 
 def covariance() -> np.ndarray:
@@ -151,7 +156,10 @@ def test_a_refused_calibration_is_written_and_never_loaded(tmp_path: Path) -> No
 @pytest.mark.parametrize(
     ("changes", "expected"),
     [
-        ({"findings": [record_document(WARNING), record_document(REFUSAL)]}, "views disagree by 4 mm"),
+        (
+            {"findings": [as_json(WARNING), as_json(REFUSAL)]},
+            "views disagree by 4 mm",
+        ),
         ({"verification": {"passed": False, "words": "the board appears 9 mm off", "views": [{}]}}, "appears 9 mm off"),
         ({"verdict": "refuse"}, "the file does not say why"),
     ],
