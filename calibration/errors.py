@@ -44,7 +44,7 @@ class HandEyeMismatchError(HandEyeError):
 
 
 class HandEyeRefusedError(HandEyeError):
-    """The calibration was refused when it was solved."""
+    """The calibration must not be used: a finding is blocking, its verification failed, or its verdict is `refuse`."""
 
     slug = "calibration-refused"
 

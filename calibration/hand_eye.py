@@ -1,4 +1,4 @@
-"""Hand-eye calibration: the pose of the camera from images of a board and the reported poses of the robot."""
+"""Hand-eye calibration: estimate the camera pose from images of a board and the flange poses that the robot reports."""
 
 from dataclasses import replace
 
@@ -24,18 +24,18 @@ from calibration.solver.outlier_rejection import reject_outliers
 from calibration.solver.problem import Problem, Unknowns
 
 MIN_BOARD_POSES = 3
-"""Minimum number of views with a board pose. Fewer have no solution. The acceptance limits are stricter."""
+"""Minimum number of views with a board pose. Fewer views do not determine X. The acceptance limits are stricter."""
 
 
 def solve_hand_eye(observations: Observations, priors: NoisePriors | None = None) -> HandEyeResult:
-    """Solve the pose of the camera on the flange, or in the cell, from corners of a board.
+    """Estimate the camera pose on the flange (eye-in-hand) or in the cell (eye-to-hand) from board corners.
 
-    Several images from one pose of the arm count once. Views that do not fit the others are excluded and named in
-    `views` of the result.
+    `observations.mounting` selects the case. Images taken at the same arm pose count as one view. Views that
+    contradict the other views are excluded; `views` of the result gives the reasons.
 
     Args:
-        observations: The board, the camera, and at least eight views; fifteen are better. Tilt them by 20 to 30 degrees
-            in all directions, roll them, and use two distances.
+        observations: Board, camera, and at least eight views (better fifteen). Tilt the camera by 20 to 30 degrees in
+            all directions, roll it about its optical axis, and use two distances.
         priors: Standard deviations of the noise and the priors. None: the defaults of `NoisePriors`.
 
     Returns:
@@ -43,7 +43,7 @@ def solve_hand_eye(observations: Observations, priors: NoisePriors | None = None
         it: observations of bad quality give a result with the verdict `"refuse"`.
 
     Raises:
-        HandEyeInputError: No calibration can be solved from the observations. `slug` says which check failed.
+        HandEyeInputError: The observations do not determine a calibration. `slug` names the failed check.
 
     Example:
         >>> import numpy as np
@@ -51,19 +51,21 @@ def solve_hand_eye(observations: Observations, priors: NoisePriors | None = None
         >>> from calibration.observations import BoardView, Observations
         >>> from calibration.geometry import from_rotation_vector, inverse, transform_points
         >>> board, K = Board(), np.array([[805.0, 0, 639.5], [0, 805.0, 399.5], [0, 0, 1]])
-        >>> T_flange_camera = from_rotation_vector((0.03, -0.06, 0.05), (0.1, 0.05, 0.4))
-        >>> T_base_board = from_rotation_vector((0.4, 0.1, 0.0), (np.pi, 0.0, 0.0))
-        >>> middle = from_rotation_vector(board.points.mean(axis=0), (0.0, 0.0, 0.0))
-        >>> views = []
+        >>> T_flange_camera = from_rotation_vector(translation=(0.03, -0.06, 0.05), rotation_vector=(0.1, 0.05, 0.4))
+        >>> T_base_board = from_rotation_vector(translation=(0.4, 0.1, 0.0), rotation_vector=(np.pi, 0.0, 0.0))
+        >>> views = []  # synthetic views without noise
         >>> for k in range(15):
-        ...     azimuth, tilt = 2 * np.pi * k / 15, 0.3 + 0.2 * (k % 2)
-        ...     lean = from_rotation_vector((0, 0, 0), (tilt * np.cos(azimuth), tilt * np.sin(azimuth), 0))
-        ...     roll = from_rotation_vector((0, 0, 0), (0, 0, (0.4, -1.3, -0.4, 1.3)[k % 4]))
-        ...     away = from_rotation_vector((0, 0, -(0.34, 0.46)[k // 2 % 2]), (0, 0, 0))
-        ...     T_board_camera = middle @ lean @ roll @ away
+        ...     azimuth, tilt = np.radians(24 * k), np.radians((20, 30)[k % 2])
+        ...     roll, distance = (0.4, -1.3, -0.4, 1.3)[k % 4], (0.34, 0.46)[k // 2 % 2]
+        ...     tilt_axis = np.array([np.cos(azimuth), np.sin(azimuth), 0.0])
+        ...     T_board_camera = (
+        ...         from_rotation_vector(translation=board.points.mean(axis=0), rotation_vector=tilt * tilt_axis)
+        ...         @ from_rotation_vector(translation=(0, 0, 0), rotation_vector=(0, 0, roll))
+        ...         @ from_rotation_vector(translation=(0, 0, -distance), rotation_vector=(0, 0, 0))
+        ...     )
         ...     T_base_flange = T_base_board @ T_board_camera @ inverse(T_flange_camera)
-        ...     x, y, z = (K @ transform_points(inverse(T_board_camera), board.points).T)
-        ...     pixels = np.column_stack([x / z, y / z])
+        ...     u, v, w = K @ transform_points(inverse(T_board_camera), board.points).T
+        ...     pixels = np.column_stack([u / w, v / w])
         ...     views.append(BoardView(f"{k:02}", T_base_flange, np.arange(len(pixels)), pixels))
         >>> result = solve_hand_eye(Observations(board, K, (1280, 800), tuple(views)))
         >>> result.verdict
@@ -73,7 +75,7 @@ def solve_hand_eye(observations: Observations, priors: NoisePriors | None = None
     """
     check_observations(observations)
     representatives = choose_representatives(observations)
-    # The solver takes one view for each pose of the robot.
+    # The solver needs one view per robot pose.
     distinct = replace(observations, views=tuple(observations.views[k] for k in np.unique(representatives)))
     problem = Problem(stack_corners(distinct), distinct.T_base_flange, distinct.mounting, priors or NoisePriors())
     board_poses = _estimate_board_poses(problem)
@@ -102,7 +104,7 @@ def solve_hand_eye(observations: Observations, priors: NoisePriors | None = None
 
 
 def _estimate_board_poses(problem: Problem) -> BoardPoses:
-    """Estimate the board pose of each view by itself, and check that the poses are consistent with a moving camera."""
+    """Estimate one board pose per view, and check that enough are found, not mirrored, and different in rotation."""
     board_poses = estimate_board_poses(problem.corners)
     found = board_poses.found
     if found.sum() < MIN_BOARD_POSES:
@@ -120,7 +122,7 @@ def _estimate_board_poses(problem: Problem) -> BoardPoses:
 def _initialise(
     problem: Problem, board_poses: BoardPoses, names: tuple[str, ...]
 ) -> tuple[Unknowns, NDArray[np.bool_]]:
-    """Return a start with rough X and Y, all corrections zero, and the views (N,) that agree with it."""
+    """Return initial unknowns (X and Y by RANSAC, all other unknowns zero) and the mask (N,) of inlier views."""
     found = board_poses.found
     T_base_flange, T_camera_board = problem.T_base_flange[found], board_poses.T_camera_board[found]
     guess = estimate_initial_guess(

@@ -1,4 +1,4 @@
-"""Recognition: from depth views to the point chain model, in the order of the flowchart of the paper (Fig. 2)."""
+"""Recognition pipeline: from depth views to the point chain model, in the order of the paper's flowchart (Fig. 2)."""
 
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -34,45 +34,45 @@ from recognition.tracing.trace import TracedStrands, pairing_messages, trace_str
 from recognition.view_ingestion import IngestedViews, ingest_views
 
 STAGES = ("preprocess", "registration", "centre_line", "matching", "reconstruction", "refinement", "topology", "grasps")
-"""Names of the stages in `on_stage` and `timing_s`, in order. `stages_of` returns those of one method."""
+"""Names of all stages in order, as in `on_stage` and `timing_s`. `stages_of` returns the stages of one method."""
 
 
 def stages_of(method: Method) -> tuple[str, ...]:
-    """Return the names of the stages of one method: `graph` has `refinement`, the others `reconstruction`."""
+    """Return the stage names of one method: `graph` has `refinement`, the other methods have `reconstruction`."""
     return tuple(stage for stage in STAGES if stage != ("reconstruction" if method == "graph" else "refinement"))
 
 
 @dataclass(frozen=True, eq=False)
 class Recognition:
-    """A model and the results of the stages that led to it. Stages that the method does not have are None or empty."""
+    """Model of a scene, and the result of each stage. The results of stages that did not run are None or empty."""
 
     model: PointChainModel
-    """The result."""
+    """The point chain model."""
     targets: Sequence[TargetCloud] = ()
-    """Points above the height threshold, for each view."""
+    """Points of each view above the height threshold."""
     clouds: Sequence[NormalCloud] = ()
-    """Points with normals, for each view that sees a string, before registration."""
+    """Points and normals of each view that shows a string, before registration."""
     registration: Registration | None = None
-    """The combined point cloud with normals."""
+    """Registered views, and their merged point cloud with normals."""
     centre_line: CentreLine | None = None
     """Centre points (eq. 1) and their means (eq. 2)."""
     thinned: NDArray[np.float64] | None = None
-    """(N, 3) thinned points (eq. 3) of `enhanced`, metres."""
+    """(N, 3) thinned points (eq. 3) of the method `enhanced`, metres, base frame."""
     enhanced: EnhancedMatching | None = None
-    """Segments, contribution rates and bifurcation centres of `enhanced`."""
+    """Segments, contribution rates and bifurcation centres of the method `enhanced`."""
     segments: Sequence[NDArray[np.float64]] = ()
-    """(N, 3) each, the linked points of `matching` and `enhanced` before reconstruction, metres."""
+    """(N, 3) points of each segment before reconstruction, for `matching` and `enhanced`, metres, base frame."""
     reconstruction: Reconstruction | None = None
-    """The strands of `enhanced` after each step of the reconstruction."""
+    """Strands of the method `enhanced` after each step of the reconstruction."""
     graph: TracedStrands | None = None
-    """Nodes, fragments, pairs of ends and strands of `graph`."""
+    """Nodes, fragments, pairs of ends and strands of the method `graph`."""
     refinement: Refinement | None = None
-    """The fitted tubes of `graph`."""
+    """Strands of the method `graph` after the tube fit."""
 
 
 @dataclass
 class _StageTimer:
-    """Measures the duration of each stage and reports each stage to a listener when it begins."""
+    """Timer that measures the duration of each stage and calls `on_stage` when a stage begins."""
 
     on_stage: Callable[[str], None] | None
     timing_s: dict[str, float] = field(default_factory=dict)
@@ -87,13 +87,13 @@ class _StageTimer:
             self.on_stage(stage)
 
     def end(self) -> None:
-        """End the current stage, if there is one."""
+        """End the current stage and store its duration. Without a current stage, do nothing."""
         if self._stage is not None:
             self.timing_s[self._stage] = time.perf_counter() - self._begin_s
         self._stage = None
 
     def exclude_waiting(self, views: Iterable[DepthView]) -> Iterator[DepthView]:
-        """Yield the views. The wait for each view does not count, since the arm moves meanwhile."""
+        """Yield the views. The stage's duration excludes the wait for each view, because the arm moves meanwhile."""
         iterator = iter(views)
         while True:
             requested_s = time.perf_counter()
@@ -116,31 +116,31 @@ def recognise(
     """Recognise the strings in `views` and return their point chain model, with the results of each stage.
 
     Args:
-        views: Depth images with their camera poses, at least two. They may arrive one by one; each is preprocessed
-            when it arrives.
-        parameters: Radii and thresholds. None: the radius of the strings is measured first, which needs all views and
-            twice the time.
-        scene: Height of the table and workspace in the base frame. None: a table at z = 0, and no limit.
-        method: `"matching"` is the earlier method of the paper's authors, `"enhanced"` the method of the paper, and
-            `"graph"` ours.
-        on_stage: Called with the name of each stage (`STAGES`) when it begins.
-        gripper: Gripper for the grasps. None: the default gripper.
-        settings: Parameter values by name, in place of those of `parameters` or of those for the measured radius. The
-            measurement of the radius does not use them.
+        views: Depth images with their camera poses, at least two. They may arrive one by one; each view is
+            preprocessed when it arrives.
+        parameters: Radii and thresholds. None measures the radius of the strings first. The measurement needs all
+            views and doubles the computing time.
+        scene: Table height and workspace in the base frame. None means a table at z = 0 and no workspace limit.
+        method: `"matching"` is the earlier method of the paper's authors. `"enhanced"` is the method of the paper.
+            `"graph"` is our method.
+        on_stage: Function that is called with the name of each stage (see `STAGES`) when the stage begins.
+        gripper: Gripper for the grasps. None means the default gripper.
+        settings: Parameter values by name. They replace the values in `parameters`, or the values for the measured
+            radius. The measurement of the radius ignores `settings`.
 
     Returns:
-        The model, in metres and in the base frame, and the results of the stages. A scene without a string gives a
-        model without chains, and a warning that says why.
+        The model, in metres and in the base frame, and the results of the stages. If the scene has no string, the model
+        has no chains and a warning with the reason.
 
     Raises:
         InvalidParametersError: The method is unknown, it does not use one of `settings`, or the values break a
             condition of Table I.
         DuplicateViewError: Two views have the same index.
-        InsufficientViewsError: Fewer than two views were given, or fewer can be used.
+        InsufficientViewsError: Fewer than two views were given, or fewer than two views can be used.
         ContradictingViewsError: No majority of the views shows the same scene.
         NoDepthError: No view measured anything in the workspace.
-        TooCrowdedError: Much more than strings is above the table.
-        RadiusUnknownError: No parameters were given, and no radius could be measured.
+        TooCrowdedError: The points above the table are too many for a scene of strings.
+        RadiusUnknownError: `parameters` is None, and the radius could not be measured.
 
     Example:
         >>> from cell.simulation.camera import camera_model
@@ -157,7 +157,7 @@ def recognise(
         [[[0, 'under', 1], [0, 'over', 1]]]
 
     Source:
-        The flowchart of Fig. 2, with stages of ours.
+        Flowchart of Fig. 2. The method `graph` is not in the paper.
     """
     if method not in METHODS:
         raise InvalidParametersError(f"there is no method {method!r}; it must be one of {', '.join(METHODS)}")
@@ -227,7 +227,7 @@ def recognise(
     quality = Quality(
         views=tuple(sorted(registration.views + ingested.excluded, key=lambda view: view.index)),
         ambiguities=(*ambiguities, *fragment_ambiguities),
-        # Warnings about the strings come before those about the views.
+        # Warnings about the strings come before warnings about the views.
         warnings=(
             *assembly.warnings,
             *registration.warnings,
@@ -262,6 +262,6 @@ def _without_string(
     scene: Scene,
     timing_s: dict[str, float],
 ) -> Recognition:
-    """Return the model of a scene without a string, with the reason and the coverage as warnings."""
+    """Return a model without chains, with `reason` and the warning about table coverage."""
     quality = Quality(ingested.excluded, warnings=(reason, *coverage_warnings(ingested.targets, (), scene)))
     return Recognition(PointChainModel(method, parameters, quality=quality, timing_s=timing_s), ingested.targets)

@@ -1,7 +1,7 @@
 """Assessment of a solved calibration.
 
 The solution and its views go in. Findings, a diagnosis of inconsistent views, a report on each view and the reported
-accuracy come out. Every finding has a code and a message, and says whether it blocks the use of the calibration.
+accuracy come out. Every finding has a code, a message, and a flag for blocking the use of the calibration.
 """
 
 from calibration.assessment.acceptance import acceptance_findings

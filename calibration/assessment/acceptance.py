@@ -1,17 +1,17 @@
-"""Acceptance of a solved calibration: all limits, and a finding for each limit that is exceeded.
+"""Acceptance of a solved calibration: check all limits, and return a finding for each exceeded limit.
 
-A finding's code is one of
+The codes of the findings are
 
-    too-few-views, pure-translation, parallel-axes    as in `calibration.input_checks`, of the views that agree
-    poses-shuffled, ..., inconsistent                 the views do not agree; cause by `assessment.diagnosis`
+    too-few-views, pure-translation, parallel-axes    as in `calibration.input_checks`, for the used views
+    poses-shuffled, ..., inconsistent                 the views are inconsistent; the cause is from `diagnosis`
     not-settled                                       the solver did not converge
     uncertain-place, uncertain-direction              the standard deviation of X is too large
     corner-noise                                      the corners are detected too imprecisely
     robot-error                                       the reported flange poses are too imprecise
     left-out-error                                    the leave-one-out error is too large
     focal-length, optical-axis, lens-distortion       the camera differs from the given intrinsics
-    board-scale                                       the board does not have the given size
-    board-scale-unverified                            a warning: the views do not determine the size of the board
+    board-scale                                       the board does not have the nominal size
+    board-scale-unverified                            warning: the views determine the board size too imprecisely
 """
 
 import numpy as np
@@ -28,33 +28,34 @@ from calibration.input_checks.observations import MIN_VIEWS
 from calibration.result import Finding
 
 MIN_CONSISTENT_SHARE = 0.7
-"""Minimum share of consistent views, of those with a board pose. With more views rejected, the consistent ones may be
-the wrong ones."""
+"""Minimum ratio of used views to views with a board pose. If more views are excluded, the used views may be the wrong
+views."""
 MAX_SIGMA_M = 1e-3
-"""Maximum sigma of the camera position, all axes together, metres. The share of an unverified board size is not counted
-here; it has its own warning."""
+"""Maximum standard deviation of the camera position (root sum of squares over the axes), metres. An unverified board
+size is not included; it has its own warning."""
 MAX_SIGMA_RAD = np.radians(0.15)
-"""Maximum sigma of the camera rotation, all axes together. It is 1 mm at 0.4 m."""
+"""Maximum standard deviation of the camera rotation (root sum of squares over the axes), radians. It is 1 mm at
+0.4 m."""
 MAX_PIXEL_SIGMA_PX = 0.6
-"""Maximum corner noise, pixels. It is three times that of a sharp image of a board at rest."""
+"""Maximum standard deviation of the corner noise, pixels. A sharp image of a resting board has a third of this."""
 MAX_ROBOT_ERROR_M = 1e-3
-"""Maximum root mean square error of the flange positions, all axes together. A worse arm alone ruins a grasp."""
+"""Maximum robot position error (root sum of squares over the axes), metres. A larger error alone makes a grasp fail."""
 MAX_ROBOT_ERROR_RAD = np.radians(0.25)
-"""Maximum root mean square error of the flange rotations, all axes together."""
+"""Maximum robot rotation error (root sum of squares over the axes), radians."""
 MAX_LOO_ERROR_M = 1.5e-3
-"""Maximum leave-one-out error (root mean square) at short distance, metres."""
+"""Maximum leave-one-out error (root mean square), metres, at a short distance from the board."""
 MAX_LOO_ERROR_SHARE = 0.002
-"""Maximum leave-one-out error as a share of the distance, at long distance."""
+"""Maximum ratio of the leave-one-out error to the distance, at a long distance from the board."""
 
 
 def acceptance_findings(evidence: Evidence) -> tuple[Finding, ...]:
     """Return all findings against a solved calibration, the most serious cause first.
 
     Args:
-        evidence: The solution and the views that it was solved from.
+        evidence: Solution and views of the calibration.
 
     Returns:
-        No finding if the calibration may be used without reservation.
+        The findings; empty if the calibration may be used without reservation.
     """
     findings = (
         _consistency_findings(evidence)
@@ -62,7 +63,7 @@ def acceptance_findings(evidence: Evidence) -> tuple[Finding, ...]:
         + camera_findings(evidence)
         + board_findings(evidence)
     )
-    # Much noise or several rejected views may have one cause, and then the views that were kept may be the wrong ones.
+    # One mistake may cause much noise or several excluded views. The used views may then be the wrong views.
     codes = {finding.code for finding in findings}
     suspicious = codes & {"inconsistent", "robot-error", "left-out-error"}
     n_rejected = int((_has_board(evidence) & ~evidence.used).sum())
@@ -73,10 +74,10 @@ def acceptance_findings(evidence: Evidence) -> tuple[Finding, ...]:
 
 
 def reported_covariance(evidence: Evidence) -> NDArray[np.float64]:
-    """Return the covariance (6, 6) of X, plus the variance along the view that an unverified board size adds.
+    """Return the covariance (6, 6) of the error of X, including the uncertainty of an unverified board size.
 
-    All reported accuracies follow from this covariance. The limits of `acceptance_findings` apply to
-    `Evidence.covariance`.
+    An unverified board size adds variance along the optical axis. All reported accuracies follow from the returned
+    covariance. The limits of `acceptance_findings` apply to `Evidence.covariance`.
     """
     covariance = evidence.covariance.copy()
     if is_scale_unverified(evidence):
@@ -86,7 +87,7 @@ def reported_covariance(evidence: Evidence) -> NDArray[np.float64]:
 
 
 def reported_repeatability(evidence: Evidence) -> float:
-    """Return the predicted disagreement of the views of a scan, as in `HandEyeResult.repeatability_95_m`."""
+    """Return the predicted repeatability of a scan, metres, for `HandEyeResult.repeatability_95_m`."""
     return repeatability_bound(
         reported_covariance(evidence),
         evidence.robot_sigma_rad,
@@ -97,19 +98,19 @@ def reported_repeatability(evidence: Evidence) -> float:
 
 
 def _has_board(evidence: Evidence) -> NDArray[np.bool_]:
-    """Return which views (N,) have a board pose."""
+    """Return the mask (N,), True for the views with a board pose."""
     return np.asarray(np.isfinite(evidence.T_camera_board).all(axis=(1, 2)))
 
 
 def _diagnose(evidence: Evidence) -> Finding | None:
-    """Find the mistake that explains inconsistent views."""
+    """Diagnose the views with a board pose."""
     with_board = np.flatnonzero(_has_board(evidence))
     names = tuple(evidence.names[index] for index in with_board)
     return diagnose(evidence.T_base_flange[with_board], evidence.T_camera_board[with_board], evidence.mounting, names)
 
 
 def _consistency_findings(evidence: Evidence) -> tuple[Finding, ...]:
-    """Check the number of consistent views and their motion."""
+    """Return the findings about the number of used views and the diversity of their rotations."""
     findings = []
     count, used = int(_has_board(evidence).sum()), int(evidence.used.sum())
     if used < MIN_CONSISTENT_SHARE * count:
@@ -139,7 +140,7 @@ def _consistency_findings(evidence: Evidence) -> tuple[Finding, ...]:
 
 
 def _accuracy_findings(evidence: Evidence) -> tuple[Finding, ...]:
-    """Check convergence, the covariance of X, the noise levels and the leave-one-out error."""
+    """Return the findings about convergence, the covariance of X, the noise levels and the leave-one-out error."""
     findings = []
     if not evidence.converged:
         findings.append(
@@ -192,8 +193,8 @@ def _accuracy_findings(evidence: Evidence) -> tuple[Finding, ...]:
 
 
 def _robot_findings(evidence: Evidence) -> list[Finding]:
-    """Check the errors of the reported flange poses."""
-    # The estimates are for one axis; the limits are for all three together.
+    """Return the finding about the errors of the reported flange poses, if the errors are too large."""
+    # The estimates are per axis. The limits are for the root sum of squares over the three axes.
     error_m, error_rad = np.sqrt(3.0) * evidence.robot_sigma_m, np.sqrt(3.0) * evidence.robot_sigma_rad
     if error_m <= MAX_ROBOT_ERROR_M and error_rad <= MAX_ROBOT_ERROR_RAD:
         return []
@@ -209,10 +210,10 @@ def _robot_findings(evidence: Evidence) -> list[Finding]:
 
 
 def _distance_m(evidence: Evidence) -> float:
-    """Return the mean distance of the used views from the board, metres."""
+    """Return the mean distance from the camera to the board over the used views, metres."""
     return float(evidence.distance_m[evidence.used].mean())
 
 
 def _refusal(code: str, message: str) -> Finding:
-    """Return a finding that blocks the calibration."""
+    """Return a blocking finding."""
     return Finding(code, message, blocking=True)

@@ -1,24 +1,24 @@
-"""Acceptance of the board: whether it has the given size, and whether the views verify that."""
+"""Acceptance of the board: compare the estimated size with the nominal size, and check its uncertainty."""
 
 from calibration.assessment.evidence import Evidence
 from calibration.result import Finding
 
 MAX_SCALE_CHANGE = 0.003
-"""Maximum deviation of the size of the board, as a share. It is 1 mm at 0.35 m. More means a print that was scaled."""
+"""Maximum deviation of the board scale from 1. It is 1 mm at 0.35 m. A larger deviation means a scaled print."""
 MAX_SCALE_SIGMAS = 4.0
-"""Deviation of the size of the board, in sigmas, that noise may cause."""
+"""Maximum deviation of the board scale that noise may cause, in standard deviations."""
 MAX_SCALE_SIGMA = 0.0015
-"""Maximum sigma of the size of the board, as a share, that counts as verified. The prior has a little more."""
+"""Maximum standard deviation of a verified board scale. The prior standard deviation is slightly larger."""
 UNVERIFIED_SCALE_SIGMA = 0.005
-"""Assumed sigma of the size of the board, as a share, if the views have not verified it: 1 mm in 200 mm by a ruler. A
-print that was scaled to fit its paper is farther off; its check line shows that."""
+"""Assumed standard deviation of an unverified board scale, 1 mm in 200 mm with a ruler. The scale of a print that was
+fitted to its paper deviates more; the check line of the print shows this deviation."""
 
 
 def board_findings(evidence: Evidence) -> tuple[Finding, ...]:
     """Return the findings about the size of the board.
 
     Args:
-        evidence: The solution and the views that it was solved from.
+        evidence: Solution and views of the calibration.
     """
     findings = []
     scale, sigma = evidence.board_scale, evidence.board_scale_sigma
@@ -47,9 +47,9 @@ def board_findings(evidence: Evidence) -> tuple[Finding, ...]:
 
 
 def is_scale_unverified(evidence: Evidence) -> bool:
-    """Return whether the views do not determine the size of the board well enough.
+    """Return whether the views determine the board scale too imprecisely.
 
     Args:
-        evidence: The solution and the views that it was solved from.
+        evidence: Solution and views of the calibration.
     """
     return not evidence.board_scale_sigma <= MAX_SCALE_SIGMA

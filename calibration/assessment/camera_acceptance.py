@@ -1,4 +1,4 @@
-"""Acceptance of the camera: whether focal lengths, optical axis and distortion are those that were given."""
+"""Acceptance of the camera: compare focal lengths, optical axis and distortion with the given intrinsics."""
 
 import numpy as np
 
@@ -6,24 +6,25 @@ from calibration.assessment.evidence import Evidence
 from calibration.result import Finding
 
 MAX_FOCAL_CHANGE = 0.01
-"""Maximum change of a focal length, as a share: three times the prior. More is not warm-up but another focus, stream or
-resolution."""
+"""Maximum relative change of a focal length, about three times the prior sigma. A larger change is not due to warm-up:
+the focus, the stream or the resolution differs."""
 MAX_ASPECT_CHANGE = 0.005
-"""Maximum change of fx / fy, as a share. Neither warm-up nor focus changes this ratio."""
+"""Maximum relative change of fx / fy. Warm-up and focus do not change this ratio."""
 MAX_CENTRE_SHIFT = 0.0075
-"""Maximum shift of cx and cy, in focal lengths: five times the prior, 6 pixels at 800. More is a crop or another
-stream."""
+"""Maximum shift of cx and cy, in focal lengths. It is five times the prior sigma, and 6 pixels for a focal length of
+800 pixels. A larger shift means a crop or another stream."""
 MAX_K1 = 0.015
-"""Maximum residual radial distortion. A distortion of -0.03 that is ignored makes an error of 1 mm."""
+"""Maximum residual radial distortion k1. An uncorrected k1 of -0.03 causes an error of 1 mm."""
 MAX_K1_SIGMAS = 6.0
-"""Residual distortion, in sigmas, that noise may cause, with uneven corner noise and a board that is not quite flat."""
+"""Maximum residual distortion that noise may cause, in standard deviations of k1. The limit allows for uneven corner
+noise and a slightly bent board."""
 
 
 def camera_findings(evidence: Evidence) -> tuple[Finding, ...]:
     """Return the findings against the given intrinsics.
 
     Args:
-        evidence: The solution and the views that it was solved from.
+        evidence: Solution and views of the calibration.
     """
     findings = []
     given = evidence.K_nominal.diagonal()[:2]
@@ -60,7 +61,7 @@ def camera_findings(evidence: Evidence) -> tuple[Finding, ...]:
 
 
 def _focal_length(subject: str, change: float, limit: float) -> Finding:
-    """Return the finding about a focal length, or the ratio of both."""
+    """Return the finding about a focal length or about fx / fy. `change` and `limit` are relative."""
     return Finding(
         "focal-length",
         f"by the views, {subject} {100 * change:+.2f} % from the given one, and at most {100 * limit:g} % is accepted: "

@@ -1,7 +1,7 @@
-"""Detection of a move between two views: X or Y has another value from some view on.
+"""Detection of a change of X or Y between two consecutive views.
 
-Poses `A` (N, 4, 4) and `B` (N, 4, 4) satisfy `A X B = Y`, as in `calibration.solver.initialisation`. Residuals are
-those of `inverse(Y) A X B`, rotation vector before translation.
+Poses `A` (N, 4, 4) and `B` (N, 4, 4) satisfy `A X B = Y`, as in `calibration.solver.initialisation`. The residual of a
+view is the twist of `inverse(Y) A X B`: rotation (rad), then translation (m).
 """
 
 from dataclasses import dataclass
@@ -16,56 +16,57 @@ from calibration.solver.initialisation import InitialGuess, estimate_initial_gue
 Moved = Literal["X", "Y"]
 
 MIN_VIEWS_PER_SIDE = 3
-"""Minimum number of views before and after the move. Two may be two bad views."""
+"""Minimum number of views before and after the change. Two views may both be outliers."""
 NOISE_RAD, NOISE_M = np.radians(0.05), 2.5e-4
-"""Minimum noise of a view along one axis, as for a good camera and arm. A fit to few views underestimates it."""
+"""Lower limits of the noise per axis, radians and metres, for a good camera and a good arm. A fit to few views
+underestimates the noise."""
 MAX_SPLITS = 20
-"""Maximum number of views tried as the first one after the move."""
+"""Maximum number of views that are tried as the first view after the change."""
 STARTING_VIEWS = 20
-"""Number of views of a long series that an initial guess is made from."""
+"""Maximum number of views for an initial guess."""
 STEPS = 8
 """Maximum number of Gauss-Newton steps."""
 CONVERGED = 1e-6
-"""Maximum step, radians and metres, at which the adjustment ends."""
+"""Step size, radians and metres, below which the fit has converged."""
 MAX_CHI2 = 25.0
-"""Chi-square from which a view counts as an outlier. Noise exceeds it in one of 3000 views."""
+"""Chi-square from which a view is an outlier. Noise exceeds this limit in one of 3000 views."""
 
 
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """One explanation of all views: without a move, or with a move of X or of Y."""
+    """Fit of X and Y to N views, without a change or with a change of X or Y."""
 
     residuals: NDArray[np.float64]
-    """(N, 6) rotation vectors, radians, and translations, metres."""
+    """(N, 6) residuals of the views, rotation (rad), then translation (m)."""
     moved: Moved | None = None
-    """Which transform has two values; None: neither."""
+    """Transform that changes, `X` or `Y`; None for a fit without a change."""
     first: int = 0
-    """Index of the first view after the move."""
+    """Index of the first view after the change."""
     shift: NDArray[np.float64] | None = None
-    """(6,) the move, rotation vector and translation; None without a move."""
+    """(6,) change of X or Y, rotation (rad), then translation (m); zero without a change, None before convergence."""
 
     def noise(self) -> tuple[float, float]:
-        """Return the noise of one axis, radians and metres, one sigma, from the median residuals."""
-        # The median length of three normal random numbers is 1.538 sigma.
+        """Return the standard deviations of the noise per axis, radians and metres, from the median residuals."""
+        # The median length of a normal error in three coordinates is 1.538 standard deviations.
         turned, off = (np.median(np.linalg.norm(part, axis=1)) / 1.538 for part in np.split(self.residuals, 2, axis=1))
         return max(float(turned), NOISE_RAD), max(float(off), NOISE_M)
 
     def squares(self, noise: tuple[float, float]) -> NDArray[np.float64]:
-        """Return the chi-square (N,) of each view, capped at `MAX_CHI2`."""
+        """Return the chi-square (N,) of each view, capped at `MAX_CHI2`. `noise` are the sigmas per axis (rad, m)."""
         scaled = self.residuals / np.repeat(noise, 3)
         return np.minimum(np.sum(scaled**2, axis=1), MAX_CHI2)
 
 
 def fit_without_change(A: NDArray[np.float64], B: NDArray[np.float64]) -> Fit:
-    """Fit one X and one Y to all views (N, 4, 4)."""
+    """Fit one X and one Y to all poses A (N, 4, 4) and B (N, 4, 4)."""
     start = _guess(A, B)
     return _adjust(A, B, start.X, start.Y, start.X, start.Y, None, len(A))
 
 
 def fit_changes(A: NDArray[np.float64], B: NDArray[np.float64]) -> list[Fit]:
-    """Fit a move of X and a move of Y at each possible view of A and B (N, 4, 4)."""
+    """Fit a change of X and a change of Y at each candidate view, to all poses A (N, 4, 4) and B (N, 4, 4)."""
     count = len(A)
-    # The first or the last half has no move in it, and often three quarters.
+    # The first half or the last half of the views contains no change. Often three quarters contain no change.
     parts = [slice(0, count - count // 4), slice(0, -(-count // 2)), slice(count // 2, count), slice(count // 4, count)]
     starts = {(part.start, part.stop): _guess(A[part], B[part]) for part in parts}
     fits = []
@@ -88,7 +89,7 @@ def _guess(A: NDArray[np.float64], B: NDArray[np.float64]) -> InitialGuess:
 
 
 def _medoid(poses: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the pose (4, 4) that is nearest to the others of (N, 4, 4). 0.1 m counts as a radian."""
+    """Return the pose (4, 4) with the smallest sum of distances to all `poses` (N, 4, 4). 0.1 m counts as 1 rad."""
     apart = twist_from_pose(invert_poses(poses)[:, None] @ poses[None]) * np.repeat([1.0, 10.0], 3)
     return poses[np.argmin(np.linalg.norm(apart, axis=2).sum(axis=1))]
 
@@ -103,7 +104,10 @@ def _adjust(
     moved: Moved | None,
     first: int,
 ) -> Fit:
-    """Fit X0 and Y0 to the views before `first`, and X1 and Y1 to the others, without outliers."""
+    """Fit X0 and Y0 to the views before `first`, and X1 and Y1 to the views from `first` on. Ignore outliers.
+
+    Only the transform `moved` differs before and after `first`.
+    """
     late = np.arange(len(A)) >= first
     J = _jacobian(B, late, moved)
     fit = None
@@ -124,7 +128,10 @@ def _adjust(
 
 
 def _jacobian(B: NDArray[np.float64], late: NDArray[np.bool_], moved: Moved | None) -> NDArray[np.float64]:
-    """Return the (N, 6, 12 or 18) derivative of the residuals with respect to X, Y and the moved one."""
+    """Return the Jacobian of the residuals: (N, 6, 12) for X and Y, or (N, 6, 18) with a second value of X or Y.
+
+    The transform `moved` has the second value in the views of the mask `late` (N,).
+    """
     J_X = adjoint(invert_poses(B))
     J_Y = np.broadcast_to(-np.eye(6), J_X.shape)
     if moved is None:

@@ -1,18 +1,18 @@
-"""Diagnosis of inconsistent views: each common mistake with poses is tried on the views.
+"""Diagnosis of inconsistent views: test which common mistake with poses explains the views.
 
-A finding's code is one of
+The codes of the findings are
 
     board-mirrored     the images are mirrored, or the corners are numbered in mirrored order
     poses-inverted     the flange poses or the board poses are inverted
-    pairs-off-by-one   each image belongs to the pose before or after its own
+    pairs-off-by-one   each image belongs to the pose of an earlier or a later view
     degrees            rotation vectors in degrees were read as radians
     euler-angles       Euler angles and rotation vectors were mixed up
-    quaternion-order   the real part of quaternions was taken from the wrong end
+    quaternion-order   the real part of quaternions was read at the wrong end
     board-moved        the board was moved after some view
     tcp-changed        the reported flange frame, or the camera on the flange, changed after some view
     camera-moved       the camera in the cell was moved after some view (eye-to-hand)
     poses-shuffled     the poses belong to these images, in another order
-    inconsistent       none of these explains the views
+    inconsistent       no mistake in this list explains the views
 """
 
 import numpy as np
@@ -27,23 +27,25 @@ from calibration.result import Finding
 from calibration.solver.initialisation import InitialGuess, estimate_initial_guess
 
 FITS_M, FITS_RAD = 0.01, np.radians(1.0)
-"""Maximum deviation of a view that fits, above noise. Each of these mistakes causes larger ones in most views."""
+"""Maximum deviation of a fitting view, metres and radians. Noise causes smaller deviations. Each mistake in the list
+causes larger deviations in most views."""
 MIN_FITTING_SHARE = 0.8
-"""Minimum share of the views that must fit for an explanation to count."""
+"""Minimum fraction of fitting views for an explanation."""
 NEAR_M, NEAR_RAD, MIN_NEAR_SHARE = 0.05, np.radians(6.0), 0.5
-"""The solver runs if at least this share of the views is this near to the initial guess. Even the coarsest camera meets
-this limit."""
+"""Limits for starting the solver. At least the fraction `MIN_NEAR_SHARE` of the views must deviate from the initial
+guess by less than `NEAR_M` (metres) and `NEAR_RAD` (radians). Even the coarsest camera meets these limits."""
 MIN_VIEWS = 8
 """Minimum number of views for a diagnosis. Fewer views fit any explanation."""
 SHIFTS = (1, -1, 2, -2)
-"""Offsets between images and poses that are tried, in views."""
+"""Offsets between images and poses that are tested, in views."""
 SHUFFLED_RAD = np.radians(0.5)
-"""Maximum median difference of the sorted rotations between views if only the order is wrong."""
+"""Limit for poses in the wrong order, radians. It is the maximum median difference between the sorted rotation angles
+of the flange and the sorted rotation angles of the camera."""
 MIN_CHI2_GAIN = 60.0
-"""Minimum reduction of chi-square that shows a move. Without a move, six more unknowns and the choice of the view
-reduce it by about 20."""
+"""Minimum reduction of chi-square for a change of X or Y. Without a change, six more unknowns and the choice of the
+view reduce chi-square by about 20."""
 MIN_MOVE_M, MIN_MOVE_RAD = 1.5e-3, np.radians(0.2)
-"""Minimum move that is reported. A smaller one cannot be distinguished from noise."""
+"""Minimum change of X or Y that is reported, metres and radians. Noise may cause smaller changes."""
 
 
 def diagnose(
@@ -52,18 +54,18 @@ def diagnose(
     mounting: Mounting = "eye-in-hand",
     names: tuple[str, ...] | None = None,
 ) -> Finding | None:
-    """Find the mistake that explains why the poses of the views do not fit one another.
+    """Find the mistake that makes the views inconsistent.
 
-    A few wrong views among good ones are not such a mistake.
+    A few outliers among consistent views are not reported.
 
     Args:
-        T_base_flange: (N, 4, 4) flange poses, finite and rigid.
-        T_camera_board: (N, 4, 4) board poses in the camera frame.
-        mounting: Whether the camera is on the flange or stands in the cell.
-        names: Names of the N views for the message. None: their numbers.
+        T_base_flange: (N, 4, 4) flange poses, finite and rigid, metres.
+        T_camera_board: (N, 4, 4) board poses in the camera frame, metres.
+        mounting: Whether the camera is on the flange or in the cell.
+        names: Names of the N views for the message. None: the indices of the views.
 
     Returns:
-        The finding, or None if the views fit one another.
+        The finding, or None if the views are consistent.
     """
     A = T_base_flange if mounting == "eye-in-hand" else invert_poses(T_base_flange)
     B = T_camera_board
@@ -88,17 +90,17 @@ def check_together(
     mounting: Mounting,
     names: tuple[str, ...],
 ) -> None:
-    """Check that enough views are near the initial guess to be adjusted.
+    """Check that enough views are near the initial guess to start the solver.
 
     Args:
-        start: Initial guess from these views.
-        T_base_flange: (N, 4, 4) flange poses.
-        T_camera_board: (N, 4, 4) board poses in the camera frame.
-        mounting: Whether the camera is on the flange or stands in the cell.
+        start: Initial guess from the N views.
+        T_base_flange: (N, 4, 4) flange poses, metres.
+        T_camera_board: (N, 4, 4) board poses in the camera frame, metres.
+        mounting: Whether the camera is on the flange or in the cell.
         names: Names of the N views for the message.
 
     Raises:
-        HandEyeInputError: Most views do not fit one another. Slug and message are those of `diagnose`.
+        HandEyeInputError: Too few views are near the initial guess. `diagnose` gives the slug and the message.
     """
     if _share_within(start, NEAR_M, NEAR_RAD) < MIN_NEAR_SHARE:
         finding = diagnose(T_base_flange, T_camera_board, mounting, names) or _inconsistent()
@@ -109,12 +111,12 @@ def check_not_mirrored(T_camera_board: NDArray[np.float64]) -> None:
     """Check that most views see the front of the board.
 
     Args:
-        T_camera_board: (N, 4, 4) board poses in the camera frame.
+        T_camera_board: (N, 4, 4) board poses in the camera frame, metres.
 
     Raises:
         HandEyeInputError: Most views see the board from behind, as in mirrored images (`board-mirrored`).
     """
-    # The z axis of the board points into the print, away from a camera that sees its front.
+    # The z axis of the board points into the board, away from a camera in front of the board.
     behind = int((np.einsum("ni,ni->n", T_camera_board[:, :3, 2], T_camera_board[:, :3, 3]) < 0).sum())
     if behind > len(T_camera_board) / 2:
         raise HandEyeInputError(
@@ -159,7 +161,7 @@ def _shifted(A: NDArray[np.float64], B: NDArray[np.float64]) -> Finding | None:
 
 
 def _misread(T_base_flange: NDArray[np.float64], B: NDArray[np.float64], mounting: Mounting) -> Finding | None:
-    # Between two views the flange rotates as much as the camera (eye-in-hand) or the board (eye-to-hand).
+    # Between two views, the flange rotates by the same angle as the camera (eye-in-hand) or the board (eye-to-hand).
     rotating = invert_poses(B) if mounting == "eye-in-hand" else B
     for guess, meant in reinterpret_rotations(T_base_flange[:, :3, :3], rotating[:, :3, :3], FITS_RAD):
         corrected = T_base_flange.copy()
@@ -177,7 +179,7 @@ def _moved(
     A: NDArray[np.float64], B: NDArray[np.float64], mounting: Mounting, names: tuple[str, ...]
 ) -> Finding | None:
     fits = fit_changes(A, B)
-    # All fits are compared with the same noise, that of the best one.
+    # Compare all fits with the same noise: the smallest noise of any fit.
     noise = min((fit.noise() for fit in fits), key=lambda sigmas: sigmas[0] * sigmas[1])
     best = min(fits, key=lambda fit: float(fit.squares(noise).sum()))
     if not _is_significant(best, fit_without_change(A, B), noise):
@@ -204,7 +206,10 @@ def _moved(
 
 
 def _is_significant(best: Fit, unchanged: Fit, noise: tuple[float, float]) -> bool:
-    """Return whether the best fit is a move, and not two bad views or noise."""
+    """Return whether a change of X or Y explains the views better than noise or two outliers.
+
+    `noise` are the standard deviations per axis, radians and metres.
+    """
     assert best.shift is not None
     fitting = best.squares(noise) < MAX_CHI2
     enough = (

@@ -17,50 +17,52 @@ from calibration.solver.residual_distortion import estimate_residual_distortion
 
 @dataclass(frozen=True, eq=False)
 class Evidence:
-    """A solved calibration and the views that it was solved from."""
+    """Solution of a calibration and all its views, as input of the assessment."""
 
     mounting: Mounting
-    """Whether the camera is on the flange or stands in the cell."""
+    """Whether the camera is on the flange or in the cell."""
     names: tuple[str, ...]
     """Names of the N views, in the given order."""
     T_base_flange: NDArray[np.float64]
-    """(N, 4, 4) flange poses that the robot reported."""
+    """(N, 4, 4) flange poses reported by the robot, base frame, metres."""
     T_camera_board: NDArray[np.float64]
-    """(N, 4, 4) board pose of each view alone, with the given intrinsics and board; NaN without a pose."""
+    """(N, 4, 4) board poses, each estimated from one view alone with the given intrinsics and the nominal board size;
+    NaN without a board pose."""
     used: NDArray[np.bool_]
-    """(N,) whether the calibration was solved from the view."""
+    """(N,) mask, True for the views that the solution uses."""
     distance_m: NDArray[np.float64]
-    """(N,) distance from the camera to the middle of the board, metres; NaN without a pose."""
+    """(N,) distance from the camera to the middle of the board, metres; NaN without a board pose."""
     X: NDArray[np.float64]
-    """(4, 4) as in `HandEyeResult`."""
+    """(4, 4) camera pose, as `HandEyeResult.X`."""
     Y: NDArray[np.float64]
-    """(4, 4) as in `HandEyeResult`."""
+    """(4, 4) board pose, as `HandEyeResult.Y`."""
     covariance: NDArray[np.float64]
-    """(6, 6) covariance of X as in `HandEyeResult`, without the share of an unverified board size."""
+    """(6, 6) covariance of the error of X, as `HandEyeResult.covariance`, but without the uncertainty of an unverified
+    board size."""
     robot_sigma_m: float
-    """Estimated noise of the flange positions along one axis, metres, one sigma."""
+    """Estimated standard deviation of the robot position error per axis, metres."""
     robot_sigma_rad: float
-    """Estimated noise of the flange rotations about one axis, radians, one sigma."""
+    """Estimated standard deviation of the robot rotation error per axis, radians."""
     loo_error_m: float
-    """Leave-one-out error of the used views, root mean square, metres."""
+    """Root mean square of the leave-one-out errors of the used views, metres."""
     lever_m: NDArray[np.float64]
-    """(3,) vector from the flange to the middle of the board along the axes of the camera, metres."""
+    """(3,) vector from the flange to the middle of the board in camera axes, metres; approximate, see `_lever`."""
     pixel_sigma_px: float
-    """Estimated noise of one coordinate of a corner, pixels."""
+    """Estimated standard deviation of the corner noise per image coordinate, pixels."""
     K_nominal: NDArray[np.float64]
-    """(3, 3) pinhole matrix that the camera reports, pixels."""
+    """(3, 3) pinhole matrix reported by the camera, pixels."""
     K: NDArray[np.float64]
     """(3, 3) fitted pinhole matrix, pixels."""
     k1: float
-    """Residual radial distortion of the images, as in `ResidualDistortion`."""
+    """Radial distortion coefficient k1 that remains in the residuals, as `ResidualDistortion.k1`."""
     k1_sigma: float
-    """One sigma of `k1`."""
+    """Standard deviation of `k1`; infinite if the views do not determine `k1`."""
     board_scale: float
-    """Estimated size of the board, as a share of the given size."""
+    """Estimated size of the board divided by its nominal size."""
     board_scale_sigma: float
-    """One sigma of `board_scale`."""
+    """Standard deviation of `board_scale`."""
     converged: bool
-    """False if the solution still moved after the last step, or if no step decreased the cost."""
+    """Whether the adjustment converged, as `Adjustment.converged`."""
 
 
 def collect_evidence(
@@ -73,11 +75,11 @@ def collect_evidence(
     """Collect the evidence of a solved calibration.
 
     Args:
-        observations: The views, the board and the camera.
-        problem: The problem that was solved.
-        board_poses: Board pose of each view alone.
-        adjusted: The solution.
-        cross_validation: The solution without each of the views.
+        observations: Board, camera and views of the calibration.
+        problem: Measurements and priors of the calibration.
+        board_poses: Board poses, each estimated from one view alone.
+        adjusted: Solution of the calibration.
+        cross_validation: Leave-one-out cross-validation of the solution.
     """
     unknowns, used = adjusted.unknowns, adjusted.used
     distances = distances_m(problem, board_poses)
@@ -111,12 +113,16 @@ def collect_evidence(
 def _lever(
     mounting: Mounting, X: NDArray[np.float64], Y: NDArray[np.float64], middle: NDArray[np.float64], distance_m: float
 ) -> NDArray[np.float64]:
-    """Return the vector (3,) from the flange to the middle of the board along the axes of the camera, metres."""
+    """Return the vector (3,) from the flange to the middle of the board in camera axes, metres.
+
+    Eye-in-hand: the board is assumed on the optical axis at `distance_m`. Eye-to-hand: only the length is exact; the
+    vector is along the optical axis.
+    """
     if mounting == "eye-in-hand":
         return np.array([0.0, 0.0, distance_m]) + X[:3, :3].T @ X[:3, 3]
     return np.array([0.0, 0.0, np.linalg.norm(Y[:3, :3] @ middle + Y[:3, 3])])
 
 
 def _rms(values: NDArray[np.float64]) -> float:
-    """Return the root mean square."""
+    """Return the root mean square of `values`."""
     return float(np.sqrt(np.mean(values**2)))

@@ -1,4 +1,4 @@
-"""Repeatability of a scan: how far its views disagree due to errors of calibration and robot."""
+"""Repeatability of a scan: disagreement of its views due to errors of the calibration and the robot."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -8,13 +8,13 @@ from calibration.geometry.se3 import cross_matrix
 VIEWS = 8
 """Number of views of a scan."""
 ELEVATIONS_RAD = np.radians([50.0, 70.0])
-"""Elevations of the two rings on which the views alternate."""
+"""Elevations of the two rings of viewpoints, radians. Consecutive views alternate between the rings."""
 ROLLS_RAD = np.radians([15.0, -15.0, -15.0, 15.0])
-"""Roll of the views, repeated over the ring."""
+"""Rolls of consecutive views about the optical axis, radians. The sequence repeats after four views."""
 DRAWS = 2000
-"""Number of random scans."""
+"""Number of simulated scans."""
 PERCENTILE = 95.0
-"""Percentile of the largest disagreement in a scan that is reported."""
+"""Percentile of the largest disagreement in a scan, over all simulated scans."""
 
 
 def repeatability_bound(
@@ -24,19 +24,21 @@ def repeatability_bound(
     distance_m: float,
     lever: NDArray[np.float64],
 ) -> float:
-    """Return the 95th percentile over scans of the largest disagreement between two of eight views, metres.
+    """Estimate the repeatability of a scan, metres, by a Monte Carlo simulation with fixed random numbers.
 
-    It is a Monte Carlo estimate with fixed random numbers, at the point that all views look at.
+    The optical axes of all eight views of a scan intersect at one point. Two views disagree by the distance between the
+    positions that the two views give for this point. The repeatability is the 95th percentile of the largest
+    disagreement in a scan.
 
     Args:
-        covariance: (6, 6) covariance of X as in `HandEyeResult`.
-        robot_sigma_rad: Noise of the flange rotations about one axis, one sigma.
-        robot_sigma_m: Noise of the flange positions along one axis, one sigma.
-        distance_m: Distance of the point from the camera.
-        lever: (3,) vector from the flange to the point along the axes of the camera, metres.
+        covariance: (6, 6) covariance of the error of X, as `HandEyeResult.covariance`.
+        robot_sigma_rad: Standard deviation of the robot rotation error per axis, radians.
+        robot_sigma_m: Standard deviation of the robot position error per axis, metres.
+        distance_m: Distance of the point from the camera, metres.
+        lever: (3,) vector from the flange to the point in camera axes, metres.
     """
     rng = np.random.default_rng(0)
-    # By eigenvectors, since the covariance may be nearly singular.
+    # Draw along the eigenvectors, because the covariance may be nearly singular.
     values, vectors = np.linalg.eigh(covariance)
     X_errors = rng.normal(size=(DRAWS, 6)) * np.sqrt(np.maximum(values, 0.0)) @ vectors.T
     robot_errors = rng.normal(size=(DRAWS, VIEWS, 6)) * np.repeat([robot_sigma_rad, robot_sigma_m], 3)
@@ -44,7 +46,7 @@ def repeatability_bound(
     R = _rings()
     point = np.array([0.0, 0.0, distance_m])
     J_X = np.concatenate([-cross_matrix(point), np.eye(3)], axis=1)
-    # The noise of the robot is isotropic, so the axes of the camera serve for those of the flange.
+    # The robot errors are isotropic, so they can be drawn in camera axes instead of flange axes.
     J_robot = np.concatenate([-cross_matrix(lever), np.eye(3)], axis=1)
     displacements = (X_errors @ J_X.T)[:, None] + robot_errors @ J_robot.T
     points = (R @ displacements[..., None])[..., 0]
@@ -54,7 +56,7 @@ def repeatability_bound(
 
 
 def _rings() -> NDArray[np.float64]:
-    """Return the rotations (VIEWS, 3, 3) of the cameras in the base frame, with z towards the point."""
+    """Return the camera rotations (VIEWS, 3, 3) in the base frame, with z towards the point."""
     from scipy.spatial.transform import Rotation
 
     k = np.arange(VIEWS)

@@ -1,9 +1,10 @@
 """Detection of flange rotations that were read in a wrong convention.
 
-A controller reports a rotation as three or four numbers. In a wrong convention they still give a proper rotation, so no
-single pose shows the mistake. Here the numbers of each view are recovered from its matrix and read in each convention.
-There are several candidates for a view, since angles are known up to whole turns. In the right convention, one
-candidate for each view gives the same angles between the views as the camera observed.
+A controller reports a rotation as three or four numbers. Read in a wrong convention, the numbers still give a proper
+rotation, so a single pose does not show the mistake. This module recovers the numbers of each view from the rotation
+matrix and reads the numbers in every other convention. Whole turns are lost in a rotation matrix, so each view has
+several candidates for the true rotation. In the right convention, one candidate per view gives the same rotation angles
+between views as the camera observed.
 """
 
 import warnings
@@ -15,32 +16,32 @@ import numpy as np
 from numpy.typing import NDArray
 
 EULER_ORDERS = ("xyz", "zyx", "XYZ", "ZYX", "zyz", "ZYZ")
-"""Orders as in `scipy.spatial.transform.Rotation`: small letters for fixed axes, capital letters for rotating ones."""
+"""Euler orders as in `scipy.spatial.transform.Rotation`: lower case for fixed axes, upper case for rotating axes."""
 MAX_COMBINATIONS = 4000
-"""Maximum number of combinations of candidates. More means that the angles do not distinguish them."""
+"""Maximum number of candidate combinations. If more combinations fit, the angles do not distinguish the candidates."""
 
 
 @dataclass(frozen=True)
 class Misreading:
-    """A wrong convention."""
+    """A wrong convention in which rotations may have been read."""
 
     code: str
     """Code of the finding."""
     description: str
-    """What the rotations are, and as what they were read."""
+    """True convention of the rotations, and the convention in which they were read."""
     candidates: Callable[[NDArray[np.float64]], NDArray[np.float64]]
-    """Returns for a given rotation (3, 3) the rotations (K, 3, 3) that it may mean."""
+    """Function that returns the candidates (K, 3, 3) for the true rotation, given the rotation (3, 3) as read."""
 
 
 def reinterpret_rotations(
     R: NDArray[np.float64], observed: NDArray[np.float64], tolerance_rad: float
 ) -> Iterator[tuple[Misreading, NDArray[np.float64]]]:
-    """Yield each wrong convention that explains the rotations, with the rotations that they mean.
+    """Yield each wrong convention that explains the rotations, with the true rotations (N, 3, 3).
 
     Args:
-        R: (N, 3, 3) rotations as given.
-        observed: (N, 3, 3) rotations by the camera. Only the angles between them count.
-        tolerance_rad: Maximum difference of an angle, radians.
+        R: (N, 3, 3) flange rotations as read.
+        observed: (N, 3, 3) rotations observed by the camera. Only the rotation angles between views are used.
+        tolerance_rad: Maximum difference between a true and an observed rotation angle, radians.
     """
     for guess in MISREADINGS:
         corrected = _consistent_choice([guess.candidates(rotation) for rotation in R], observed, tolerance_rad)
@@ -51,8 +52,11 @@ def reinterpret_rotations(
 def _consistent_choice(
     candidates: list[NDArray[np.float64]], observed: NDArray[np.float64], tolerance_rad: float
 ) -> NDArray[np.float64] | None:
-    """Choose one candidate of each view (N, 3, 3) such that all angles between views are those of `observed`."""
-    # Each row holds a choice for the views so far.
+    """Choose one candidate of each view, so that all rotation angles between views match `observed` (N, 3, 3).
+
+    Return the chosen rotations (N, 3, 3). Return None if no combination fits, or too many fit.
+    """
+    # Each row of `chosen` is one combination for the views so far.
     chosen = candidates[0][:, None]
     for view in range(1, len(observed)):
         angles = _angles(chosen[:, None], candidates[view][None, :, None])  # (rows, candidates, earlier views)
@@ -65,13 +69,13 @@ def _consistent_choice(
 
 
 def _angles(first: NDArray[np.float64], second: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the angles (...) between rotations (..., 3, 3), radians."""
+    """Return the rotation angles (...) between `first` (..., 3, 3) and `second` (..., 3, 3), radians."""
     trace = np.einsum("...ij,...ij->...", first, second)
     return np.arccos(np.clip((trace - 1.0) / 2.0, -1.0, 1.0))
 
 
 def _as_degrees(R: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the candidates for a rotation vector in degrees that was read as radians, with lost whole turns added."""
+    """Return the candidates (K, 3, 3) if a rotation vector in degrees was read as radians. Whole turns are added."""
     from scipy.spatial.transform import Rotation
 
     vector = Rotation.from_matrix(R).as_rotvec()
@@ -83,20 +87,20 @@ def _as_degrees(R: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _vector_as_euler(R: NDArray[np.float64], order: str) -> NDArray[np.float64]:
-    """Return the candidates for a rotation vector that was read as Euler angles."""
+    """Return the candidates (2, 3, 3) if a rotation vector was read as Euler angles of this `order`."""
     from scipy.spatial.transform import Rotation
 
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", message="Gimbal lock")
         angles = Rotation.from_matrix(R).as_euler(order)
-    # Two sets of angles give the same rotation.
+    # Two sets of Euler angles give the same rotation.
     flipped = np.pi - angles[1] if order[0].lower() != order[2].lower() else -angles[1]
     vectors = np.array([angles, [angles[0] + np.pi, flipped, angles[2] + np.pi]])
     return Rotation.from_rotvec((vectors + np.pi) % (2 * np.pi) - np.pi).as_matrix()
 
 
 def _euler_as_vector(R: NDArray[np.float64], order: str) -> NDArray[np.float64]:
-    """Return the candidates for Euler angles that were read as a rotation vector."""
+    """Return the candidates (K, 3, 3) if Euler angles of this `order` were read as a rotation vector."""
     from scipy.spatial.transform import Rotation
 
     vector = Rotation.from_matrix(R).as_rotvec()
@@ -106,7 +110,10 @@ def _euler_as_vector(R: NDArray[np.float64], order: str) -> NDArray[np.float64]:
 
 
 def _quaternion_order(R: NDArray[np.float64], first: int) -> NDArray[np.float64]:
-    """Return the candidate for a quaternion whose real part was taken from the wrong end."""
+    """Return the candidate (1, 3, 3) if the real part of a quaternion was read at the wrong end.
+
+    A cyclic shift by `first` brings the quaternion into the order x, y, z, w.
+    """
     from scipy.spatial.transform import Rotation
 
     return Rotation.from_quat(np.roll(Rotation.from_matrix(R).as_quat(), first)).as_matrix()[None]

@@ -1,4 +1,4 @@
-"""Reports on the views of a calibration, with the reason for each view that was excluded."""
+"""Reports on the views of a calibration, with the reason for each excluded view."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +13,7 @@ from calibration.solver.problem import Problem, implied_robot_errors
 from calibration.target.board import MIN_CORNERS
 
 FITS_M, FITS_RAD = 2e-3, np.radians(0.5)
-"""Maximum distance of a view from the prediction of an explanation. A larger one means that it does not fit."""
+"""Maximum difference between two poses, metres and radians, for an explanation to fit."""
 
 
 def report_views(
@@ -27,10 +27,10 @@ def report_views(
 
     Args:
         names: Names of the N views.
-        problem: The problem that was solved.
-        board_poses: Board pose of each view alone.
-        adjusted: The solution.
-        cross_validation: The solution without each of the views.
+        problem: Measurements and priors of the calibration.
+        board_poses: Board poses, each estimated from one view alone.
+        adjusted: Solution of the calibration.
+        cross_validation: Leave-one-out cross-validation of the solution.
     """
     used = adjusted.used
     squares = adjusted.normal_equations.squares_px2
@@ -63,17 +63,17 @@ def report_views(
 
 
 def distances_m(problem: Problem, board_poses: BoardPoses) -> NDArray[np.float64]:
-    """Return the distances (N,) from the camera to the middle of the board, metres; NaN without a pose.
+    """Return the distances (N,) from the camera to the middle of the board, metres; NaN without a board pose.
 
     Args:
-        problem: Corners of the N views.
-        board_poses: Board pose of each view alone.
+        problem: Measurements of the calibration, N views.
+        board_poses: Board poses, each estimated from one view alone.
     """
     return np.linalg.norm((board_poses.T_camera_board @ np.append(problem.corners.middle, 1.0))[:, :3], axis=1)
 
 
 def _known(value: float | np.floating) -> float | None:
-    """Return None instead of NaN."""
+    """Return the value as a float, or None for NaN and infinity."""
     return float(value) if np.isfinite(value) else None
 
 
@@ -85,7 +85,7 @@ def _reason(
     adjusted: Adjustment,
     cross_validation: CrossValidation,
 ) -> str:
-    """Return why view `k` was excluded, and what to do."""
+    """Return a message that says why view `k` was excluded and what to do."""
     if not board_poses.found[k]:
         seen = int(problem.corners.seen[k].sum())
         if seen < MIN_CORNERS:
@@ -103,7 +103,7 @@ def _reason(
 def _explain_by_other_view(
     k: int, mounting: Mounting, flange, X, Y, T_camera_board, names: tuple[str, ...]
 ) -> str | None:
-    """Return how another view explains the error of view `k`, or None."""
+    """Return a message if the image or the pose of view `k` fits another view, else None."""
     others = np.arange(len(names)) != k
     fitting = np.flatnonzero(_fits(mounting, flange, X, Y, T_camera_board) & others)
     if len(fitting):
@@ -120,7 +120,7 @@ def _explain_by_other_view(
 
 
 def _describe_robot_error(error: NDArray[np.float64]) -> str:
-    """Return the robot error (6,) that would explain the view, and what to do."""
+    """Return the message with the robot error (6,) that would explain the view: rotation (rad), translation (m)."""
     error_m, error_rad = np.linalg.norm(error[3:]), np.linalg.norm(error[:3])
     return (
         f"the arm would have been {1e3 * error_m:.1f} mm and {np.degrees(error_rad):.2f} degrees from its reported "
@@ -129,18 +129,18 @@ def _describe_robot_error(error: NDArray[np.float64]) -> str:
 
 
 def _half_turn(middle: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the rotation (4, 4) of the board by 180 degrees in its plane about its `middle` (3,)."""
+    """Return the rotation (4, 4) by 180 degrees about the board normal through the `middle` (3,) of the board."""
     T = np.diag([-1.0, -1.0, 1.0, 1.0])
     T[:2, 3] = 2 * middle[:2]
     return T
 
 
 def _fits(mounting: Mounting, flange, X, Y, T_camera_board: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Return which flange poses (N, 4, 4) explain the board at `T_camera_board` (4, 4)."""
+    """Return the mask (N,), True for the poses `flange` (N, 4, 4) that explain the board pose `T_camera_board`."""
     return _are_small(implied_robot_errors(mounting, flange, X, Y, T_camera_board))
 
 
 def _are_small(differences: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Return which differences (N, 4, 4) of two poses are within `FITS_M` and `FITS_RAD`."""
+    """Return the mask (N,), True for the pose differences (N, 4, 4) within `FITS_M` and `FITS_RAD`."""
     v = twist_from_pose(differences)
     return (np.linalg.norm(v[:, 3:], axis=1) < FITS_M) & (np.linalg.norm(v[:, :3], axis=1) < FITS_RAD)

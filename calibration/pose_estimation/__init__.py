@@ -1,7 +1,7 @@
-"""Pose of the board in each image: corners with the camera matrix go in, (4, 4) board poses come out.
+"""Pose of the board in each image: corners with the camera matrix go in, board poses come out.
 
-`projection` models the camera, `board_pose` fits one pose per view, and `corner_disambiguation` makes the numbering of
-symmetric boards consistent. `duplicate_poses` finds views that were taken from the same robot pose.
+`projection` models the camera. `board_pose` estimates one board pose per view. `corner_disambiguation` makes the corner
+numbers of a symmetric board consistent. `duplicate_poses` finds views that were taken at the same robot pose.
 """
 
 from calibration.pose_estimation.board_pose import BoardPoses, estimate_board_poses

@@ -1,4 +1,4 @@
-"""Estimate the board pose of each image: refine both IPPE solutions of the planar pose ambiguity, keep the better."""
+"""Estimate the board pose in each image: refine the two IPPE solutions of a planar target and keep the better one."""
 
 from dataclasses import dataclass, replace
 
@@ -18,41 +18,43 @@ from calibration.target.board import MIN_CORNERS
 MAX_ITERATIONS = 20
 """Maximum number of Levenberg-Marquardt iterations."""
 MAX_RESIDUAL_SIGMAS = 5.0
-"""A corner is an outlier if its residual exceeds this number of standard deviations. Chance alone causes one in
-300 000."""
+"""A corner is an outlier if its residual exceeds this number of standard deviations. By chance, one corner in 300 000
+exceeds the limit."""
 MAX_AMBIGUITY_RATIO = 3.0
-"""The second IPPE solution is refined too if its reprojection error is at most this multiple of the first's."""
+"""Maximum ratio of the reprojection errors of the second and the first IPPE solution. Above this ratio, the second
+solution is dropped."""
 MIN_NOISE_PX = 1e-3
-"""Minimum noise of a corner, pixels. Smaller differences are rounding errors."""
+"""Lower limit of the corner noise, pixels. Smaller residuals are rounding errors."""
 PLACEHOLDER_POSE = np.array([[1.0, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 1], [0, 0, 0, 1]])
-"""Pose used for views without a known pose, so that all views can be computed at once."""
+"""Placeholder (4, 4) for a view without a board pose, so that all views are computed as one stack."""
 
 
 @dataclass(frozen=True, eq=False)
 class BoardPoses:
-    """The board poses of N views, each from its own corners."""
+    """Board poses of N views, each estimated from the corners of one view alone."""
 
     T_camera_board: NDArray[np.float64]
-    """(N, 4, 4) board poses; NaN where none was found."""
+    """(N, 4, 4) board poses in the camera frame, metres; NaN where no pose was found."""
     inliers: NDArray[np.bool_]
-    """(N, M) corners that fit the pose."""
+    """(N, M) mask, True for corners that fit the pose of the view."""
     rms_px: NDArray[np.float64]
-    """(N,) rms residual of one coordinate of the inliers, pixels; NaN where no pose was found."""
+    """(N,) root mean square reprojection residual of the inliers per image coordinate, pixels; NaN where no pose was
+    found."""
 
     @property
     def found(self) -> NDArray[np.bool_]:
-        """(N,) whether a pose was found."""
+        """(N,) mask, True where a pose was found."""
         return np.isfinite(self.rms_px)
 
 
 def estimate_board_poses(corners: Corners) -> BoardPoses:
-    """Return the board pose of every view, with the reported camera matrix and the given board size.
+    """Estimate the board pose of each view, with the reported camera matrix and the nominal board size.
 
     Args:
         corners: The corners of N views.
 
     Returns:
-        The poses. A view with fewer than six corners that fit a pose has none.
+        The poses. A view has no pose if fewer than six corners, or fewer than half of its corners, are inliers.
     """
     count = len(corners.pixels)
     guesses = np.full((2, count, 4, 4), np.nan)
@@ -75,17 +77,20 @@ def estimate_board_poses(corners: Corners) -> BoardPoses:
 
 
 def inlier_corners(T: NDArray[np.float64], lens: NDArray[np.float64], corners: Corners) -> NDArray[np.bool_]:
-    """Return which corners (N, M) have a residual that the noise of their own view explains.
+    """Return the mask of the inlier corners, by a limit from the median residual of each view.
 
     Args:
         T: (N, 4, 4) board poses in the camera frame.
-        lens: (N_LENS,) lens and board parameters.
+        lens: (N_LENS,) lens parameters and logarithm of the board scale.
         corners: The corners of N views.
+
+    Returns:
+        (N, M) mask, True for inlier corners.
     """
     distances = np.linalg.norm(reprojection_residuals(T, lens, corners)[0], axis=2)
-    # A view without corners would have no median.
+    # A view without corners takes the median of its zero residuals, because the median of no residuals is NaN.
     counted = corners.seen | ~corners.seen.any(axis=1, keepdims=True)
-    # The median length of a normal error in two coordinates is 1.177 standard deviations.
+    # The median length of a 2D Gaussian residual is 1.177 standard deviations.
     sigma = np.nanmedian(np.where(counted, distances, np.nan), axis=1) / 1.177
     return corners.seen & (distances <= MAX_RESIDUAL_SIGMAS * np.maximum(sigma, MIN_NOISE_PX)[:, None])
 
@@ -93,13 +98,13 @@ def inlier_corners(T: NDArray[np.float64], lens: NDArray[np.float64], corners: C
 def refine_poses(
     T: NDArray[np.float64], lens: NDArray[np.float64], corners: Corners, inliers: NDArray[np.bool_]
 ) -> NDArray[np.float64]:
-    """Minimise the reprojection error of each view by Levenberg-Marquardt, with its own damping.
+    """Refine the board pose of each view by Levenberg-Marquardt, with separate damping for each view.
 
     Args:
         T: (N, 4, 4) initial board poses in the camera frame.
-        lens: (N_LENS,) lens and board parameters.
+        lens: (N_LENS,) lens parameters and logarithm of the board scale.
         corners: The corners of N views.
-        inliers: (N, M) corners to use.
+        inliers: (N, M) mask of the corners to use.
 
     Returns:
         (N, 4, 4) refined board poses.
@@ -130,7 +135,7 @@ def refine_poses(
 def _initial_poses(
     points: NDArray[np.float64], pixels: NDArray[np.float64], K: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return the two IPPE poses (2, 4, 4); NaN where OpenCV finds none, for example for collinear corners."""
+    """Return the IPPE poses (2, 4, 4), the better pose first; NaN for a pose that is missing or clearly worse."""
     import cv2
 
     guesses = np.full((2, 4, 4), np.nan)
@@ -140,7 +145,7 @@ def _initial_poses(
         )
     except cv2.error:
         return guesses
-    # The better pose comes first. The other one is worth refining only if it is nearly as good.
+    # OpenCV returns the better pose first. The second pose is refined only if it is nearly as good.
     is_ambiguous = len(rotations) > 1 and float(errors[1, 0]) < MAX_AMBIGUITY_RATIO * float(errors[0, 0]) + MIN_NOISE_PX
     for k, (rotation, translation) in enumerate(zip(rotations[: 1 + is_ambiguous], translations, strict=False)):
         v = np.concatenate([rotation.ravel(), translation.ravel()]).astype(np.float64)
@@ -150,7 +155,7 @@ def _initial_poses(
 
 
 def _refine_robustly(T: NDArray[np.float64], corners: Corners) -> BoardPoses:
-    """Refine the poses (N, 4, 4) of all views three times, without the outliers of the fit before."""
+    """Refine the initial poses `T` (N, 4, 4), NaN for none, three times; exclude outlier corners after each time."""
     found = np.asarray(np.isfinite(T).all(axis=(1, 2)))
     T = np.where(found[:, None, None], T, PLACEHOLDER_POSE)
     lens = np.zeros(N_LENS)

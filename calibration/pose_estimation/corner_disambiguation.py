@@ -1,4 +1,4 @@
-"""Make views of a symmetric board agree on the first corner."""
+"""Make the corner numbers of a symmetric board consistent across views."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -14,23 +14,24 @@ from calibration.target.board import Board
 from calibration.target.corner_ordering import symmetric_numberings
 
 MAX_DISAGREEMENT_RAD = 0.2
-"""Larger disagreements between two views are counted as this, so that one bad view does not decide."""
+"""Upper limit of the disagreement between two views, radians. It limits the influence of a bad view."""
 MAX_ITERATIONS = 20
-"""Maximum number of improvements of the numberings from one reference view."""
+"""Maximum number of improvements of the numberings per reference view."""
 
 
 def make_numbering_consistent(observations: Observations, is_unique: Sequence[bool]) -> Observations:
-    """Renumber the views of a symmetric board so that they agree with one another.
+    """Renumber the corners of a symmetric board consistently in all views.
 
-    Between two views the camera rotates by the same angle as the flange (or, for a camera in the cell, the board does).
-    The numberings that fit this best are chosen. The first corner is arbitrary unless one view has a unique numbering.
+    Between two views, the board rotates in the camera frame by the same angle as the flange in the base frame. The
+    function chooses the numberings that fit this rule best. If no view has a unique numbering, the first corner is
+    arbitrary.
 
     Args:
-        observations: The board, the camera and the views.
-        is_unique: (N,) whether the numbering of a view is unique. Such views keep their numbers.
+        observations: The board, the camera and N views.
+        is_unique: (N,) True for views with a unique numbering, which is kept.
 
     Returns:
-        The same views with consistent numbers.
+        The observations with consistent corner numbers.
     """
     numberings = symmetric_numberings(observations.board)
     if len(numberings) == 1 or all(is_unique) or not observations.views:
@@ -52,14 +53,14 @@ def make_numbering_consistent(observations: Observations, is_unique: Sequence[bo
 
 
 def renumber_to_prediction(observations: Observations, T_camera_board: NDArray[np.float64]) -> Observations:
-    """Renumber each view of a symmetric board so that the board pose is nearest to a prediction.
+    """Renumber the corners of a symmetric board so that the board rotation in each view is nearest to a prediction.
 
     Args:
-        observations: The board, the camera and the views.
-        T_camera_board: (N, 4, 4) predicted board poses, of which only the rotations are used.
+        observations: The board, the camera and N views.
+        T_camera_board: (N, 4, 4) predicted board poses in the camera frame. Only the rotations are used.
 
     Returns:
-        The same views with new numbers.
+        The observations with new corner numbers.
     """
     numberings = symmetric_numberings(observations.board)
     if len(numberings) == 1 or not observations.views:
@@ -77,13 +78,19 @@ def renumber_to_prediction(observations: Observations, T_camera_board: NDArray[n
 def _rotations_by_numbering(
     R_camera_board: NDArray[np.float64], board: Board, numberings: list[NDArray[np.int64]]
 ) -> NDArray[np.float64]:
-    """Return the board rotations (P, N, 3, 3) of N views with each of P numberings."""
+    """Return the board rotations (P, N, 3, 3) of N views under each of P numberings.
+
+    Args:
+        R_camera_board: (N, 3, 3) board rotations under the current numbering.
+        board: The board.
+        numberings: P permutations from `symmetric_numberings`.
+    """
     centred = board.points - board.points.mean(axis=0)
     rotations = []
     for numbers in numberings:
-        # With another numbering each corner stands for another point, so the board is rotated by the inverse map.
+        # Corner k gets the number numbers[k]. The board frame rotates by the map from point numbers[k] to point k.
         M = centred.T @ centred[numbers]
-        M[2, 2] = 1.0  # The board is flat, so M has no third direction.
+        M[2, 2] = 1.0  # The board is flat, so M has rank 2 without this entry.
         rotations.append(R_camera_board @ nearest_rotation(M))
     return np.array(rotations)
 
@@ -91,21 +98,35 @@ def _rotations_by_numbering(
 def _rotation_disagreements(
     R_base_flange: NDArray[np.float64], R_camera_board: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return the difference (N, N, P, P) of the flange's and the camera's rotation angle between two views, radians."""
+    """Return the differences (N, N, P, P) between the rotation angles of flange and board for all view pairs, radians.
+
+    Entry [i, j, p, q] is for view i with numbering p and view j with numbering q.
+
+    Args:
+        R_base_flange: (N, 3, 3) flange rotations; the inverse rotations for eye-to-hand.
+        R_camera_board: (P, N, 3, 3) board rotations under each of P numberings.
+    """
     flange_angles = rotation_angles(np.einsum("iba,jbc->ijac", R_base_flange, R_base_flange))
     camera_angles = rotation_angles(np.einsum("piab,qjcb->ijpqac", R_camera_board, R_camera_board))
     return np.minimum(np.abs(camera_angles - flange_angles[:, :, None, None]), MAX_DISAGREEMENT_RAD)
 
 
 def _choose_numberings(disagreements: NDArray[np.float64], fixed: NDArray[np.bool_]) -> NDArray[np.int64]:
-    """Return the numbering (N,) of each view with the smallest total disagreement, improved from each reference."""
+    """Return the indices (N,) of the numberings with the smallest total disagreement.
+
+    The numberings are initialised from each reference view in turn and improved iteratively.
+
+    Args:
+        disagreements: (N, N, P, P) from `_rotation_disagreements`, radians.
+        fixed: (N,) mask, True for views that keep numbering 0.
+    """
     count = len(fixed)
     best, smallest = np.zeros(count, dtype=np.int64), np.inf
     every = np.arange(count)
     for reference in np.flatnonzero(fixed) if fixed.any() else every:
         chosen = np.where(fixed, 0, disagreements[reference, :, 0].argmin(axis=1))
         for _ in range(MAX_ITERATIONS):
-            # (N, P) disagreement of view j with numbering q with all other views as they are numbered now.
+            # sums[j, q] is the disagreement of view j, with numbering q, with all views under the current numberings.
             sums = disagreements[every, :, chosen].sum(axis=0)
             improved = np.where(fixed, 0, sums.argmin(axis=1))
             if (improved == chosen).all():

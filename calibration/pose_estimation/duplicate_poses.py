@@ -1,7 +1,7 @@
-"""Find views taken from the same pose of the robot, and choose one of them for the solver.
+"""Find views that were taken at the same robot pose, and choose one of them for the solver.
 
-The solver assumes that the robot errors of all views are independent. Views from one pose share their robot error. If
-each of them counted, the result would claim more accuracy than it has.
+The solver assumes that the robot errors of all views are independent, but views at one robot pose have the same error.
+If all these views counted, the reported accuracy would be too optimistic.
 """
 
 from dataclasses import replace
@@ -16,22 +16,26 @@ from calibration.pose_estimation.projection import stack_corners
 from calibration.result import ViewReport
 
 SAME_POSE_M = 1e-3
-"""Flange poses nearer than this and `SAME_POSE_RAD` are equal. It is ten times the repeatability of a robot."""
+"""Maximum distance between equal flange poses, metres: about ten times the repeatability of a robot."""
 SAME_POSE_RAD = np.radians(0.2)
-"""Maximum angle between equal flange poses."""
+"""Maximum angle between equal flange poses, radians."""
 SAME_BOARD_M, SAME_BOARD_RAD = 0.01, np.radians(3.0)
-"""Views from one flange pose are duplicates if their board poses differ by less than this. A larger difference means
-that the pose of one view is wrong, which the solver finds later."""
+"""Views at one flange pose are duplicates if their board poses differ by less than these limits. A larger difference
+means that one view is wrong. The solver excludes the wrong view later."""
 
 
 def group_equal_poses(T_base_flange: NDArray[np.float64]) -> NDArray[np.int64]:
-    """Return the index (N,) of the first equal pose for each of the poses (N, 4, 4)."""
+    """Return the index (N,) of the first pose that equals each flange pose.
+
+    Args:
+        T_base_flange: (N, 4, 4) flange poses, metres. A pose without an earlier equal pose gets its own index.
+    """
     groups = np.arange(len(T_base_flange))
     firsts: list[int] = []
     for k, pose in enumerate(T_base_flange):
         others = T_base_flange[firsts]
         distances = np.linalg.norm(others[:, :3, 3] - pose[:3, 3], axis=1)
-        # |R1 - R2| is 2 sqrt(2) sin(angle / 2).
+        # The Frobenius norm |R1 - R2| is 2 sqrt(2) sin(angle / 2), about sqrt(2) times a small angle.
         angles = np.linalg.norm(others[:, :3, :3] - pose[:3, :3], axis=(1, 2)) / np.sqrt(2.0)
         equal = np.flatnonzero((distances < SAME_POSE_M) & (angles < SAME_POSE_RAD))
         if len(equal):
@@ -42,9 +46,10 @@ def group_equal_poses(T_base_flange: NDArray[np.float64]) -> NDArray[np.int64]:
 
 
 def choose_representatives(observations: Observations) -> NDArray[np.int64]:
-    """Return the index (N,) of the view that represents each view in the solver.
+    """Return the index (N,) of the view that represents each of N views in the solver.
 
-    The view with the most corners represents all views from its pose. A view with a pose of its own represents itself.
+    Views with an equal flange pose and an equal board pose are represented by the view with the most corners. Every
+    other view represents itself.
     """
     groups = group_equal_poses(observations.T_base_flange)
     chosen = np.arange(len(groups))
@@ -61,12 +66,12 @@ def choose_representatives(observations: Observations) -> NDArray[np.int64]:
 def add_duplicate_reports(
     reports: tuple[ViewReport, ...], observations: Observations, representatives: NDArray[np.int64]
 ) -> tuple[ViewReport, ...]:
-    """Return the reports of all views, including the duplicates that were not used.
+    """Return one report per view, in the given order, with reports for the duplicate views added.
 
     Args:
-        reports: Reports of the views that the solver used or excluded.
+        reports: Reports on the views that went into the solver.
         observations: All N views.
-        representatives: (N,) result of `choose_representatives`.
+        representatives: (N,) view indices from `choose_representatives`.
     """
     views, by_name = observations.views, {report.name: report for report in reports}
     return tuple(
@@ -96,7 +101,14 @@ def _first_duplicates(
     middle: NDArray[np.float64],
     order: NDArray[np.int64],
 ) -> NDArray[np.int64]:
-    """Return for each view (N,) the first in `order` with an equal flange pose and an equal board pose (not NaN)."""
+    """Return the index (N,) of the view that represents each view: the first duplicate in `order`.
+
+    Args:
+        groups: (N,) indices of equal flange poses, from `group_equal_poses`.
+        T_camera_board: (N, 4, 4) board poses. A view with a NaN pose represents itself.
+        middle: (3,) middle of the board, board frame, metres.
+        order: (N,) view indices, the preferred views first.
+    """
     middles = T_camera_board[:, :3, :3] @ middle + T_camera_board[:, :3, 3]
     rotations = T_camera_board[:, :3, :3]
     chosen = np.arange(len(groups))

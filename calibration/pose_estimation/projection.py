@@ -1,4 +1,4 @@
-"""Project the corners of a board into the camera, with derivatives with respect to pose, lens and board scale."""
+"""Project board corners into the image, with Jacobians with respect to board pose, lens and board scale."""
 
 from dataclasses import dataclass
 
@@ -8,36 +8,36 @@ from numpy.typing import NDArray
 from calibration.observations import Observations
 
 N_LENS = 5
-"""Number of parameters in each vector named `lens`: relative changes of fx and fy, shifts of cx and cy in focal
-lengths, and the logarithm of the scale of the board. All views share them. The given camera and board have zeros."""
+"""Number of parameters in each vector `lens`: relative changes of fx and fy, shifts of cx and cy in focal lengths, and
+the logarithm of the board scale. All views share the parameters. They are zero for the reported camera matrix and the
+nominal board size."""
 MAX_UNDISTORT_ITERATIONS, UNDISTORT_TOLERANCE_PX = 1000, 1e-9
-"""The undistortion of a pixel ends when distorting the result reproduces the pixel to this tolerance, or after this
-number of iterations."""
+"""Limits of the iterative undistortion of a pixel: number of iterations, and error of the redistorted pixel."""
 MIN_DEPTH_M = 1e-3
-"""Corners nearer than this or behind the camera get this depth: the first steps of the solver may lead there."""
+"""Lower limit of the corner depth, metres. Early solver steps can move the board behind the camera."""
 
 
 @dataclass(frozen=True, eq=False)
 class Corners:
-    """The corners of N views of one board with M points."""
+    """Corners of N views of one board with M points."""
 
     points: NDArray[np.float64]
-    """(M, 3) points of the board with its given size, board frame, metres."""
+    """(M, 3) points of the board at its nominal size, board frame, metres."""
     pixels: NDArray[np.float64]
-    """(N, M, 2) pixels without distortion; zero where a corner was not seen."""
+    """(N, M, 2) undistorted positions of the corners, pixels; zero where a corner was not detected."""
     seen: NDArray[np.bool_]
-    """(N, M) whether the corner was seen in the view."""
+    """(N, M) mask, True where a corner was detected."""
     K: NDArray[np.float64]
-    """(3, 3) pinhole matrix that the camera reports, pixels."""
+    """(3, 3) pinhole matrix reported by the camera, pixels."""
 
     @property
     def middle(self) -> NDArray[np.float64]:
-        """(3,) middle of the board, board frame, metres."""
+        """(3,) middle of the board (mean of its points), board frame, metres."""
         return self.points.mean(axis=0)
 
 
 def stack_corners(observations: Observations) -> Corners:
-    """Return the corners of all views as arrays, without distortion."""
+    """Return the undistorted corners of all views as arrays."""
     points = observations.board.points
     pixels = np.zeros((len(observations.views), len(points), 2))
     seen = np.zeros(pixels.shape[:2], dtype=bool)
@@ -48,7 +48,7 @@ def stack_corners(observations: Observations) -> Corners:
 
 
 def camera_matrix(K: NDArray[np.float64], lens: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the pinhole matrix (3, 3) `K` corrected by the lens parameters (N_LENS,)."""
+    """Return the pinhole matrix `K` (3, 3), pixels, corrected by the parameters `lens` (N_LENS,)."""
     result = K.copy()
     focal = K[[0, 1], [0, 1]]
     result[[0, 1], [0, 1]] = focal * (1 + lens[:2])
@@ -59,16 +59,16 @@ def camera_matrix(K: NDArray[np.float64], lens: NDArray[np.float64]) -> NDArray[
 def reprojection_residuals(
     T_camera_board: NDArray[np.float64], lens: NDArray[np.float64], corners: Corners
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the reprojection residuals of all corners.
+    """Return the reprojection residuals and the positions of all corners.
 
     Args:
-        T_camera_board: (N, 4, 4) board poses.
-        lens: (N_LENS,) lens and board parameters.
+        T_camera_board: (N, 4, 4) board poses in the camera frame.
+        lens: (N_LENS,) lens parameters and logarithm of the board scale.
         corners: The corners of N views.
 
     Returns:
-        Residuals (N, M, 2), measured minus predicted, pixels, zero for corners that were not seen; and the positions
-        (N, M, 3) of all corners in the camera frame, metres.
+        Residuals (N, M, 2), measured minus predicted, pixels; zero where a corner was not detected.
+        Positions (N, M, 3) of all corners in the camera frame, metres.
     """
     K = camera_matrix(corners.K, lens)
     R, t = T_camera_board[:, :3, :3], T_camera_board[:, None, :3, 3]
@@ -80,10 +80,10 @@ def reprojection_residuals(
 
 @dataclass(frozen=True, eq=False)
 class PixelNormalEquations:
-    """Normal equations `H @ step = g` of the corners of each view, for pixels of unit noise.
+    """Normal equations `H @ step = g` of each view, for a corner noise of one pixel.
 
-    The step consists of a small motion of the board in the camera frame (6) and the lens and board parameters
-    (N_LENS).
+    The step is a board motion in the camera frame, rotation (rad), then translation (m), followed by a change of the
+    N_LENS parameters.
     """
 
     H: NDArray[np.float64]
@@ -91,7 +91,7 @@ class PixelNormalEquations:
     g: NDArray[np.float64]
     """(N, 6 + N_LENS) right-hand sides J^T r."""
     squares_px2: NDArray[np.float64]
-    """(N,) sum of the squared residuals, px^2."""
+    """(N,) sum of the squared residuals of each view, px^2."""
 
 
 def pixel_normal_equations(
@@ -100,14 +100,14 @@ def pixel_normal_equations(
     corners: Corners,
     used: NDArray[np.bool_],
 ) -> PixelNormalEquations:
-    """Linearise the reprojection of the corners of each view.
+    """Linearise the reprojection residuals of each view.
 
     Args:
-        T_camera_board: (N, 4, 4) board poses. A small motion `c` moves the board to
+        T_camera_board: (N, 4, 4) board poses in the camera frame. A motion `c` (6,) moves the board to
             `pose_from_twist(c) @ T_camera_board`.
-        lens: (N_LENS,) lens and board parameters.
+        lens: (N_LENS,) lens parameters and logarithm of the board scale.
         corners: The corners of N views.
-        used: (N, M) corners to include.
+        used: (N, M) mask of the corners to use.
     """
     r, p = reprojection_residuals(T_camera_board, lens, corners)
     J = pixel_jacobian(T_camera_board, lens, corners, p) * np.tile(used, 2)[:, None]
@@ -118,23 +118,23 @@ def pixel_normal_equations(
 def pixel_jacobian(
     T_camera_board: NDArray[np.float64], lens: NDArray[np.float64], corners: Corners, p: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return the derivatives of all pixels with respect to the board's motion and the lens and board parameters.
+    """Return the transposed Jacobians of the predicted pixels with respect to board motion and lens parameters.
 
     Args:
-        T_camera_board: (N, 4, 4) board poses. Small motions multiply from the left.
-        lens: (N_LENS,) lens and board parameters.
+        T_camera_board: (N, 4, 4) board poses in the camera frame. The board motion multiplies from the left.
+        lens: (N_LENS,) lens parameters and logarithm of the board scale.
         corners: The corners of N views.
-        p: (N, M, 3) positions of the corners in the camera frame, from `reprojection_residuals`.
+        p: (N, M, 3) positions of the corners in the camera frame, metres, from `reprojection_residuals`.
 
     Returns:
-        (N, 6 + N_LENS, 2 M) transposed Jacobians: first the u of all corners, then the v.
+        (N, 6 + N_LENS, 2 M) transposed Jacobians. The columns are u of all corners, then v of all corners.
     """
     focal = corners.K[[0, 1], [0, 1]]
     fx, fy = focal * (1 + lens[:2])
     x, y, z = p[..., 0] / p[..., 2], p[..., 1] / p[..., 2], p[..., 2]
     from_origin = p - T_camera_board[:, None, :3, 3]
     zero, one = np.zeros_like(z), np.ones_like(z)
-    # The rows are rotation, translation, focal lengths, principal point and scale.
+    # The rows are rotation, translation, focal lengths, principal point and board scale.
     u_rows = [-fx * x * y, fx * (1 + x * x), -fx * y, fx / z, zero, -fx * x / z]
     u_rows += [focal[0] * x, zero, focal[0] * one, zero]
     u_rows += [fx * (from_origin[..., 0] - x * from_origin[..., 2]) / z]
@@ -145,12 +145,12 @@ def pixel_jacobian(
 
 
 def _undistort(pixels: NDArray[np.float64], observations: Observations) -> NDArray[np.float64]:
-    """Return the pixels (N, 2) without lens distortion."""
+    """Return the undistorted positions (N, 2) of corners at `pixels` (N, 2)."""
     if not np.any(observations.distortion) or not len(pixels):
         return pixels
     import cv2
 
-    # OpenCV's default of five iterations leaves errors of pixels at the edge of a strongly distorted image.
+    # OpenCV's default of five iterations leaves errors of whole pixels at the edge of a strongly distorted image.
     stop = (
         cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS,
         MAX_UNDISTORT_ITERATIONS,

@@ -1,8 +1,8 @@
-"""Solver: board poses and flange poses go in, the camera pose with its covariance comes out.
+"""Solver: board corners, board poses and flange poses go in, the camera pose with its covariance comes out.
 
-`estimate_initial_guess` finds a rough solution, `adjust` refines it by bundle adjustment with the noise levels, and
-`reject_outliers` excludes views and corners that do not fit. For this, `cross_validate` measures how well the other
-views predict each view. `estimate_residual_distortion` measures how much lens distortion remains.
+`estimate_initial_guess` finds a rough solution. `adjust` refines the solution by bundle adjustment and estimates the
+noise levels. `cross_validate` computes the leave-one-out errors, by which `reject_outliers` excludes inconsistent
+views. `estimate_residual_distortion` estimates the remaining lens distortion.
 """
 
 from calibration.solver.bundle_adjustment import Adjustment, adjust

@@ -1,7 +1,7 @@
-"""Bundle adjustment of X, the board pose, the robot errors, the lens and the scale of the board.
+"""Bundle adjustment of X, Y, the robot errors, the lens and the board scale.
 
-It minimises the sum of the squared reprojection errors, robot errors, and corrections of the lens and the board, each
-in its own standard deviation. The standard deviations of the noise are estimated along with the unknowns.
+The cost is the sum of the squared whitened residuals: reprojection residuals, robot errors, and deviations of lens and
+board scale from their priors. The noise levels are estimated along with the unknowns.
 """
 
 from dataclasses import dataclass
@@ -21,44 +21,44 @@ from calibration.solver.problem import (
 from calibration.solver.variance_components import estimate_noise
 
 MAX_STEPS = 40
-"""Maximum number of damped Gauss-Newton steps, accepted or not."""
+"""Maximum number of damped Gauss-Newton steps, accepted or rejected."""
 MAX_DAMPING = 1e6
-"""Damping above which the adjustment stops: if such a short step still increases the cost, no step decreases it."""
+"""Damping limit. The adjustment stops if a step with this damping still increases the cost."""
 STEP_TOLERANCE = 1e-3
-"""Length of a step, in standard deviations, below which the solution has converged. For noise levels it is a relative
-change of ten times this."""
+"""Convergence limit of the step length, in standard deviations of the unknowns. The limit of the relative change of
+the noise levels is ten times larger."""
 
 
 @dataclass(frozen=True, eq=False)
 class Adjustment:
-    """A solution, with the views and corners that it was solved from."""
+    """Solution of the bundle adjustment, with the views and corners that it uses."""
 
     unknowns: Unknowns
     """The solution."""
     noise: NoiseLevel
-    """Estimated noise levels."""
+    """Noise levels: estimated, or the given levels if `NoisePriors.estimate_noise` is False."""
     used: NDArray[np.bool_]
-    """(N,) views that it was solved from."""
+    """(N,) mask, True for the views that the solution uses."""
     inliers: NDArray[np.bool_]
-    """(N, M) corners that fit."""
+    """(N, M) mask, True for inlier corners. The solution uses the inlier corners of the used views."""
     normal_equations: NormalEquations
-    """Normal equations around the solution."""
+    """Normal equations linearised at the solution."""
     converged: bool
-    """False if the solution still moved after the last step, or if no step decreased the cost."""
+    """False if `MAX_STEPS` steps did not suffice, or if no step decreased the cost."""
 
     @property
     def shared_covariance(self) -> NDArray[np.float64]:
-        """(N_SHARED, N_SHARED) covariance of the errors of X, Y and the lens, in that order."""
+        """(N_SHARED, N_SHARED) covariance of the shared unknowns, in the order given at `N_SHARED`."""
         return self.normal_equations.shared_covariance(self.used)
 
     @property
     def board_scale(self) -> float:
-        """Estimated size of the board, as a share of the given size."""
+        """Estimated size of the board divided by its nominal size."""
         return float(np.exp(self.unknowns.lens[4]))
 
     @property
     def board_scale_sigma(self) -> float:
-        """One sigma of `board_scale`."""
+        """Standard deviation of `board_scale`."""
         return float(np.sqrt(self.shared_covariance[-1, -1]))
 
 
@@ -69,10 +69,10 @@ def adjust(
 
     Args:
         problem: The measurements and priors.
-        start: Unknowns at which the steps start.
-        used: (N,) views to solve from.
-        inliers: (N, M) corners to solve from, in the views used.
-        noise: Noise levels at which their estimation starts.
+        start: Initial unknowns.
+        used: (N,) mask of the views to use.
+        inliers: (N, M) mask of the inlier corners. Corners of unused views have no effect on the solution.
+        noise: Initial noise levels.
     """
     unknowns = start
     equations = build_normal_equations(problem, linearise_corners(problem, unknowns, inliers), used, noise)
@@ -86,12 +86,12 @@ def adjust(
         trial = unknowns.add_step(shared, np.where(used[:, None], equations.robot_error_steps(shared), 0.0))
         corners = linearise_corners(problem, trial, inliers)
         trial_equations = build_normal_equations(problem, corners, used, noise)
-        if not trial_equations.cost <= equations.cost * (1 + 1e-9) + 1e-9:  # larger, or not a number
+        if not trial_equations.cost <= equations.cost * (1 + 1e-9) + 1e-9:  # The cost increased or is NaN.
             damping *= 30
             if damping > MAX_DAMPING:
                 return Adjustment(unknowns, noise, used, inliers, equations, converged=False)
             continue
-        # The length of a strongly damped step does not show the distance to the solution.
+        # A strongly damped step is short even far from the solution.
         converged = damping < 1.0 and float(np.sqrt(shared @ information @ shared)) < STEP_TOLERANCE
         damping = max(damping / 10, 1e-9)
         unknowns, equations = trial, trial_equations

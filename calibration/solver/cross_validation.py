@@ -1,7 +1,7 @@
-"""Leave-one-out cross-validation: the prediction of each view by the calibration from the other views.
+"""Leave-one-out cross-validation: compare each view with its prediction from the other views.
 
-Near the solution everything is linear. The solution without a view is therefore one linear step away: the reduced
-normal equations of the view are subtracted from the sum. No view needs another adjustment.
+The problem is nearly linear at the solution. One linear step therefore gives the solution without a view: the reduced
+normal equations of the view are subtracted from the sum over the views. The adjustment is not repeated.
 """
 
 from dataclasses import dataclass
@@ -20,27 +20,28 @@ from calibration.solver.variance_components import robot_error_squares
 
 @dataclass(frozen=True, eq=False)
 class CrossValidation:
-    """Leave-one-out errors of N views, used or not; NaN if no board pose was found in the view."""
+    """Leave-one-out errors of N views, including excluded views; NaN if no board pose was found in the view."""
 
     robot_errors: NDArray[np.float64]
-    """(N, 6) twists from the reported flange pose to the pose that the image of this view and the calibration from the
-    other views imply; reported flange frame, radians and metres."""
+    """(N, 6) robot error of each view, implied by its image and by the calibration from the other views: rotation
+    (rad), then translation (m), reported flange frame."""
     squares: NDArray[np.float64]
-    """(N,) squared length of `robot_errors` in standard deviations (Mahalanobis), which include the uncertainty of the
-    other views. About 6 for a good view."""
+    """(N,) squared Mahalanobis length of `robot_errors`, about 6 for a good view. The covariance includes the
+    uncertainty of the calibration from the other views."""
     loo_error_m: NDArray[np.float64]
-    """(N,) distance of the middle of the board from where the other views predict it, metres."""
+    """(N,) distance between the observed middle of the board and its prediction from the other views, metres."""
     rms_px: NDArray[np.float64]
-    """(N,) reprojection error of the best board pose of the view by itself, pixels, root mean square."""
+    """(N,) root mean square reprojection residual per image coordinate, pixels, with the board pose fitted to the view
+    alone."""
 
 
 def cross_validate(problem: Problem, board_poses: BoardPoses, adjusted: Adjustment) -> CrossValidation:
-    """Compare each view with its prediction by the other views that were used.
+    """Compare each view with its prediction from the other used views.
 
     Args:
         problem: The measurements and priors.
-        board_poses: The board pose of each view by itself.
-        adjusted: The solution from the views used.
+        board_poses: Board poses, each estimated from one view alone.
+        adjusted: The solution from the used views.
     """
     unknowns, mounting = adjusted.unknowns, problem.mounting
     step, covariance = _leave_one_out_steps(adjusted)
@@ -55,7 +56,7 @@ def cross_validate(problem: Problem, board_poses: BoardPoses, adjusted: Adjustme
     T_camera_board = pose_from_twist(np.matvec(J_lens, step[:, 12:])) @ T
     robot_errors = twist_from_pose(implied_robot_errors(mounting, problem.T_base_flange, X, Y, T_camera_board))
 
-    # Expected covariance of the errors: robot noise, corner noise of this view, and uncertainty of the other views.
+    # Expected covariance of the errors: robot noise, corner noise of the view, and uncertainty of the prediction.
     J_board = invert_stack(board_motion_jacobian(mounting, unknowns.X, unknowns.Y, T))
     eye = np.broadcast_to(np.eye(6), (len(T), 6, 6))
     J_shared = J_board @ np.concatenate([eye, -adjoint(T), J_lens], axis=2)
@@ -81,19 +82,19 @@ def _board_difference(
     Y: NDArray[np.float64],
     T_camera_board: NDArray[np.float64],
 ) -> NDArray[np.float64]:
-    """Return (N, 4, 4) matrices that map a board point to its observed minus its predicted position."""
+    """Return matrices (N, 4, 4) that map a board point to its observed minus its predicted position, base frame."""
     if mounting == "eye-in-hand":
         return T_base_flange @ X @ T_camera_board - Y
     return X @ T_camera_board - T_base_flange @ Y
 
 
 def _leave_one_out_steps(adjusted: Adjustment) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the (N, N_SHARED) steps to the solutions without each view, and their (N, ...) covariances."""
+    """Return the steps (N, N_SHARED) to the solutions without each view, and covariances (N, N_SHARED, N_SHARED)."""
     equations, used = adjusted.normal_equations, adjusted.used
     own_H = np.where(used[:, None, None], equations.H_reduced, 0.0)
     own_g = np.where(used[:, None], equations.g_reduced, 0.0)
     H = equations.shared_information(used) - own_H
-    # A little damping keeps H invertible where the other views alone determine nothing, for example two of three.
+    # Damping keeps H invertible if the remaining views are too few for a solution, for example two of three.
     diagonal = np.einsum("nii->ni", H)
     diagonal += 1e-12 * np.abs(diagonal)
     covariance = invert_stack(H)
@@ -102,7 +103,7 @@ def _leave_one_out_steps(adjusted: Adjustment) -> tuple[NDArray[np.float64], NDA
 
 
 def _leave_one_out_robot_sigmas(problem: Problem, adjusted: Adjustment) -> NDArray[np.float64]:
-    """Return the (N, 2) robot noise, rad and m, from the other views: a bad view must not excuse itself."""
+    """Return robot sigmas (N, 2), rad and m, from the other views: a bad view must not raise its own error limit."""
     used = adjusted.used
     robot = robot_error_squares(
         adjusted.unknowns.robot_errors, adjusted.noise, adjusted.normal_equations, adjusted.shared_covariance, used

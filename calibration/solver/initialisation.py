@@ -1,8 +1,9 @@
-"""Initial guess of X and Y in A X B = Y by RANSAC over a closed form, since some of the poses may be wrong.
+"""Initial guess of X and Y in A X B = Y by RANSAC with a closed-form solution, robust to wrong poses.
 
-A_i are flange poses and B_i board poses in the camera frame. The product A_i X B_i is the same Y for all views. For a
-camera on the flange, A = `T_base_flange`, X = `T_flange_camera`, B = `T_camera_board`, Y = `T_base_board`. For a camera
-that stands in the cell, A = `T_flange_base`, X = `T_base_camera`, B = `T_camera_board`, Y = `T_flange_board`.
+View i has the flange pose A_i and the board pose B_i in the camera frame. The product A_i X B_i equals Y in all views.
+
+    eye-in-hand    A = T_base_flange    X = T_flange_camera    B = T_camera_board    Y = T_base_board
+    eye-to-hand    A = T_flange_base    X = T_base_camera      B = T_camera_board    Y = T_flange_board
 """
 
 from dataclasses import dataclass
@@ -15,35 +16,39 @@ from numpy.typing import NDArray
 from calibration.geometry.se3 import invert_poses, mean_pose, nearest_rotation, rotation_angles
 
 SUBSET_SIZE = 5
-"""Number of views that a hypothesis is solved from."""
+"""Number of views per hypothesis."""
 MAX_HYPOTHESES = 300
-"""Number of hypotheses. With a third of the views wrong, about 40 of 300 have only right views; with half, nine."""
+"""Maximum number of hypotheses. With a third of the views wrong, about 40 of 300 random subsets contain no wrong view;
+with half of the views wrong, about nine."""
 N_REFINED = 8
-"""Number of the best hypotheses that are refined."""
+"""Number of hypotheses that are refined: those with the best scores."""
 REFINEMENT_ROUNDS = 4
-"""Maximum number of rounds in which a hypothesis is solved again from its inliers."""
+"""Maximum number of times that a hypothesis is estimated again from its inliers."""
 INLIER_FACTOR = 3.5
-"""A view is an inlier if its distance is at most this many times the median of the better half."""
+"""A view is an inlier if its distance is at most this multiple of the median distance of the better half of the
+views."""
 INLIER_NOISE_FACTOR = 5.0
-"""A view is an inlier too if its distance is within this many times the prior noise of the robot."""
+"""A view is also an inlier if its distance is at most this multiple of the root mean square distance that the prior
+robot noise causes."""
 
 
 @dataclass(frozen=True, eq=False)
 class InitialGuess:
-    """A rough solution of A X B = Y."""
+    """Rough solution of A X B = Y."""
 
     X: NDArray[np.float64]
-    """(4, 4) camera pose."""
+    """(4, 4) camera pose X, metres."""
     Y: NDArray[np.float64]
-    """(4, 4) board pose."""
+    """(4, 4) board pose Y, metres."""
     inliers: NDArray[np.bool_]
-    """(N,) views that agree with it."""
+    """(N,) mask, True for views that agree with the solution."""
     off_m: NDArray[np.float64]
-    """(N,) distance of the middle of the board in each view from that in Y, metres."""
+    """(N,) distance between the middle of the board at A_i X B_i and at Y, metres."""
     off_rad: NDArray[np.float64]
-    """(N,) angle between the board in each view and in Y, radians."""
+    """(N,) rotation angle between A_i X B_i and Y, radians."""
     typical_m: float
-    """Median distance of the better half of the views, metres. It includes the angle, times the lever arm."""
+    """Median combined distance of the better half of the views, metres. The combined distance is
+    `hypot(off_m, lever_m * off_rad)` with the lever arm `lever_m = robot_m / robot_rad`."""
 
 
 def estimate_initial_guess(
@@ -54,16 +59,17 @@ def estimate_initial_guess(
     robot_rad: float = float(np.radians(0.02)),
     seed: int = 0,
 ) -> InitialGuess:
-    """Find the solution of A X B = Y that the better half of the poses fits best.
+    """Estimate X and Y in A X B = Y so that the better half of the views fits best.
 
-    It never fails: for poses that do not fit together, it returns a solution with which few agree.
+    The function always returns a solution. If the poses are inconsistent, few views are inliers.
 
     Args:
-        A: (N, 4, 4) flange poses, N at least 3, metres.
+        A: (N, 4, 4) flange poses, N >= 3, metres. The module docstring gives the frames.
         B: (N, 4, 4) board poses in the camera frame, metres.
-        middle: (3,) middle of the board in the board frame, where distances are measured. None: the origin.
-        robot_m: Prior noise of the robot's position, metres.
-        robot_rad: Prior noise of the robot's rotation, radians. `robot_m / robot_rad` is the lever arm of an angle.
+        middle: (3,) middle of the board, board frame, metres: the point at which `off_m` is measured. None: the origin.
+        robot_m: Prior standard deviation of the robot position error per axis, metres.
+        robot_rad: Prior standard deviation of the robot rotation error per axis, radians. The lever arm
+            `robot_m / robot_rad` converts angles to distances.
         seed: Seed of the random subsets.
     """
     lever_m = robot_m / robot_rad
@@ -96,12 +102,12 @@ def estimate_initial_guess(
 
 @dataclass(frozen=True, eq=False)
 class _Hypothesis:
-    """One solution of A X B = Y, with the distance of each view from it."""
+    """Candidate solution of A X B = Y, with the distance of each view."""
 
     X: NDArray[np.float64]
     Y: NDArray[np.float64]
     distances: NDArray[np.float64]
-    """(N,) combined distances, metres."""
+    """(N,) combined distances from `_combined_distances`, metres."""
 
     @property
     def score(self) -> float:
@@ -113,7 +119,7 @@ class _Hypothesis:
 
     def inliers(self, min_limit_m: float) -> NDArray[np.bool_]:
         limit = max(INLIER_FACTOR * self.typical_m, min_limit_m)
-        # At least three views: fewer have no solution.
+        # Keep at least three views, because fewer views do not determine X.
         return self.distances <= max(limit, np.sort(self.distances)[min(2, len(self.distances) - 1)])
 
 
@@ -122,19 +128,19 @@ def _half(count: int) -> int:
 
 
 def _better_half_mean(distances: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the (...) mean of the smaller half of distances (..., N)."""
+    """Return the mean (...) of the smaller half of the distances (..., N)."""
     half = _half(distances.shape[-1])
     return np.partition(distances, half - 1, axis=-1)[..., :half].mean(axis=-1)
 
 
 def _combined_distances(A, B, X, Y, middle, lever_m: float) -> NDArray[np.float64]:
-    """Return the (S, N) discrepancies of `_discrepancies` as one distance, the angle times the lever arm, metres."""
+    """Return the combined distances (S, N) of N views from S hypotheses, metres. Angles are multiplied by `lever_m`."""
     off_m, off_rad = _discrepancies(A, B, X, Y, middle)
     return np.hypot(off_m, lever_m * off_rad)
 
 
 def _discrepancies(A, B, X, Y, middle) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the (S, N) distances, metres, and angles, radians, between A_i X_s B_i and Y_s."""
+    """Return distances (S, N) at the point `middle`, metres, and angles (S, N), radians, from A_i X_s B_i to Y_s."""
     boards = A @ X[:, None] @ B
     positions = boards[..., :3, :3] @ middle + boards[..., :3, 3]
     expected = Y[:, :3, :3] @ middle + Y[:, :3, 3]
@@ -143,7 +149,7 @@ def _discrepancies(A, B, X, Y, middle) -> tuple[NDArray[np.float64], NDArray[np.
 
 
 def _draw_subsets(count: int, seed: int) -> NDArray[np.int64]:
-    """Return the (S, SUBSET_SIZE) views of each hypothesis: all subsets, or `MAX_HYPOTHESES` random ones."""
+    """Return subsets (S, SUBSET_SIZE) of the view indices: all, or `MAX_HYPOTHESES` random subsets if more exist."""
     size = min(SUBSET_SIZE, count)
     if comb(count, size) <= MAX_HYPOTHESES:
         return np.array(list(combinations(range(count), size)))
@@ -152,7 +158,7 @@ def _draw_subsets(count: int, seed: int) -> NDArray[np.int64]:
 
 
 def _pairs_within(subsets: NDArray[np.int64], count: int) -> NDArray[np.float64]:
-    """Return (S, N, N) weights: 1 if both views are in the subset."""
+    """Return weights (S, N, N) of the view pairs for S subsets: 1 if the subset contains the pair, otherwise 0."""
     chosen = np.zeros((len(subsets), count))
     np.put_along_axis(chosen, subsets, 1.0, axis=1)
     return chosen[:, :, None] * chosen[:, None, :]
@@ -160,20 +166,24 @@ def _pairs_within(subsets: NDArray[np.int64], count: int) -> NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class _MotionPairs:
-    """Terms of the closed form for every pair of views, so that a hypothesis is a weighted sum over pairs.
+    """Terms of the closed-form solution of A_ij X = X B_ij for each pair of views (i, j).
 
-    Each pair has A_ij X = X B_ij. X rotates the axis of B_ij, times the sine of its angle, to that of A_ij, and the
-    translation is linear in that of X.
+    A hypothesis sums the terms of its pairs. A_ij = A_i^-1 A_j has the rotation R_A and the translation t_A. B_ij =
+    B_i B_j^-1 has the translation t_B. Each pair gives two equations for the rotation R_X and the translation t_X of X:
+
+        a_ij = R_X b_ij                     a_ij, b_ij: rotation axes of A_ij, B_ij times the sine of the angle
+        (R_A - I) t_X = R_X t_B - t_A
     """
 
     axes: NDArray[np.float64]
-    """(N, N, 3, 3) outer products of the axes of A_ij and B_ij."""
+    """(N, N, 3, 3) outer products a_ij b_ij^T."""
     normal: NDArray[np.float64]
-    """(N, N, 3, 3) (R_A - I)^T (R_A - I)."""
+    """(N, N, 3, 3) normal matrices (R_A - I)^T (R_A - I) of t_X."""
     by_rotation: NDArray[np.float64]
-    """(N, N, 3, 3, 3) (R_A - I)^T and t_B, which give the right-hand side with the rotation of X."""
+    """(N, N, 3, 3, 3) outer products of (R_A - I)^T and t_B. The contraction of the last two axes with R_X gives
+    (R_A - I)^T R_X t_B."""
     constant: NDArray[np.float64]
-    """(N, N, 3) (R_A - I)^T t_A."""
+    """(N, N, 3) vectors (R_A - I)^T t_A, subtracted from the right-hand side of t_X."""
 
     @classmethod
     def between(cls, A: NDArray[np.float64], B: NDArray[np.float64]) -> "_MotionPairs":
@@ -188,7 +198,7 @@ class _MotionPairs:
         )
 
     def solve(self, pairs: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the (S, 4, 4) X for weights (S, N, N) of the pairs; always a rigid, finite transform."""
+        """Return X (S, 4, 4) of S hypotheses from the pair weights (S, N, N). Each X is rigid and finite."""
         pairs = pairs.reshape(len(pairs), -1)
         X = np.zeros((len(pairs), 4, 4))
         X[:, 3, 3] = 1.0
@@ -197,16 +207,16 @@ class _MotionPairs:
         rotated = np.einsum(
             "sijk,sjk->si", (pairs @ self.by_rotation.reshape(-1, 27)).reshape(-1, 3, 3, 3), X[:, :3, :3]
         )
-        # A little damping: with parallel axes, X can slide along them without limit.
+        # Damping, because parallel rotation axes leave the translation along the axes undetermined.
         normal += 1e-9 * (1.0 + np.trace(normal, axis1=1, axis2=2))[:, None, None] * np.eye(3)
         X[:, :3, 3] = np.linalg.solve(normal, (rotated - pairs @ self.constant.reshape(-1, 3))[..., None])[..., 0]
         return X
 
 
 def _sine_axes(T: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the (..., 3) rotation axes times the sine of the angle.
+    """Return the rotation axes (..., 3) times the sine of the angle.
 
-    Unlike the rotation vector, it has no jump at 180 degrees, where it is zero.
+    Unlike a rotation vector, this product is continuous at 180 degrees.
     """
     R = T[..., :3, :3]
     axis = np.stack([R[..., 2, 1] - R[..., 1, 2], R[..., 0, 2] - R[..., 2, 0], R[..., 1, 0] - R[..., 0, 1]], axis=-1)

@@ -8,49 +8,50 @@ from numpy.typing import NDArray
 
 @dataclass(frozen=True)
 class NoiseLevel:
-    """Standard deviations of the noise, along or about one axis."""
+    """Standard deviations of the measurement noise per axis."""
 
     pixel_px: float
-    """Noise of one coordinate of a corner, pixels."""
+    """Corner noise per image coordinate, pixels."""
     robot_m: float
-    """Position error of a reported flange pose along one axis, metres."""
+    """Position error of the reported flange pose per axis, metres."""
     robot_rad: float
-    """Rotation error of a reported flange pose about one axis, radians."""
+    """Rotation error of the reported flange pose per axis, radians."""
 
     @property
     def robot(self) -> NDArray[np.float64]:
-        """(6,) standard deviations of a robot error: rotation about three axes, translation along three."""
+        """(6,) standard deviations of a robot error: rotation (rad), then translation (m)."""
         return np.array([self.robot_rad] * 3 + [self.robot_m] * 3)
 
     def is_close(self, other: "NoiseLevel", relative_tolerance: float) -> bool:
-        """Return whether no level differs by more than `relative_tolerance` of that of `other`."""
+        """Return whether each level equals the same level of `other` within `relative_tolerance`."""
         return np.allclose(astuple(self), astuple(other), rtol=relative_tolerance, atol=0.0)
 
 
 @dataclass(frozen=True)
 class NoisePriors:
-    """Prior standard deviations of the solver.
+    """Prior standard deviations of noise, lens and board scale.
 
-    The noise sigmas are initial values and are estimated again from the views. The others are fixed priors.
+    The noise levels `pixel_px`, `robot_m` and `robot_rad` are initial values; the solver estimates them from the views.
+    The other priors are fixed.
 
     Raises:
-        ValueError: A standard deviation is not greater than zero.
+        ValueError: A standard deviation is not finite or not greater than zero.
     """
 
     pixel_px: float = 0.2
-    """Noise of one coordinate of a corner, pixels."""
+    """Corner noise per image coordinate, pixels."""
     robot_m: float = 1e-4
-    """Position error of a reported flange pose along one axis, metres, independent in each pose."""
+    """Position error of the reported flange pose per axis, metres. Errors of different poses are independent."""
     robot_rad: float = float(np.radians(0.02))
-    """Rotation error of a reported flange pose about one axis, radians."""
+    """Rotation error of the reported flange pose per axis, radians."""
     focal: float = 0.003
-    """Prior of fx and of fy, as a share, for factory calibration, temperature and focus."""
+    """Relative error of fx and fy. The default covers factory calibration, temperature and focus."""
     centre: float = 0.0015
-    """Prior of cx and of cy, as a share of the focal length. About a pixel, as for a factory calibration."""
+    """Error of cx and cy, in focal lengths. The default is about one pixel, as after a factory calibration."""
     scale: float = 0.002
-    """Prior of the size of the board, as a share, for a careful measurement with a ruler."""
+    """Relative error of the board size. The default covers a careful measurement with a ruler."""
     estimate_noise: bool = True
-    """Whether the noise is estimated from the views. Otherwise, the given values are used."""
+    """Whether the noise levels are estimated from the views. If False, the given levels are used."""
 
     def __post_init__(self) -> None:
         for name in ("pixel_px", "robot_m", "robot_rad", "focal", "centre", "scale"):
@@ -63,5 +64,5 @@ class NoisePriors:
 
     @property
     def noise(self) -> NoiseLevel:
-        """The noise levels at which the estimation starts."""
+        """Initial noise levels."""
         return NoiseLevel(self.pixel_px, self.robot_m, self.robot_rad)

@@ -1,7 +1,7 @@
-"""Outlier rejection: excludes views that the other views contradict, one at a time, and corners that do not fit.
+"""Outlier rejection: exclude views that contradict the other views, one at a time, and outlier corners.
 
-A board whose size differs from the given one, such as a print that was fitted to its page, makes near and far views
-disagree, as if the robot had erred. If views are excluded, the adjustment is therefore tried with a free scale too.
+A wrong nominal board size, for example of a print that was scaled to its page, makes near and far views inconsistent.
+The effect looks like robot errors. If views are excluded, the adjustment is therefore repeated with a free board scale.
 """
 
 from dataclasses import dataclass, replace
@@ -15,39 +15,39 @@ from calibration.solver.cross_validation import CrossValidation, cross_validate
 from calibration.solver.problem import Problem, Unknowns
 
 EXCLUDE_P_VALUE = 1e-5
-"""A view is excluded if the p-value of its difference from the prediction is below this."""
+"""A view is excluded if the p-value of its leave-one-out error is below this limit."""
 INCLUDE_P_VALUE = 1e-3
-"""An excluded view is included again if this p-value is above this."""
+"""An excluded view is included again if the p-value of its leave-one-out error is above this limit."""
 MIN_VIEWS = 4
-"""Minimum number of views that are kept. Fewer agree with anything."""
+"""Minimum number of views that are kept. Fewer views are too few to identify an outlier."""
 FREE_SCALE_SIGMA = 0.05
-"""Prior standard deviation of the scale of a board that nobody has measured, as a share."""
+"""Relative prior standard deviation of a free board scale, as for a board that was not measured."""
 MIN_SCALE_CHANGE = 0.005
-"""Change of the scale, as a share, that can explain excluded views. A smaller one excludes no view."""
+"""Minimum relative change of a free board scale. A smaller change cannot explain the excluded views."""
 MIN_EXCLUDED_VIEWS = 2
-"""Number of excluded views from which a free scale is tried. One may be a chance outlier."""
+"""Minimum number of excluded views for which a free board scale is tried. A single view may be a chance outlier."""
 
 
 @dataclass(frozen=True, eq=False)
 class ConsistentSolution:
-    """The solution from the views and corners that agree."""
+    """Solution from the inlier views and corners, with its cross-validation."""
 
     adjusted: Adjustment
     """The solution."""
     cross_validation: CrossValidation
-    """Its cross-validation, with all views."""
+    """Cross-validation of the solution on all views, including the excluded views."""
 
 
 def reject_outliers(
     problem: Problem, board_poses: BoardPoses, start: Unknowns, adjusted: Adjustment
 ) -> ConsistentSolution:
-    """Exclude the views and corners that do not fit; free the scale of the board if that lets more views agree.
+    """Exclude inconsistent views and outlier corners. Use a free board scale if more views are then consistent.
 
     Args:
         problem: The measurements and priors.
-        board_poses: The board pose of each view by itself.
-        start: Unknowns at which an adjustment with a free scale starts.
-        adjusted: The solution from the views that agreed with `start`.
+        board_poses: Board poses, each estimated from one view alone.
+        start: Initial unknowns of an adjustment with a free board scale.
+        adjusted: Solution from the inlier views of the initial guess.
     """
     nominal = keep_consistent_views(problem, board_poses, adjusted)
     if int((board_poses.found & ~nominal.adjusted.used).sum()) < MIN_EXCLUDED_VIEWS:
@@ -60,12 +60,14 @@ def reject_outliers(
 
 
 def keep_consistent_views(problem: Problem, board_poses: BoardPoses, adjusted: Adjustment) -> ConsistentSolution:
-    """Exclude and include views, adjusting each time, until all views used agree with their prediction by the others.
+    """Exclude and include views until each used view is consistent with its prediction from the other views.
+
+    The solution is adjusted again after each change.
 
     Args:
         problem: The measurements and priors.
-        board_poses: The board pose of each view by itself.
-        adjusted: The solution to start from, with the corners that fit the board poses.
+        board_poses: Board poses, each estimated from one view alone.
+        adjusted: Initial solution, adjusted with the corners `board_poses.inliers`.
     """
     inliers = _update_inliers(problem, adjusted, adjusted.inliers)
     cross_validation = cross_validate(problem, board_poses, adjusted)
@@ -85,10 +87,10 @@ def keep_consistent_views(problem: Problem, board_poses: BoardPoses, adjusted: A
 
 
 def _rejection_limits(adjusted: Adjustment) -> tuple[float, float]:
-    """Return the squared difference above which a view is excluded, and that below which it is included again."""
+    """Return two limits of `CrossValidation.squares`: exclude a view above the first, include it below the second."""
     from scipy.special import fdtri
 
-    # The noise is estimated from the same few views, which makes it an F-distribution.
+    # The squares divided by 6 follow an F-distribution, because the noise is estimated from few views.
     errors = 6.0 * max(int(adjusted.used.sum()) - 3, 1)
     return 6.0 * float(fdtri(6, errors, 1 - EXCLUDE_P_VALUE)), 6.0 * float(fdtri(6, errors, 1 - INCLUDE_P_VALUE))
 
@@ -96,11 +98,11 @@ def _rejection_limits(adjusted: Adjustment) -> tuple[float, float]:
 def _update_used(
     used: NDArray[np.bool_], squares: NDArray[np.float64], exclude_above: float, include_below: float
 ) -> NDArray[np.bool_]:
-    """Return the views (N,) to use next: those that fit again are included; otherwise the worst one is excluded."""
+    """Return the mask (N,) of the views to use next: include all that fit again, or else exclude the worst view."""
     returning = ~used & (squares < include_below)
     if returning.any():
         return used | returning
-    # One at a time: a bad view makes good ones look bad.
+    # Exclude one view at a time, because a bad view also worsens the errors of good views.
     squares_of_used = np.where(used, squares, -np.inf)
     worst = int(np.argmax(squares_of_used))
     if squares_of_used[worst] > exclude_above and used.sum() > MIN_VIEWS:
@@ -110,6 +112,6 @@ def _update_used(
 
 
 def _update_inliers(problem: Problem, adjusted: Adjustment, inliers: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Return (N, M) the corners that fit the solution in the views used, and `inliers` in the others."""
+    """Return the inlier mask (N, M), updated with the solution for used views and unchanged for unused views."""
     fitting = inlier_corners(adjusted.unknowns.T_camera_board(problem), adjusted.unknowns.lens, problem.corners)
     return np.where(adjusted.used[:, None], fitting, inliers)

@@ -1,16 +1,18 @@
-"""The unknowns of the bundle adjustment and its normal equations.
+"""Unknowns and normal equations of the bundle adjustment.
 
-The controller reports the flange pose A_i of view i. The true pose is A_i E_i, with a small robot error E_i. The board
-is in the camera frame at
+The controller reports the flange pose A_i of view i. The true flange pose is A_i E_i with a small robot error E_i. The
+board pose in the camera frame is
 
-    C_i = X^-1 (A_i E_i)^-1 Y    camera on the flange (eye-in-hand)
-    C_i = X^-1 (A_i E_i) Y       camera in the cell (eye-to-hand)
+    C_i = X^-1 (A_i E_i)^-1 Y    eye-in-hand: camera on the flange
+    C_i = X^-1 (A_i E_i) Y       eye-to-hand: camera in the cell
 
-Small motions x of X, y of Y and e of E_i multiply from the right. To first order they are equivalent to a twist that
-multiplies C_i from the left, which is -x + adjoint(C_i) y + `board_motion_jacobian` e. The robot errors are eliminated
-view by view (Schur complement of 6x6 blocks).
+All twists have the order rotation (rad), then translation (m). The twists x, y and e_i multiply X, Y and E_i from the
+right. To first order, they change C_i by a twist c_i that multiplies C_i from the left:
 
-H is an information matrix (J^T W J) and g the right-hand side (J^T W r) of normal equations H step = g.
+    c_i = -x + adjoint(C_i) y + J_i e_i    J_i from `board_motion_jacobian`
+
+In the normal equations `H @ step = g`, H is the information matrix J^T W J, and g is the right-hand side J^T W r. The
+robot errors are eliminated view by view (Schur complement of 6x6 blocks).
 """
 
 from dataclasses import dataclass
@@ -24,48 +26,50 @@ from calibration.pose_estimation.projection import N_LENS, Corners, pixel_normal
 from calibration.solver.noise import NoiseLevel, NoisePriors
 
 N_SHARED = 12 + N_LENS
-"""Number of unknowns that all views share: 6 of X, 6 of Y, and those of the lens and the scale of the board."""
+"""Number of unknowns shared by all views, in this order: twist of X (6), twist of Y (6), and the `N_LENS` parameters of
+lens and board scale. A twist has the order rotation (rad), then translation (m)."""
 
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """Measurements and priors of a calibration, of all views, whether the solution uses them or not."""
+    """Measurements and priors of a calibration, including the views that the solution excludes."""
 
     corners: Corners
-    """The measured corners of N views with M board points."""
+    """Measured corners of N views of a board with M points."""
     T_base_flange: NDArray[np.float64]
-    """(N, 4, 4) flange poses that the robot reported, metres."""
+    """(N, 4, 4) flange poses reported by the robot, base frame, metres."""
     mounting: Mounting
-    """Whether the camera is on the flange or stands in the cell."""
+    """Whether the camera is on the flange or in the cell."""
     priors: NoisePriors
-    """Standard deviations of the noise and of the lens and the board."""
+    """Prior standard deviations of the noise, the lens and the board scale."""
 
     @property
     def lens_sigmas(self) -> NDArray[np.float64]:
-        """(N_LENS,) prior standard deviations of the lens and of the logarithm of the scale of the board."""
+        """(N_LENS,) prior standard deviations of the lens parameters and of the logarithm of the board scale."""
         return np.array([self.priors.focal] * 2 + [self.priors.centre] * 2 + [self.priors.scale])
 
 
 @dataclass(frozen=True, eq=False)
 class Unknowns:
-    """Values of everything that the adjustment solves for."""
+    """Values of all unknowns of the bundle adjustment."""
 
     X: NDArray[np.float64]
-    """(4, 4) as in `HandEyeResult`."""
+    """(4, 4) camera pose, as `HandEyeResult.X`."""
     Y: NDArray[np.float64]
-    """(4, 4) as in `HandEyeResult`."""
+    """(4, 4) board pose, as `HandEyeResult.Y`."""
     robot_errors: NDArray[np.float64]
-    """(N, 6) twists, radians and metres. The true flange pose is `T_base_flange @ pose_from_twist(robot_error)`."""
+    """(N, 6) robot error of each view: rotation (rad), then translation (m). The true flange pose is
+    `T_base_flange @ pose_from_twist(robot_error)`."""
     lens: NDArray[np.float64]
-    """(N_LENS,) corrections of the lens and logarithm of the scale of the board, as in `projection.camera_matrix`."""
+    """(N_LENS,) lens parameters and logarithm of the board scale, as described at `projection.N_LENS`."""
 
     def T_camera_board(self, problem: Problem) -> NDArray[np.float64]:
-        """Return the (N, 4, 4) board poses in the camera frame."""
+        """Return the predicted board poses (N, 4, 4) in the camera frame, metres."""
         flange = problem.T_base_flange @ pose_from_twist(self.robot_errors)
         return invert_poses(self.X) @ (flange if problem.mounting == "eye-to-hand" else invert_poses(flange)) @ self.Y
 
     def add_step(self, shared: NDArray[np.float64], robot_errors: NDArray[np.float64]) -> "Unknowns":
-        """Return the unknowns after a step of the shared unknowns (N_SHARED,) and of the robot errors (N, 6)."""
+        """Return the unknowns after the steps `shared` (N_SHARED,) and `robot_errors` (N, 6)."""
         return Unknowns(
             self.X @ pose_from_twist(shared[:6]),
             self.Y @ pose_from_twist(shared[6:12]),
@@ -76,56 +80,65 @@ class Unknowns:
 
 @dataclass(frozen=True, eq=False)
 class NormalEquations:
-    """Normal equations around some unknowns, weighted with the noise. Views that are not used have their own blocks."""
+    """Normal equations linearised at the current unknowns, weighted by the inverse noise variances.
+
+    All N views have blocks, including unused views. The cost and the sums over views exclude unused views.
+    """
 
     H_robot: NDArray[np.float64]
-    """(N, 6, 6) information about the robot error of each view."""
+    """(N, 6, 6) information matrix of the robot error of each view."""
     H_cross: NDArray[np.float64]
-    """(N, 6, N_SHARED) blocks between the robot error and the shared unknowns."""
+    """(N, 6, N_SHARED) cross blocks of the information matrix, robot error by shared unknowns."""
     g_robot: NDArray[np.float64]
-    """(N, 6) right-hand side of the robot errors."""
+    """(N, 6) right-hand side of the robot error of each view."""
     H_reduced: NDArray[np.float64]
-    """(N, N_SHARED, N_SHARED) information of each view about the shared unknowns, its robot error eliminated."""
+    """(N, N_SHARED, N_SHARED) information matrix of the shared unknowns from each view, after elimination of the robot
+    error of the view."""
     g_reduced: NDArray[np.float64]
-    """(N, N_SHARED) right-hand side of the shared unknowns, the robot errors eliminated."""
+    """(N, N_SHARED) right-hand side of the shared unknowns from each view, after elimination of the robot error of the
+    view."""
     H_prior: NDArray[np.float64]
-    """(N_SHARED, N_SHARED) diagonal information of the priors."""
+    """(N_SHARED, N_SHARED) diagonal information matrix of the priors."""
     g_prior: NDArray[np.float64]
     """(N_SHARED,) right-hand side of the priors."""
     cost: float
-    """Sum of squares in standard deviations, over the views used."""
+    """Sum of squared whitened residuals: corners and robot errors of the used views, and the priors."""
     squares_px2: NDArray[np.float64]
-    """(N,) sum of the squared reprojection errors, px^2."""
+    """(N,) sum of the squared reprojection residuals of each view, px^2."""
 
     def shared_information(self, used: NDArray[np.bool_]) -> NDArray[np.float64]:
-        """Return the (N_SHARED, N_SHARED) information about the shared unknowns from the views `used` (N,)."""
+        """Return the information matrix (N_SHARED, N_SHARED) of the shared unknowns.
+
+        Args:
+            used: (N,) mask of the views to sum. The priors are added.
+        """
         return self.H_reduced[used].sum(axis=0) + self.H_prior
 
     def shared_covariance(self, used: NDArray[np.bool_]) -> NDArray[np.float64]:
-        """Return the (N_SHARED, N_SHARED) covariance of the shared unknowns from the views `used` (N,)."""
+        """Return the covariance (N_SHARED, N_SHARED) of the shared unknowns: the inverse of `shared_information`."""
         return invert_stack(self.shared_information(used))
 
     def robot_error_steps(self, shared: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the (N, 6) steps of the robot errors for a step (N_SHARED,) of the shared unknowns."""
+        """Return the robot error steps (N, 6) for a given step `shared` (N_SHARED,) of the shared unknowns."""
         return solve_stack(self.H_robot, self.g_robot - self.H_cross @ shared)
 
 
 @dataclass(frozen=True, eq=False)
 class LinearisedCorners:
-    """Normal equations of the corners alone around some unknowns, for pixels of unit noise."""
+    """Normal equations of the corners alone, for a corner noise of one pixel."""
 
     unknowns: Unknowns
-    """Where the corners were linearised."""
+    """Linearisation point."""
     H: NDArray[np.float64]
-    """(N, 6 + N_SHARED, 6 + N_SHARED) information about the robot error of each view and the shared unknowns."""
+    """(N, 6 + N_SHARED, 6 + N_SHARED) information matrix of each view: robot error, then shared unknowns."""
     g: NDArray[np.float64]
-    """(N, 6 + N_SHARED) right-hand side."""
+    """(N, 6 + N_SHARED) right-hand side of each view: robot error, then shared unknowns."""
     squares_px2: NDArray[np.float64]
-    """(N,) sum of the squared reprojection errors, px^2."""
+    """(N,) sum of the squared reprojection residuals of each view, px^2."""
 
 
 def linearise_corners(problem: Problem, unknowns: Unknowns, inliers: NDArray[np.bool_]) -> LinearisedCorners:
-    """Linearise the reprojection of the corners `inliers` (N, M) around `unknowns`."""
+    """Linearise the reprojection residuals at `unknowns`, using the corners of the mask `inliers` (N, M)."""
     T_camera_board = unknowns.T_camera_board(problem)
     blocks = pixel_normal_equations(T_camera_board, unknowns.lens, problem.corners, inliers)
     J = _unknowns_jacobian(problem, unknowns, T_camera_board)
@@ -136,13 +149,13 @@ def linearise_corners(problem: Problem, unknowns: Unknowns, inliers: NDArray[np.
 def build_normal_equations(
     problem: Problem, corners: LinearisedCorners, used: NDArray[np.bool_], noise: NoiseLevel
 ) -> NormalEquations:
-    """Weight the corners, the robot errors and the priors with their standard deviations, and eliminate the robot.
+    """Build the normal equations of corners, robot errors and priors, and eliminate the robot errors.
 
     Args:
         problem: The measurements and priors.
-        corners: The corners, linearised around some unknowns.
-        used: (N,) views that count in the cost.
-        noise: Standard deviations of the corners and the robot.
+        corners: Corner terms, linearised at the current unknowns.
+        used: (N,) mask of the views that contribute to the cost.
+        noise: Standard deviations of the corners and the robot errors.
     """
     weight = 1 / noise.pixel_px**2
     H, g = weight * corners.H, weight * corners.g
@@ -173,16 +186,19 @@ def build_normal_equations(
 def board_motion_jacobian(
     mounting: Mounting, X: NDArray[np.float64], Y: NDArray[np.float64], T_camera_board: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return the (N, 6, 6) derivative of the board's motion in the camera with respect to the flange's motion.
+    """Return the Jacobians of the board motion in the camera frame with respect to the flange motion.
+
+    Motions are twists: rotation (rad), then translation (m). A flange motion multiplies `T_base_flange` from the right.
+    A board motion multiplies `T_camera_board` from the left.
 
     Args:
-        mounting: Whether the camera is on the flange or stands in the cell.
-        X: (4, 4) as in `HandEyeResult`.
-        Y: (4, 4) as in `HandEyeResult`.
+        mounting: Whether the camera is on the flange or in the cell.
+        X: (4, 4) camera pose, as `HandEyeResult.X`.
+        Y: (4, 4) board pose, as `HandEyeResult.Y`.
         T_camera_board: (N, 4, 4) board poses in the camera frame.
 
     Returns:
-        Jacobians from a small motion of the flange, from the right, to that of the board, from the left.
+        (N, 6, 6) Jacobians, one per view.
     """
     if mounting == "eye-in-hand":
         return np.broadcast_to(-adjoint(invert_poses(X)), (len(T_camera_board), 6, 6))
@@ -196,17 +212,17 @@ def implied_robot_errors(
     Y: NDArray[np.float64],
     T_camera_board: NDArray[np.float64],
 ) -> NDArray[np.float64]:
-    """Return the robot errors with which the board appears exactly at `T_camera_board`.
+    """Return the robot errors that explain the observed board poses exactly.
 
     Args:
-        mounting: Whether the camera is on the flange or stands in the cell.
-        T_base_flange: (N, 4, 4) flange poses that the robot reported.
-        X: (4, 4) or (N, 4, 4) as in `HandEyeResult`.
-        Y: (4, 4) or (N, 4, 4) as in `HandEyeResult`.
-        T_camera_board: (N, 4, 4) or (4, 4) board poses in the camera frame.
+        mounting: Whether the camera is on the flange or in the cell.
+        T_base_flange: (N, 4, 4) flange poses reported by the robot.
+        X: (4, 4) or (N, 4, 4) camera poses, as `HandEyeResult.X`.
+        Y: (4, 4) or (N, 4, 4) board poses, as `HandEyeResult.Y`.
+        T_camera_board: (4, 4) or (N, 4, 4) observed board poses in the camera frame.
 
     Returns:
-        (N, 4, 4) true flange poses in the reported flange frames.
+        (N, 4, 4) robot errors E: the true flange pose is `T_base_flange @ E`.
     """
     T_flange_base = invert_poses(T_base_flange)
     if mounting == "eye-in-hand":
@@ -217,7 +233,7 @@ def implied_robot_errors(
 def _unknowns_jacobian(
     problem: Problem, unknowns: Unknowns, T_camera_board: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return the (N, 6 + N_LENS, 6 + N_SHARED) derivative of board motion and lens with respect to all unknowns."""
+    """Return Jacobians (N, 6 + N_LENS, 6 + N_SHARED): board motion and lens by robot error and shared unknowns."""
     J = np.zeros((len(T_camera_board), 6 + N_LENS, 6 + N_SHARED))
     J_flange = board_motion_jacobian(problem.mounting, unknowns.X, unknowns.Y, T_camera_board)
     J[:, :6, :6] = J_flange @ right_jacobian(unknowns.robot_errors)

@@ -1,8 +1,8 @@
-"""Radial distortion that remains in the corners of images that were assumed to be undistorted.
+"""Radial distortion that remains in the corner residuals after undistortion.
 
-The adjustment has no unknown for it. The focal lengths, poses and scale of the board absorb most of it; the rest bends
-the residuals of all views in the same way. Near the solution everything is linear, so the coefficient k1 of the radial
-model x (1 + k1 r^2) can be read from the final residuals without another adjustment.
+The adjustment has no unknown for distortion. Focal lengths, poses and board scale absorb most of the distortion. The
+rest gives the residuals of all views the same radial pattern. The problem is nearly linear at the solution, so linear
+least squares on the final residuals gives the coefficient k1 of the radial model x (1 + k1 r^2).
 """
 
 from dataclasses import dataclass
@@ -20,23 +20,30 @@ class ResidualDistortion:
     """Remaining radial distortion."""
 
     k1: float
-    """Coefficient k1 of OpenCV's model that the residuals still contain."""
+    """Remaining coefficient k1 of OpenCV's distortion model; 0 if the views do not determine `k1`."""
     sigma: float
-    """One sigma of `k1`; infinite if the views cannot determine it."""
+    """Standard deviation of `k1`; infinite if the views do not determine `k1`."""
 
 
 def estimate_residual_distortion(problem: Problem, adjusted: Adjustment) -> ResidualDistortion:
-    """Estimate the radial distortion that remains in the corners of the solution.
+    """Estimate the radial distortion that remains in the corner residuals.
 
-    In each view, the part that its own board pose, camera matrix and board size can explain is removed first. An error
-    in these is therefore not mistaken for distortion.
+    The estimate ignores the part of each view's residuals that board pose, camera matrix and board scale can explain.
+    Errors of these parameters are therefore not mistaken for distortion.
+
+    Args:
+        problem: The measurements and priors.
+        adjusted: The solution with its used views and inlier corners.
+
+    Returns:
+        The coefficient k1 with its standard deviation.
     """
     corners, lens = problem.corners, adjusted.unknowns.lens
     inliers = adjusted.inliers & adjusted.used[:, None]
     T_camera_board = adjusted.unknowns.T_camera_board(problem)
     residuals, points = reprojection_residuals(T_camera_board, lens, corners)
     rays = points[..., :2] / points[..., 2:]
-    # Derivative of the pixels with respect to k1.
+    # Jacobian of the pixels with respect to k1.
     J_k1 = corners.K[[0, 1], [0, 1]] * (1 + lens[:2]) * rays * (rays**2).sum(axis=2, keepdims=True)
     jacobians = pixel_jacobian(T_camera_board, lens, corners, points)
     g, H = 0.0, 0.0
@@ -52,7 +59,7 @@ def estimate_residual_distortion(problem: Problem, adjusted: Adjustment) -> Resi
 
 
 def _project_out(columns: NDArray[np.float64], values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the part of `values` (K,) that is orthogonal to all `columns` (K, L)."""
-    # Seen from straight ahead, board and focal lengths have the same effect: columns may depend on one another.
+    """Return the component of `values` (K,) that is orthogonal to the columns of `columns` (K, L)."""
+    # The columns can be linearly dependent: in a frontal view, board distance and focal length have the same effect.
     scaled = columns / np.maximum(np.linalg.norm(columns, axis=0), np.finfo(np.float64).tiny)
     return values - scaled @ np.linalg.lstsq(scaled, values, rcond=1e-9)[0]

@@ -1,7 +1,8 @@
-"""Variance components: estimates of the corner noise and the robot noise from the errors of a solution.
+"""Variance component estimation (Foerstner): the corner noise and the robot noise from the residuals of a solution.
 
-Each sum of squared errors is divided by its redundancy, which is the number of its errors minus the degrees of freedom
-that the unknowns use (Foerstner's estimate). Its fixed point is the restricted maximum likelihood estimate.
+A variance is the sum of the squared residuals divided by their redundancy. The redundancy is the number of residuals
+minus the degrees of freedom that the unknowns absorb. The fixed point of the iteration is the restricted maximum
+likelihood estimate.
 """
 
 from dataclasses import dataclass
@@ -14,22 +15,27 @@ from calibration.solver.noise import NoiseLevel, NoisePriors
 from calibration.solver.problem import N_SHARED, NormalEquations, Unknowns
 
 PRIOR_WEIGHT = 2.0
-"""Number of errors that the prior level counts as, in addition to those of the views."""
+"""Weight of the prior noise level, as a number of additional residuals."""
 MIN_NOISE = NoiseLevel(pixel_px=1e-3, robot_m=1e-6, robot_rad=2e-6)
-"""Lower limits of the estimates. They keep the weights finite when the views are exact."""
+"""Lower limits of the estimates. They keep the weights finite if the views have no noise."""
 
 
 @dataclass(frozen=True, eq=False)
 class RobotErrorSquares:
-    """Squared robot errors of N views with their redundancy: rotation (radians), then translation (metres)."""
+    """Squared robot errors of N views, with the redundancy of the errors."""
 
     squares: NDArray[np.float64]
-    """(N, 2) sums of squares, rad^2 and m^2; 0 for views that are not used."""
+    """(N, 2) squared norms of the rotation error (rad^2) and the translation error (m^2); 0 for unused views."""
     redundancy: NDArray[np.float64]
-    """(N, 2) redundancy, up to 3 each; 0 for views that are not used."""
+    """(N, 2) redundancy of the rotation error and the translation error, at most 3 each; 0 for unused views."""
 
     def sigmas(self, priors: NoisePriors, excluded: int | None = None) -> NDArray[np.float64]:
-        """Return the (2,) robot noise, rad and m, from all views, or from all but the view `excluded`."""
+        """Return the standard deviations (2,) of the robot rotation (rad) and position (m) error per axis.
+
+        Args:
+            priors: Prior noise levels. If `estimate_noise` is False, the method returns the prior robot noise.
+            excluded: Index of a view to ignore. None: use all views.
+        """
         prior = np.array([priors.robot_rad, priors.robot_m])
         if not priors.estimate_noise:
             return prior
@@ -49,11 +55,11 @@ def robot_error_squares(
     """Return the squares and the redundancy of the estimated robot errors.
 
     Args:
-        robot_errors: (N, 6) twists, radians and metres.
-        noise: Noise levels with which `equations` are weighted.
-        equations: Normal equations around the solution.
+        robot_errors: (N, 6) estimated robot errors: rotation (rad), then translation (m).
+        noise: Noise levels that weight `equations`.
+        equations: Normal equations linearised at the solution.
         shared_covariance: (N_SHARED, N_SHARED) covariance of the shared unknowns.
-        used: (N,) views that count.
+        used: (N,) mask of the views that the solution uses.
     """
     J_shared = np.linalg.solve(equations.H_robot, equations.H_cross)
     covariance = invert_stack(equations.H_robot) + J_shared @ shared_covariance @ J_shared.swapaxes(1, 2)
@@ -71,15 +77,15 @@ def estimate_noise(
     used: NDArray[np.bool_],
     inliers: NDArray[np.bool_],
 ) -> NoiseLevel:
-    """Estimate the noise of the corners and of the robot.
+    """Estimate the noise levels of corners and robot by one step of variance component estimation.
 
     Args:
         priors: Prior noise levels.
-        noise: Noise levels with which `equations` are weighted.
-        unknowns: The present solution.
-        equations: Normal equations around it.
-        used: (N,) views of the solution.
-        inliers: (N, M) corners of the solution.
+        noise: Noise levels that weight `equations`.
+        unknowns: The current solution.
+        equations: Normal equations linearised at `unknowns`.
+        used: (N,) mask of the views that the solution uses.
+        inliers: (N, M) mask of the inlier corners.
     """
     shared_covariance = equations.shared_covariance(used)
     robot = robot_error_squares(unknowns.robot_errors, noise, equations, shared_covariance, used)

@@ -1,9 +1,11 @@
-"""The hand-eye file: the pose of the camera on the flange, with the camera, the robot and the time of the measurement.
+"""Read and activate hand-eye files: the camera pose on the flange, with camera, robot and time of the measurement.
 
-It is a JSON file with `schema_version` 1, `created` (ISO 8601 with a time zone), `camera_id` and `robot_serial` (null
-if not known), and `T_flange_camera` as `{"xyz_m": [x, y, z], "quat_xyzw": [x, y, z, w]}`, metres. A solved calibration
-has its accuracy and findings too, as in `calibration.storage.document`. Other members are ignored. The form that
-recordings have, `{"T_flange_camera": 4x4 matrix}` alone, is read as well; its age and its camera are then not known.
+A hand-eye file is a JSON object with `schema_version` 1, `created` (ISO 8601 with a time zone), `camera_id`,
+`robot_serial` and `T_flange_camera` as `{"xyz_m": [x, y, z], "quat_xyzw": [x, y, z, w]}`, metres. An unknown id or time
+is null. The file of a calibration result also has the accuracy and the findings, see `calibration.storage.document`.
+Unknown members are ignored.
+
+A file with `{"T_flange_camera": 4x4 matrix}` alone, as in recordings, is read too. Its age and camera are unknown.
 """
 
 import contextlib
@@ -46,76 +48,79 @@ __all__ = [
 ]
 
 MAX_CLOCK_DIFFERENCE = timedelta(hours=25)
-"""Maximum time by which a file may be dated in the future. A clock that is wrong by a day or a time zone must not stop
-work, since it makes the age of the file wrong by a day only."""
+"""Maximum time by which a file may be dated in the future. It tolerates a clock that is wrong by a day or a time zone,
+because the age of the file is then wrong by about a day only."""
 LOOKS_BACK_COSINE = -0.2
-"""Cosine of the angle between the view of the camera and the z axis of the flange, from which the camera looks back:
-102 degrees. A mounting turns the camera by 90 degrees at most."""
+"""Limit of the cosine between the optical axis and flange z (102 degrees). At or below this limit, the camera points
+back at the arm. Real mountings stay within 90 degrees."""
 CHECK_ROTATION = (
     "check that quat_xyzw has the order x, y, z, w, with the real part last, and that T_flange_camera is not inverted"
 )
-"""What to do if the camera looks back."""
+"""Advice for a camera that points back at the arm."""
 MAX_BYTES = 16 << 20
-"""Maximum size of the file."""
+"""Maximum size of a hand-eye file, bytes."""
 
 
 @dataclass(frozen=True, eq=False)
 class HandEye:
-    """A calibration that was read from a file and may be used."""
+    """Usable calibration that was read from a hand-eye file.
+
+    `covariance` and the fields below it are None, and `findings` is empty, if the file does not contain them.
+    """
 
     T_flange_camera: NDArray[np.float64]
     """(4, 4) camera pose on the flange; maps camera points to the flange frame, metres."""
     created: datetime | None
-    """Time of the measurement, with a time zone, or None if not known."""
+    """Time of the measurement, with a time zone; None if unknown."""
     camera_id: str | None
-    """Device id of the camera, or None if not known."""
+    """Device id of the camera; None if unknown."""
     robot_serial: str | None
-    """Serial number of the robot, or None if not known."""
+    """Serial number of the robot; None if unknown."""
     sha256: str
-    """SHA-256 of the content of the file, hexadecimal."""
+    """SHA-256 of the file content, hexadecimal."""
     warnings: tuple[str, ...] = ()
-    """What could not be checked, and what looks wrong."""
+    """Messages about properties that could not be checked or that look wrong."""
     covariance: NDArray[np.float64] | None = None
-    """(6, 6) as in `HandEyeResult`. This and the following fields are None if the file does not have them."""
+    """(6, 6) covariance of the error of `T_flange_camera`, as in `HandEyeResult.covariance`."""
     joint_covariance: NDArray[np.float64] | None = None
-    """(17, 17) as in `HandEyeResult`, or (12, 12) of X and Y alone."""
+    """(17, 17) as in `HandEyeResult.joint_covariance`, or the block (12, 12) of X and Y."""
     T_base_board: NDArray[np.float64] | None = None
-    """(4, 4) pose of the board during the calibration."""
+    """(4, 4) pose of the board during the calibration, base frame, metres."""
     board: Board | None = None
-    """The board of the calibration, with its size as given."""
+    """The board of the calibration, with its nominal size."""
     board_scale: float | None = None
-    """Estimated size of the board, as a share of the given size."""
+    """Estimated size of the board divided by its nominal size."""
     K: NDArray[np.float64] | None = None
     """(3, 3) fitted pinhole matrix, pixels."""
     robot_sigma_m: float | None = None
-    """Estimated noise of the robot's position along one axis, metres, one sigma."""
+    """Estimated standard deviation of the robot position error per axis, metres."""
     robot_sigma_rad: float | None = None
-    """Estimated noise of the robot's rotation about one axis, radians, one sigma."""
+    """Estimated standard deviation of the robot rotation error per axis, radians."""
     repeatability_95_m: float | None = None
-    """Predicted bound, metres. In 95 % of scans, no two of eight views disagree by more."""
+    """Predicted repeatability of a scan, metres, as in `HandEyeResult.repeatability_95_m`."""
     views_used: int | None = None
-    """Number of views that it was solved from."""
+    """Number of views from which the calibration was estimated."""
     verdict: Verdict | None = None
-    """`accept` or `warn`; a refused calibration is not loaded."""
+    """`accept` or `warn`. Calibrations with the verdict `refuse` are not loaded."""
     findings: tuple[Finding, ...] = ()
-    """Findings that do not refuse the calibration. Their messages are among the warnings."""
+    """Findings of the calibration, none of them blocking. `warnings` contains their messages."""
 
 
 def load_hand_eye(path: str | os.PathLike[str], max_age_days: float, now: datetime | None = None) -> HandEye:
-    """Read a hand-eye calibration from a file and check that it may be used.
+    """Read a hand-eye file and check that its calibration may be used.
 
     Args:
         path: The JSON file.
         max_age_days: Maximum age. `math.inf` accepts any age.
-        now: Time with a time zone. None: the clock of this machine.
+        now: Current time with a time zone. None: the clock of this machine.
 
     Raises:
-        HandEyeMissingError: There is no such file.
+        HandEyeMissingError: The file does not exist.
         HandEyeUnreadableError: The file cannot be read.
-        HandEyeInvalidError: The content is not valid, or the camera stands in the cell.
-        HandEyeRefusedError: The calibration was refused when it was solved.
-        HandEyeStaleError: It is too old.
-        HandEyeFutureDateError: Its date is in the future.
+        HandEyeInvalidError: The content is not valid, or the camera is in the cell (eye-to-hand).
+        HandEyeRefusedError: The file has a blocking finding, a failed verification or the verdict `refuse`.
+        HandEyeStaleError: The calibration is older than `max_age_days`.
+        HandEyeFutureDateError: The date of the calibration is more than `MAX_CLOCK_DIFFERENCE` in the future.
     """
     path = Path(path)
     content = _read(
@@ -130,17 +135,20 @@ def activate(
     camera_id: str | None = None,
     robot_serial: str | None = None,
 ) -> HandEye:
-    """Make a solved calibration the active one in one step, and keep the former one as `*.previous.json`.
+    """Activate a calibration atomically and keep the previous active file as `*.previous.json`.
 
     Args:
-        run_file: File of the solved calibration, of any age.
-        active_file: File of the active calibration.
-        camera_id: Device id of the camera that will use it. None: not known, and not compared.
-        robot_serial: Serial number of the robot that will use it. None: not known, and not compared.
+        run_file: File of the calibration to activate, of any age.
+        active_file: File of the active calibration, which is replaced.
+        camera_id: Device id of the camera in the cell. None: unknown, and not compared.
+        robot_serial: Serial number of the robot in the cell. None: unknown, and not compared.
+
+    Returns:
+        The activated calibration.
 
     Raises:
-        HandEyeError: As `load_hand_eye` and `require_match`. The former calibration stays active.
-        OSError: A file cannot be written. The former calibration stays active.
+        HandEyeError: A check of `load_hand_eye` or `require_match` failed. The active file is unchanged.
+        OSError: A file cannot be written. The active file is unchanged.
     """
     run_file, active_file = Path(run_file), Path(active_file)
     which = "give the file of a solved calibration, or the folder of its run"
@@ -151,28 +159,30 @@ def activate(
     former = None
     with contextlib.suppress(FileNotFoundError, IsADirectoryError, TooLargeError):
         former = read_limited(active_file, MAX_BYTES)
-    if former not in (None, content):  # a second activation keeps the former calibration
+    if former not in (None, content):  # Activating the same file twice must not overwrite the backup.
         replace_synced(previous_path(active_file), former)
     replace_synced(active_file, content)
     return hand_eye
 
 
 def previous_path(active_file: str | os.PathLike[str]) -> Path:
-    """Return the path at which the formerly active calibration is kept."""
+    """Return the path of the backup of the previously active calibration."""
     active_file = Path(active_file)
     return active_file.with_name(f"{active_file.stem}.previous.json")
 
 
 def require_match(hand_eye: HandEye, camera_id: str | None, robot_serial: str | None) -> None:
-    """Check that a calibration belongs to a camera and a robot. Unknown names on either side are not compared.
+    """Check that a calibration was made with the camera and the robot in the cell.
+
+    A property that is None in the calibration or in the arguments is not compared.
 
     Args:
         hand_eye: The calibration.
-        camera_id: Device id of the camera. None: not known.
-        robot_serial: Serial number of the robot. None: not known.
+        camera_id: Device id of the camera in the cell. None: unknown.
+        robot_serial: Serial number of the robot in the cell. None: unknown.
 
     Raises:
-        HandEyeMismatchError: Camera or robot differ. The message names both.
+        HandEyeMismatchError: The camera or the robot differs. The message gives the expected and the actual one.
     """
     for what, measured, found in (
         ("camera", hand_eye.camera_id, camera_id),
@@ -186,7 +196,7 @@ def require_match(hand_eye: HandEye, camera_id: str | None, robot_serial: str | 
 
 
 def _read(path: Path, missing: str, no_file: str) -> bytes:
-    """Read the file. `missing` and `no_file` say what to do if it does not exist or is a folder."""
+    """Return the content of a file. The error for an absent path gives the advice `missing`, for a folder `no_file`."""
     try:
         return read_limited(path, MAX_BYTES)
     except FileNotFoundError as error:
@@ -200,7 +210,7 @@ def _read(path: Path, missing: str, no_file: str) -> bytes:
 
 
 def _parse(path: Path, content: bytes, max_age_days: float, now: datetime) -> HandEye:
-    """Parse the content of a hand-eye file, and check that it may be used."""
+    """Parse the content of a hand-eye file and check that its calibration may be used."""
     judged = parse_form(JudgedForm, content, path, HandEyeInvalidError)
     findings = tuple(Finding(**vars(finding)) for finding in judged.findings or [])
     if judged.refusals:
@@ -236,7 +246,7 @@ def _parse(path: Path, content: bytes, max_age_days: float, now: datetime) -> Ha
 
 
 def _unknown(form: HandEyeForm) -> tuple[str, ...]:
-    """Return a warning for each property that is not known and not checked."""
+    """Return one warning for each of time, camera and robot that the file does not contain."""
     properties = {
         "when it was made": form.created,
         "of which camera it is": form.camera_id,
@@ -250,13 +260,17 @@ def _unknown(form: HandEyeForm) -> tuple[str, ...]:
 
 
 def looks_back_message(T_flange_camera: NDArray[np.float64]) -> str:
-    """Return a message that the camera looks back at the arm, with the angle between its view and the flange's z."""
+    """Return the warning for a camera that points back at the arm.
+
+    Args:
+        T_flange_camera: (4, 4) camera pose on the flange, for the angle between optical axis and flange z.
+    """
     degrees = np.degrees(np.arccos(max(float(T_flange_camera[2, 2]), -1.0)))
     return f"by the hand-eye file the camera looks back at the arm, {degrees:.0f} degrees from the flange's z"
 
 
 def _looks_back_warnings(T_flange_camera: NDArray[np.float64]) -> tuple[str, ...]:
-    """Return a warning if the camera looks back along the flange's z: this is a mistake in the file, not a mounting."""
+    """Return a warning if the camera points back at the arm, which indicates an error in the file."""
     if T_flange_camera[2, 2] > LOOKS_BACK_COSINE:
         return ()
     return (f"{looks_back_message(T_flange_camera)}: {CHECK_ROTATION}",)

@@ -1,4 +1,4 @@
-"""Writing of the hand-eye file: a transform alone, or a solved calibration with its observations."""
+"""Write hand-eye files: from a transform alone, or from a calibration result with its observations."""
 
 import os
 from datetime import datetime
@@ -18,9 +18,9 @@ from calibration.result import HandEyeResult
 from calibration.storage.document import result_document
 
 SCHEMA_VERSION = 1
-"""Version of the file."""
+"""Version of the hand-eye file format."""
 MAX_DISTANCE_M = 1.0
-"""Maximum distance of a camera from the flange. Larger numbers are millimetres."""
+"""Maximum distance between camera and flange, metres. A larger number is probably in millimetres."""
 
 
 def write_hand_eye(
@@ -31,14 +31,14 @@ def write_hand_eye(
     camera_id: str | None = None,
     robot_serial: str | None = None,
 ) -> None:
-    """Write a hand-eye file. An existing file is replaced in one step, so no reader sees half of it.
+    """Write a hand-eye file with a transform alone. An existing file is replaced atomically.
 
     Args:
         path: The JSON file.
         T_flange_camera: (4, 4) pose of the camera on the flange, metres.
         created: Time of the measurement, with a time zone.
-        camera_id: Device id of the camera. None: not known.
-        robot_serial: Serial number of the robot. None: not known.
+        camera_id: Device id of the camera. None: unknown.
+        robot_serial: Serial number of the robot. None: unknown.
 
     Raises:
         NotRigidError: T_flange_camera is not a rigid transform.
@@ -59,18 +59,20 @@ def write_result(
     held_out: Observations | None = None,
     verification: dict[str, Any] | None = None,
 ) -> None:
-    """Write a solved calibration, whatever its verdict, and `observations.json` beside it, each in one step.
+    """Write a calibration result to a hand-eye file, and its observations to `observations.json` in the same folder.
+
+    Each file is replaced atomically. A result with any verdict is written.
 
     Args:
-        path: The JSON file of the calibration.
-        result: The calibration.
-        observations: The views that it was solved from. Their time is the time of the calibration.
-        held_out: Views that it was verified on. None: no such views.
-        verification: Result of this verification as JSON values. None: not verified.
+        path: The hand-eye file.
+        result: The calibration result.
+        observations: Views from which the result was estimated. `created` becomes the time of the calibration.
+        held_out: Views for verification only. None: no verification.
+        verification: Verification result as JSON values. None: no verification.
 
     Raises:
-        HandEyeInvalidError: The time of the observations has no time zone, or a result that is not refused has the
-            camera too far from the flange.
+        HandEyeInvalidError: `observations.created` has no time zone, or the camera is too far from the flange. The
+            distance is checked for eye-in-hand results that are not refused.
         OSError: A file cannot be written.
     """
     path = Path(path)
@@ -83,14 +85,14 @@ def write_result(
 
 
 def check_distance(path: Path, T_flange_camera: NDArray[np.float64]) -> None:
-    """Check that the camera is at a possible distance from the flange.
+    """Check that the camera is at most `MAX_DISTANCE_M` from the flange.
 
     Args:
         path: The file, for the message.
         T_flange_camera: (4, 4) pose of the camera on the flange, metres.
 
     Raises:
-        HandEyeInvalidError: It is farther than `MAX_DISTANCE_M`.
+        HandEyeInvalidError: The distance exceeds `MAX_DISTANCE_M`.
     """
     distance_m = float(np.linalg.norm(T_flange_camera[:3, 3]))
     if distance_m > MAX_DISTANCE_M:
@@ -101,7 +103,7 @@ def check_distance(path: Path, T_flange_camera: NDArray[np.float64]) -> None:
 
 
 def _head(path: Path, created: datetime | None, camera_id: str | None, robot_serial: str | None) -> dict[str, Any]:
-    """Return the members that all hand-eye files begin with."""
+    """Return the members at the start of every hand-eye file; raise if `created` has no time zone."""
     if created is not None and created.tzinfo is None:
         raise HandEyeInvalidError(f"{path}: created is {created.isoformat()}; a time zone is needed")
     return {

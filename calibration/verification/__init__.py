@@ -1,7 +1,7 @@
 """Verification of a calibration after it was solved.
 
-A calibration and new views of the board go into `verify`, which distinguishes a moved camera from a moved board. The
-hand-eye errors that scans estimate go into `judge_drift`, which detects a camera that moved since the calibration.
+`verify` takes a calibration and new views of the board. It distinguishes a moved camera from a moved board.
+`judge_drift` takes the hand-eye errors estimated from scans. It detects a camera that moved since the calibration.
 """
 
 from calibration.verification.drift import Drift, ScanError, judge_drift

@@ -1,4 +1,4 @@
-"""Prediction of the board by a calibration, and its comparison with the board that new views observe."""
+"""Prediction of the board pose from a calibration, and comparison with the board poses observed in new views."""
 
 from dataclasses import dataclass, replace
 
@@ -18,58 +18,61 @@ from calibration.storage.hand_eye_file import HandEye, require_match
 from calibration.target.board import Board
 
 MAX_FOCAL_DIFFERENCE = 0.05
-"""Maximum relative difference of two focal lengths of one camera. More means images of another size."""
+"""Maximum relative difference between the focal lengths of the calibration and of the new views.
+
+A larger difference means that the images have different sizes.
+"""
 
 
 @dataclass(frozen=True, eq=False)
 class PredictedBoard:
-    """The board as a calibration predicts it, with everything that limits the prediction."""
+    """Board pose predicted by a calibration, with the uncertainty of the prediction."""
 
     X: NDArray[np.float64]
-    """(4, 4) `T_flange_camera`; `T_base_camera` for a camera that stands in the cell (eye-to-hand)."""
+    """(4, 4) camera pose, metres: `T_flange_camera` (eye-in-hand) or `T_base_camera` (eye-to-hand)."""
     Y: NDArray[np.float64]
-    """(4, 4) pose of the board during the calibration: `T_base_board`, or `T_flange_board` (eye-to-hand)."""
+    """(4, 4) board pose during the calibration, metres: `T_base_board` (eye-in-hand) or `T_flange_board`
+    (eye-to-hand)."""
     covariance: NDArray[np.float64]
-    """(C, C) covariance of X, Y, the lens and the scale of the board (C = 17, as in `HandEyeResult.joint_covariance`),
-    of X and Y (C = 12), or of X alone (C = 6); the latter two from files."""
+    """(C, C) covariance of the errors of X, Y, lens and board scale, in the order of `HandEyeResult.joint_covariance`
+    (C = 17). Some calibration files have only the block of X and Y (C = 12), or of X (C = 6)."""
     K: NDArray[np.float64]
     """(3, 3) fitted pinhole matrix, pixels."""
     board_scale: float
-    """Estimated size of the board, as a share of the given size."""
+    """Estimated size of the board divided by its nominal size."""
     robot_sigma_m: float
-    """Noise of the flange positions along one axis, metres, one sigma."""
+    """Standard deviation of the robot position error per axis, metres."""
     robot_sigma_rad: float
-    """Noise of the flange rotations about one axis, radians, one sigma."""
+    """Standard deviation of the robot rotation error per axis, radians."""
     views_used: int
-    """Number of views that the calibration and its noise were estimated from."""
+    """Number of views from which the calibration and its noise were estimated."""
 
 
 @dataclass(frozen=True, eq=False)
 class BoardObservation:
-    """Deviation of the board that one view observes from the predicted board.
+    """Deviation of the board pose observed in one view from the predicted board pose.
 
-    A deviation is a rotation vector (radians) and a translation of the middle of the board (metres). Its axes are
-    those of the base for a camera on the flange, and those of the flange for a camera that stands in the cell.
+    Deviations are in the axes of the base frame (eye-in-hand) or of the flange frame (eye-to-hand).
     """
 
     deviation: NDArray[np.float64]
-    """(6,) rotation vector and translation."""
+    """(6,) rotation vector (rad), then translation of the middle of the board (m)."""
     J_prediction: NDArray[np.float64]
-    """(6, C) derivative of `deviation` with respect to the errors in `PredictedBoard.covariance`, first those of X."""
+    """(6, C) Jacobian of `deviation` with respect to the errors in `PredictedBoard.covariance`."""
     own_covariance: NDArray[np.float64]
-    """(6, 6) covariance of the errors of this view alone: robot and corners."""
+    """(6, 6) covariance of `deviation` due to the robot error and the corner noise of this view."""
 
 
 def predict_board(hand_eye: HandEye | HandEyeResult) -> PredictedBoard:
-    """Return the board as a calibration predicts it.
+    """Return the board pose that a calibration predicts.
 
     Args:
-        hand_eye: A solved calibration, or one that was read from a file.
+        hand_eye: A solved calibration, or a calibration read from a file.
 
     Raises:
         HandEyeInvalidError: The file has no board pose, no covariance or no camera matrix.
     """
-    # The joint covariance has no share of an unverified board size, which views cannot show.
+    # The joint covariance excludes the uncertainty of an unverified board size. Views cannot show this error.
     if isinstance(hand_eye, HandEyeResult):
         return PredictedBoard(
             hand_eye.X,
@@ -101,19 +104,19 @@ def predict_board(hand_eye: HandEye | HandEyeResult) -> PredictedBoard:
 
 
 def observe_board(predicted: PredictedBoard, views: Observations) -> tuple[list[str], list[BoardObservation]]:
-    """Compare the board in each view with the predicted board.
+    """Compare the board pose in each view with the predicted board pose.
 
-    A symmetric board is numbered such that its rotation against the prediction is smallest.
+    The corners of a symmetric board are renumbered so that the rotation from the predicted pose is smallest.
 
     Args:
-        predicted: The board as the calibration predicts it.
-        views: New views of the board. Those in which no board pose can be found are skipped.
+        predicted: Board pose predicted by the calibration.
+        views: New views of the board. Views without a board pose are skipped.
 
     Returns:
-        Names of the views with a board pose, and their observations.
+        Names of the views with a board pose, and one observation for each name.
 
     Raises:
-        HandEyeMismatchError: The images have another size than those of the calibration.
+        HandEyeMismatchError: The focal length of the views differs, so the images have another size.
     """
     if np.abs(predicted.K[[0, 1], [0, 1]] / views.K[[0, 1], [0, 1]] - 1).max() > MAX_FOCAL_DIFFERENCE:
         raise HandEyeMismatchError(
@@ -123,7 +126,7 @@ def observe_board(predicted: PredictedBoard, views: Observations) -> tuple[list[
     flange = views.T_base_flange
     T_camera = (flange if views.mounting == "eye-in-hand" else invert_poses(flange)) @ predicted.X
     views = renumber_to_prediction(views, invert_poses(T_camera) @ predicted.Y)
-    # Corners are undistorted with the given intrinsics; from there on, the fitted matrix counts.
+    # Undistort the corners with the given intrinsics, then project with the fitted camera matrix.
     nominal = stack_corners(views)
     corners = replace(nominal, K=predicted.K, points=predicted.board_scale * nominal.points)
     poses = estimate_board_poses(corners)
@@ -136,7 +139,7 @@ def observe_board(predicted: PredictedBoard, views: Observations) -> tuple[list[
         deviation = np.concatenate([_rotation_vector(board[:3, :3] @ predicted.Y[:3, :3].T), middle - predicted_middle])
         J_camera = _motion_jacobian(T_camera[k], middle)
         inverse_information = np.linalg.inv(information[k, :6, :6])
-        # An error of the lens or of the size is compensated by another pose of the board in the image.
+        # An error of the lens or of the board scale changes the board pose that fits the image.
         J_lens = -J_camera @ inverse_information @ information[k, :6, 6:]
         J_board = -_motion_jacobian(predicted.Y, predicted_middle)
         J_prediction = np.concatenate([J_camera, J_board, J_lens], axis=1)[:, : len(predicted.covariance)]
@@ -151,21 +154,27 @@ def observe_board(predicted: PredictedBoard, views: Observations) -> tuple[list[
 
 
 def _motion_jacobian(T: NDArray[np.float64], point: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the (6, 6) derivative of the motion at `point` (3,) with respect to a small motion in the frame `T`."""
+    """Return the Jacobian (6, 6) of the motion at `point` (3,) with respect to a small motion in the frame `T` (4, 4).
+
+    A motion has the order rotation (rad), then translation (m).
+    """
     T_point = T.copy()
     T_point[:3, 3] -= point
     return adjoint(T_point)
 
 
 def check_same_setup(hand_eye: HandEye | HandEyeResult, views: Observations) -> None:
-    """Check that the views are of the camera, robot, board and mounting of the calibration, as far as these are known.
+    """Check that the views have the camera, robot, board and mounting of the calibration.
+
+    For a solved calibration, only the mounting is compared. For a calibration from a file, unknown properties are not
+    compared, and the mounting is taken as eye-in-hand.
 
     Args:
         hand_eye: The calibration.
-        views: The views to verify it with.
+        views: The views for the verification.
 
     Raises:
-        HandEyeMismatchError: One of them differs. The message names both.
+        HandEyeMismatchError: A property differs. The message names the property in the calibration and in the views.
     """
     mounting = "eye-in-hand"
     if isinstance(hand_eye, HandEyeResult):

@@ -1,7 +1,7 @@
-"""Explanation of a displaced board: was the board moved, or the camera?
+"""Explanation of a displaced board by a motion of the board or by a motion of the camera.
 
 A board on a table moves along the table and turns about its normal, by the same amount in all views. A moved camera
-displaces the board along the axes of the camera, so the displacement differs between viewpoints.
+displaces the board in the axes of the camera. The displacement then differs between viewpoints.
 """
 
 from collections.abc import Sequence
@@ -15,30 +15,33 @@ from calibration.verification.board_prediction import BoardObservation, Predicte
 
 @dataclass(frozen=True, eq=False)
 class Displacement:
-    """Displacement of the board over N views. Each vector of six is a deviation as in `BoardObservation`."""
+    """Displacement of the board, estimated from N views.
+
+    Deviations have the axes, order and units of `BoardObservation.deviation`.
+    """
 
     mean: NDArray[np.float64]
     """(6,) mean deviation over the views."""
     covariance: NDArray[np.float64]
     """(6, 6) covariance of `mean`."""
     pair_differences: NDArray[np.float64]
-    """(P, 6) difference of the deviations of each pair of views."""
+    """(P, 6) difference between the deviations of the two views of each pair."""
     pair_covariances: NDArray[np.float64]
     """(P, 6, 6) covariance of each pair difference."""
     camera_deviations: NDArray[np.float64]
-    """(N, 6) deviations that the best-fitting motion of the camera would cause."""
+    """(N, 6) deviations that the best-fitting camera motion predicts."""
     camera_chi2: float
-    """Reduction of chi-square by this motion of the camera, which has six parameters."""
+    """Reduction of chi-square by the best-fitting camera motion, which has six parameters."""
     board_log_ratio: float
-    """Twice the logarithm of the likelihood ratio of a moved board to a moved camera."""
+    """Twice the log-likelihood ratio of a moved board to a moved camera; positive if a moved board is more likely."""
 
 
 def estimate_displacement(predicted: PredictedBoard, observations: Sequence[BoardObservation]) -> Displacement:
     """Combine the observations of one or more views into one displacement of the board.
 
     Args:
-        predicted: The board as the calibration predicts it.
-        observations: Deviations of the views from the prediction, at least one.
+        predicted: Board pose predicted by the calibration.
+        observations: Deviations of the N views from the prediction, at least one.
     """
     from scipy.linalg import block_diag
 
@@ -70,10 +73,10 @@ def estimate_displacement(predicted: PredictedBoard, observations: Sequence[Boar
 def _relative_to_first_turn(
     predicted: PredictedBoard, observations: Sequence[BoardObservation]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the (6N,) deviations and their (6N, C) derivative with respect to the errors of the prediction.
+    """Return deviations (6N,) that can be averaged, and their Jacobian (6N, C) with respect to the prediction errors.
 
-    Rotation vectors of large rotations cannot be added. They are split into the rotation of the first view about the
-    normal of the board, and a small rest.
+    Rotation vectors of large rotations cannot be averaged. Each rotation is therefore split into two parts: the turn of
+    the first view about the board normal, and a small remainder. The returned rotation is the sum of both vectors.
     """
     from scipy.spatial.transform import Rotation
 
@@ -86,7 +89,7 @@ def _relative_to_first_turn(
         rest = (Rotation.from_rotvec(each.deviation[:3]) * turned.inv()).as_rotvec()
         deviations.append(np.concatenate([twist + rest, each.deviation[3:]]))
         J = each.J_prediction.copy()
-        # An error in the predicted tilt turned together with the board.
+        # An error of the predicted board pose turns together with the board.
         J[:3, 6:12] = turned.as_matrix() @ J[:3, 6:12]
         jacobians.append(J)
     return np.concatenate(deviations), np.concatenate(jacobians)
@@ -95,7 +98,10 @@ def _relative_to_first_turn(
 def _best_explanation(
     deviations: NDArray[np.float64], J: NDArray[np.float64], covariance: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], float]:
-    """Fit `deviations` (D,) by the columns of `J` (D, U). Return the fit (D,) and the chi-square that remains."""
+    """Fit the columns of `J` (D, U) to `deviations` (D,), and return the fit (D,) and the remaining chi-square.
+
+    `covariance` (D, D) is the covariance of the deviations.
+    """
     from scipy.linalg import solve_triangular
 
     L = np.linalg.cholesky(covariance)

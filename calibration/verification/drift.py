@@ -1,11 +1,11 @@
-"""Drift of a calibration, estimated from the scans that were made with it.
+"""Drift of a calibration, estimated from the scans that were made with this calibration.
 
 Each scan gives a Gaussian likelihood of the hand-eye error (`ScanError`). The scans of a cell use the same viewpoints,
-where the robot has the same errors each time. The errors of the scans are therefore taken as fully correlated: their
-average is as uncertain as one scan.
+so the robot errors repeat. The errors of the scans are therefore assumed to be fully correlated. The average of the
+scans is then as uncertain as a single scan.
 
-The average is compared with the calibration, and with the first scans that were made with it. The second test finds a
-camera that was knocked later, even if the knock compensates an error of the calibration.
+The average is tested against the calibration, and against the first scans that were made with the calibration. The
+second test detects a camera that was knocked later, even if the knock cancels an error of the calibration.
 """
 
 from collections.abc import Sequence
@@ -15,34 +15,37 @@ import numpy as np
 from numpy.typing import NDArray
 
 MAX_SCANS = 20
-"""Number of recent scans that are tested together."""
+"""Maximum number of recent scans that are tested together."""
 LATEST_SCANS = 5
-"""Number of latest scans that are also tested alone, so that earlier scans do not hide a knocked camera."""
+"""Number of latest scans that are also tested alone. Earlier scans could hide a knocked camera."""
 MIN_SCANS = 3
-"""Minimum number of scans for an alarm, since something may have been moved during one of them."""
+"""Minimum number of scans for an alarm. An object may have moved during a single scan."""
 MAX_P_VALUE = 0.02
-"""Maximum p-value of a drift. Registration assumes larger errors of robot and camera than there are, so false alarms
-are far more rare: none of 24 simulated cells had a p-value below 0.2."""
+"""Limit of the p-value; a smaller p-value means a drift. Registration overestimates the errors of robot and camera, so
+false alarms are much rarer than this limit. None of 24 simulated cells had a p-value below 0.2."""
 PRIOR_SIGMA_M, PRIOR_SIGMA_RAD = 0.005, 0.0175
-"""Prior of the size of a drift, one sigma. It keeps the estimate small in directions that strings do not
-constrain."""
+"""Prior standard deviations of a drift per axis, metres and radians. The prior keeps the estimate small in directions
+that strings do not constrain."""
 _PRIOR_INFORMATION = np.diag(np.repeat([PRIOR_SIGMA_RAD, PRIOR_SIGMA_M], 3) ** -2.0)
 MIN_INFORMATION_SHARE = 1e-6
-"""Directions in which the scans have less than this share of the information of the calibration are ignored."""
+"""Minimum ratio of the information of the scans to the information of the reference, in each direction.
+
+Directions with less information are ignored.
+"""
 
 
 @dataclass(frozen=True, eq=False)
 class ScanError:
-    """Likelihood of the hand-eye error `c` (6,) by one scan, without any prior.
+    """Gaussian likelihood of the hand-eye error `c` (6,) from one scan, without a prior.
 
-    `c` is a rotation vector and a translation in the camera frame, radians and metres:
-    `T_flange_camera_true = T_flange_camera @ from_rotation_vector(c[3:], c[:3])`.
+    `c` has the order rotation (rad), then translation (m), in the camera frame:
+    `T_flange_camera_true = T_flange_camera @ from_rotation_vector(translation=c[3:], rotation_vector=c[:3])`.
     """
 
     information: NDArray[np.float64]
-    """(6, 6) inverse covariance; may be singular."""
+    """(6, 6) information matrix (inverse covariance); may be singular."""
     vector: NDArray[np.float64]
-    """(6,) `information @ c` at the most likely c."""
+    """(6,) information vector, `information @ c` at the maximum of the likelihood."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,27 +55,27 @@ class Drift:
     scans: int
     """Number of scans that were tested."""
     error: NDArray[np.float64]
-    """(6,) most likely hand-eye error, as in `ScanError`."""
+    """(6,) most likely hand-eye error relative to the reference, rotation (rad), then translation (m), camera frame."""
     p_value: float
-    """Probability of an error of at least this size without a drift."""
+    """Probability that the average error of the scans is at least this large without a drift."""
     drifted: bool
-    """Whether the p-value is too small, and stays so without any one of the scans."""
+    """True if the p-value is below `MAX_P_VALUE`, and stays below if any single scan is left out."""
     from_first: bool = False
-    """Whether `error` is the difference from the first scans. Otherwise, it is the difference from the calibration."""
+    """Reference of `error`: the first scans if True, the calibration if False."""
 
     @property
     def off_m(self) -> float:
-        """Distance of the camera from its pose by the calibration (or, `from_first`, by the first scans), metres."""
+        """Distance of the camera from its reference position, metres. `from_first` names the reference."""
         return float(np.linalg.norm(self.error[3:]))
 
     @property
     def off_rad(self) -> float:
-        """Rotation of the camera against that pose, radians."""
+        """Rotation of the camera from its reference orientation, radians. `from_first` names the reference."""
         return float(np.linalg.norm(self.error[:3]))
 
     @property
     def message(self) -> str:
-        """The result and what to do, for the operator."""
+        """Result and advice for the operator."""
         size = f"{self.off_m * 1000:.1f} mm and {np.degrees(self.off_rad):.2f} degrees"
         scans = f"{self.scans} scans"
         if not self.drifted and self.scans < MIN_SCANS:
@@ -97,18 +100,27 @@ class Drift:
 
 
 def judge_drift(scans: Sequence[ScanError], covariance: NDArray[np.float64], first: Sequence[ScanError] = ()) -> Drift:
-    """Test whether a calibration has drifted, with the latest scans, the first scans and the recent scans.
+    """Test whether a calibration has drifted.
+
+    The function makes up to three tests:
+
+    1. the latest `LATEST_SCANS` scans against the calibration;
+    2. the latest `LATEST_SCANS` scans against the first scans;
+    3. the latest `MAX_SCANS` scans against the calibration.
+
+    It returns the result of the first test that finds a drift, or else the result of the third test.
 
     Args:
-        scans: Likelihoods of the scans that were made with the calibration, oldest first.
-        covariance: (6, 6) covariance of the hand-eye error, radians and metres, in the order of `ScanError`.
-        first: The first scans with this calibration, none of the latest among them. Empty: no such test.
+        scans: Likelihoods from the scans that were made with the calibration, oldest first.
+        covariance: (6, 6) covariance of the hand-eye error, rotation (rad), then translation (m).
+        first: Likelihoods from the first scans with this calibration, without any of the latest scans. The second test
+            needs at least `MIN_SCANS` first scans.
     """
     latest = _test(scans[-LATEST_SCANS:], np.zeros(6), covariance)
     if latest.drifted:
         return latest
     if len(first) >= MIN_SCANS:
-        # The reference is the first scans alone, whatever the calibration says.
+        # The reference is the average of the first scans alone. The calibration has no influence.
         information = np.mean([scan.information for scan in first], axis=0) + _PRIOR_INFORMATION
         reference = np.linalg.solve(information, np.mean([scan.vector for scan in first], axis=0))
         knocked = _test(scans[-LATEST_SCANS:], reference, np.linalg.inv(information))
@@ -118,28 +130,32 @@ def judge_drift(scans: Sequence[ScanError], covariance: NDArray[np.float64], fir
 
 
 def _test(scans: Sequence[ScanError], reference: NDArray[np.float64], covariance: NDArray[np.float64]) -> Drift:
-    """Test the average error of the scans against `reference` (6,), which is known up to `covariance`."""
+    """Test the average hand-eye error of the scans against a `reference` (6,) with its `covariance` (6, 6)."""
     informations = np.array([scan.information for scan in scans]).reshape(-1, 6, 6)
     vectors = np.array([scan.vector - scan.information @ reference for scan in scans]).reshape(-1, 6)
     p_value = _p_value(informations, vectors, covariance)
     drifted = len(scans) >= MIN_SCANS and p_value < MAX_P_VALUE
     if drifted:
-        # One wrong scan, for example with something moved during it, must not raise the alarm alone.
+        # A single bad scan must not raise the alarm, for example if an object moved during the scan.
         rest = [np.arange(len(scans)) != k for k in range(len(scans))]
         drifted = all(_p_value(informations[some], vectors[some], covariance) < MAX_P_VALUE for some in rest)
     return Drift(len(scans), _most_likely(informations, vectors), p_value, drifted)
 
 
 def _p_value(informations: NDArray[np.float64], vectors: NDArray[np.float64], covariance: NDArray[np.float64]) -> float:
-    """Return the probability of an average error of at least this size without a drift."""
+    """Return the p-value of the average error under the hypothesis of no drift.
+
+    `informations` (S, 6, 6) and `vectors` (S, 6) are the likelihoods of the error relative to the reference, as in
+    `ScanError`. `covariance` (6, 6) is the covariance of the reference.
+    """
     if not len(informations):
         return 1.0
     from scipy.special import chdtrc
 
-    # Whiten by the covariance of the calibration, ...
+    # Whiten by the covariance of the reference.
     L = np.linalg.cholesky(covariance)
     whitened = L.T @ informations @ L
-    # ... and rotate to the principal axes of the information of the scans.
+    # Rotate to the eigenvectors of the information matrix of the scans.
     total, axes = np.linalg.eigh(whitened.sum(axis=0))
     each = np.maximum(np.einsum("ia,kij,ja->ka", axes, whitened, axes), 0.0)
     enough = total > MIN_INFORMATION_SHARE
@@ -152,6 +168,6 @@ def _p_value(informations: NDArray[np.float64], vectors: NDArray[np.float64], co
 
 
 def _most_likely(informations: NDArray[np.float64], vectors: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the most likely error (6,) by the average scan and the prior of the size of a drift."""
+    """Return the most likely error (6,) from the average of the scans and the prior of a drift."""
     count = max(len(informations), 1)
     return np.linalg.solve(informations.sum(axis=0) / count + _PRIOR_INFORMATION, vectors.sum(axis=0) / count)

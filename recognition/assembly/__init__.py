@@ -1,7 +1,7 @@
 """Assembly of the model's chains and crossings from fitted strands.
 
-Fitted strands, the registered surface and the scene go in. Chains with sigmas, view counts and ends come out, together
-with their crossings, the surface that no chain explains, and messages about everything that is not certain.
+The input is the fitted strands, the registered surface and the scene. The output is the chains with their sigmas, view
+counts and ends, the crossings, the surface that belongs to no chain, and messages about uncertain results.
 """
 
 from recognition.assembly.chain_ends import mark_fragmented_ends, mark_unobserved_ends

@@ -1,4 +1,4 @@
-"""Ends of chains that may not be ends of a string: the string may continue there."""
+"""Detection of chain ends at which the string may continue."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -13,36 +13,33 @@ from recognition.parameters import ChainParameters
 from recognition.refinement.end_merging import MAX_FACING_COSINE
 
 DIRECTION_LENGTH_RADII = 2.0
-"""Length of the chain, in radii, that gives its direction at an end."""
+"""Length of chain from which the direction of an end is measured, in radii."""
 MIN_AHEAD_COSINE = np.cos(np.radians(35))
-"""A point is ahead of an end if, seen from the end, it is within this angle of the end's direction."""
+"""Minimum cosine between the direction of an end and the direction from the end to a point ahead (35 degrees)."""
 MAX_CONTINUATION_RADII = 3.0
-"""A point ahead is near if its distance is below this number of radii: unexplained surface begins 2 radii away."""
+"""Maximum distance from an end to its continuation, in radii. Unexplained surface begins at a distance of 2 radii."""
 MAX_FRAGMENT_GAP_RADII = 1.5
-"""Ends closer than this number of radii may belong to one string.
+"""Maximum gap between two facing ends that may belong to one string, in radii of the thicker chain.
 
-Two whole strings that lie end to end keep a distance because their ends are round, or they are recognised as one.
+Two whole strings that lie end to end have a larger gap because their ends are round, or they are recognised as one.
 """
 
 
 def mark_unobserved_ends(
     chains: Sequence[Chain], unexplained: Sequence[NDArray[np.float64]], parameters: ChainParameters
 ) -> tuple[Chain, ...]:
-    """Mark the `free` ends that have unexplained surface ahead of them as `unseen`.
+    """Mark an end as `unseen` if unexplained surface lies ahead of the end.
 
-    The string may continue there: its end was not observed. The continuation may have been too short, or measured too
-    badly, to be recognised as string.
+    The string may continue there, so its end was not observed. The continuation was perhaps too short or too poorly
+    measured to be recognised.
 
     Args:
         chains: Chains of the model.
         unexplained: (M, 3) points of each piece of unexplained surface, metres, base frame.
-        parameters: Radius r; a chain thicker than r uses its own radius.
+        parameters: Method parameters; uses the radius r. A chain thicker than r uses its own radius.
 
     Returns:
-        The chains, with changed ends. Closed chains are unchanged.
-
-    Source:
-        Ours.
+        The chains with the marked ends. Closed chains are unchanged.
     """
     if not unexplained:
         return tuple(chains)
@@ -51,20 +48,16 @@ def mark_unobserved_ends(
 
 
 def mark_fragmented_ends(chains: Sequence[Chain]) -> tuple[tuple[Chain, ...], list[str]]:
-    """Mark pairs of ends that face each other within `MAX_FRAGMENT_GAP_RADII` as `unseen`.
+    """Mark two ends as `unseen` if they face each other within `MAX_FRAGMENT_GAP_RADII`.
 
-    A string that was recognised in fragments, for example after a wrong radius, has two ends too many. A robot that
-    pulls one of these ends also moves the other. The data do not show whether it is one string or two strings end to
-    end.
+    A wrong radius can split one string into two chains. A robot that pulls one chain then moves the other chain too.
+    The data do not show whether the two ends belong to one string or to two strings that lie end to end.
 
     Args:
         chains: Chains of the model.
 
     Returns:
-        The chains, with changed ends, and one ambiguity for each pair.
-
-    Source:
-        Ours.
+        The chains with the marked ends, and one message for each pair of ends.
     """
     ends = [(k, at) for k, chain in enumerate(chains) if not chain.closed for at in (0, 1)]
     points, directions = np.empty((len(ends), 3)), np.empty((len(ends), 3))
@@ -87,9 +80,9 @@ def mark_fragmented_ends(chains: Sequence[Chain]) -> tuple[tuple[Chain, ...], li
 
 
 def _mark_ends(chain: Chain, rest: NDArray[np.float64], parameters: ChainParameters) -> Chain:
-    """Mark the ends of one open chain that continue in `rest` (M, 3)."""
+    """Mark each end of an open chain as `unseen` if unexplained surface `rest` (M, 3) lies ahead of the end."""
     first, last = chain.ends
-    # The unexplained surface begins farther away from a thicker chain.
+    # Unexplained surface begins at twice this radius from the chain.
     r = max(chain.radius_m, parameters.r)
     if _continues(chain.points, rest, r):
         first = "unseen"
@@ -99,7 +92,7 @@ def _mark_ends(chain: Chain, rest: NDArray[np.float64], parameters: ChainParamet
 
 
 def _continues(line: NDArray[np.float64], rest: NDArray[np.float64], r: float) -> bool:
-    """Return whether a point of `rest` (M, 3) is ahead of the first point of `line` (N, 3) and near it."""
+    """Return whether a point of `rest` (M, 3) lies near and ahead of the first point of `line` (N, 3)."""
     offset = rest - line[0]
     distance = np.linalg.norm(offset, axis=1)
     ahead = offset @ end_direction(line, DIRECTION_LENGTH_RADII * r) > MIN_AHEAD_COSINE * distance

@@ -15,11 +15,11 @@ from recognition.registration.registration import Registration
 from recognition.tracing.height_map import HeightMap
 
 MAX_SUPPORTED_GAP_RADII = 0.4
-"""A larger gap between the table and the string, in radii, gives a warning: a string rests on the table somewhere."""
+"""Maximum gap between the table and a string, in radii of the string. A larger gap gives a warning."""
 MAX_THINNER_SHARE = 0.25
-"""A string that is thinner than r by more than this share gives an ambiguity.
+"""Maximum share of r by which a string may be thinner than r. A thinner string gives an ambiguity.
 
-Parts of such strings are mistaken for the table or for noise. Thicker strings are found whole.
+Recognition mistakes parts of a thinner string for the table or for noise. It finds all of a thicker string.
 """
 
 
@@ -30,28 +30,25 @@ class ChainAssembly:
     chains: tuple[Chain, ...]
     """Chains in the order of their `id`."""
     ambiguities: tuple[str, ...]
-    """Messages about chains that may not be strings, and about strings that may not be complete."""
+    """Messages about chains that may not be strings, and about strings that may be incomplete."""
     warnings: tuple[str, ...]
-    """Messages about strands that were excluded, and about chains that contradict the radius or the table."""
+    """Messages about excluded strands, and about chains that contradict the expected radius or the table height."""
 
 
 def assemble_fitted_chains(
     refinement: Refinement, registration: Registration, height_map: HeightMap, scene: Scene, parameters: ChainParameters
 ) -> ChainAssembly:
-    """Return the chains of those fitted strands that are strings.
+    """Build the chains of the model from the fitted strands that are classified as strings.
 
     Args:
-        refinement: Fitted strands and the scatter of the surface about them.
-        registration: Registered views and their surface.
+        refinement: Fitted strands, and the standard deviation of the surface points about their tubes.
+        registration: Registered views and their merged surface.
         height_map: Height map of the registered surface.
-        scene: Height of the table and workspace.
-        parameters: Radius r and border margin r_f.
+        scene: Scene; uses the table height and the workspace.
+        parameters: Method parameters; uses the radius r and the border margin r_f.
 
     Returns:
-        The chains with sigmas, view counts and ends, and the messages about them.
-
-    Source:
-        Ours.
+        The chains with sigmas, view counts and ends, and the messages about the chains and the excluded strands.
     """
     classified = classify_strings(refinement, registration.points, parameters, scene.table_z_m)
     ambiguities, warnings = list(classified.ambiguities), list(classified.warnings)
@@ -98,21 +95,18 @@ def assemble_fitted_chains(
 def classify_ends(
     strand: FittedStrand, height_map: HeightMap, scene: Scene, parameters: ChainParameters
 ) -> tuple[End, End]:
-    """Return whether each end of the strand was observed: `free` if so, else `unseen`.
+    """Classify the ends of a strand: `free` if the end of the string was observed, else `unseen`.
 
-    An end was not observed if the strand leaves the workspace there, or continues under another strand.
+    An end is `unseen` if it lies near the border of the workspace or if another strand lies over its continuation.
 
     Args:
         strand: Fitted strand.
         height_map: Height map of the registered surface.
-        scene: Workspace.
-        parameters: Radius r and border margin r_f.
+        scene: Scene; uses the workspace.
+        parameters: Method parameters; uses the radius r and the border margin r_f.
 
     Returns:
-        The kinds of the first and the last point. Both are `free` for a closed strand, which has no unobserved end.
-
-    Source:
-        Ours.
+        The kinds of the first and the last end. A closed strand has two `free` ends.
     """
     if strand.closed:
         return "free", "free"

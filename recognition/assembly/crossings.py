@@ -1,7 +1,7 @@
-"""Crossings of strands in the projection onto the table, and which strand is over, by height.
+"""Detection of crossings in the projection onto the table. The higher strand is the over strand.
 
-`find_crossings` serves the methods of the paper: it measures the heights of the strands on the surface.
-`find_fitted_crossings` serves the graph method: it compares the heights of the fitted centre lines.
+`find_crossings` serves the methods of the paper and measures the heights of the strands on the surface.
+`find_fitted_crossings` serves the graph method and uses the heights of the fitted centre lines.
 """
 
 import math
@@ -20,49 +20,47 @@ from recognition.parameters import ChainParameters
 from recognition.strand import Strand
 
 TOP_PERCENTILE = 90.0
-"""Percentile of the heights beside a strand's middle that counts as its top: above most noise, below flying pixels."""
+"""Percentile of the surface heights near a centre line that gives the top of the strand. Flying pixels are higher."""
 HEIGHT_SIGMA_M = 0.0005
-"""One sigma of a strand's measured height, metres: depth noise averaged over a patch of size r."""
+"""Standard deviation of the measured height of a strand, metres: depth noise averaged over a patch of size r."""
 MAX_FLAT_GAP_SHARE = 0.3
-"""A crossing is flat if the heights of its strands differ by less than this share of the sum of both radii.
+"""A crossing is flat if the height difference of its strands is less than this share of the sum of their radii.
 
-Strands that are pressed together differ by a share of 0.6, and measurements scatter about that value.
+Strands that are pressed together have a share of about 0.6.
 """
 MAX_GRAZING_RADII = 6.0
-"""Two flat crossings of the same strands, closer than this number of radii along both, are one grazing contact.
+"""Two flat crossings of the same two strands are a grazing contact if they are closer than this along each strand.
 
-The strands then lie side by side and do not cross.
+The unit is the radius of the thicker strand. At a grazing contact, the strands lie side by side and do not cross.
 """
 MAX_UNDECIDED_CONFIDENCE = 0.6
-"""Maximum confidence of a crossing that is flat, or whose views contradict the heights."""
+"""Maximum confidence of a crossing if it is flat, or if the views contradict the heights of its strands."""
 
 
 @dataclass(frozen=True, eq=False)
 class CrossingSet:
-    """All crossings of a scene, and the messages about those that are not certain."""
+    """All crossings of a scene, and the messages about uncertain crossings."""
 
     crossings: tuple[Crossing, ...]
-    """Crossings in the order of the strands and along them. Each `id` is the index in this tuple."""
+    """Crossings, sorted by strand and then by arc length. The `id` of a crossing is its index in this tuple."""
     ambiguities: tuple[str, ...]
     """One message for each crossing with a confidence below `MIN_CERTAIN_CONFIDENCE`."""
 
 
 def find_crossings(strands: Sequence[Strand], surface: NDArray[np.float64], parameters: ChainParameters) -> CrossingSet:
-    """Return the crossings of the strands, with the heights measured on the surface.
+    """Return the crossings of the strands. The surface gives the heights of the strands.
 
-    The strand with the higher top is over. Both strands are measured beside the crossing, where the other strand does
-    not hide them.
+    The strand with the higher top is over. The height of each strand is measured on the surface on both sides of the
+    crossing, where the other strand does not hide it.
 
     Args:
         strands: Strands of the scene.
         surface: (N, 3) registered surface points, metres, base frame.
-        parameters: Radius r of the strands.
+        parameters: Method parameters; uses the radius r.
 
     Returns:
-        The crossings and their ambiguities. The confidence follows from the height difference and `HEIGHT_SIGMA_M`.
-
-    Source:
-        Ours.
+        The crossings, and messages about uncertain crossings. The confidence of a crossing follows from the height
+        difference and `HEIGHT_SIGMA_M`.
     """
     crossings, ambiguities = [], []
     for number, intersection in enumerate(find_intersections(strands)):
@@ -76,20 +74,17 @@ def find_crossings(strands: Sequence[Strand], surface: NDArray[np.float64], para
 
 
 def find_fitted_crossings(chains: Sequence[Chain]) -> CrossingSet:
-    """Return the crossings of fitted chains, with the heights of their centre lines.
+    """Return the crossings of fitted chains. The fitted centre lines give the heights of the chains.
 
-    The chain with the higher centre line is over. The confidence follows from the height difference and the sigmas of
-    both chains. It is at most `MAX_UNDECIDED_CONFIDENCE` if the crossing is flat, or if views saw the under chain there
-    but not the over chain.
+    The chain with the higher centre line is over. The confidence of a crossing follows from the height difference and
+    the sigmas of the two chains. It is at most `MAX_UNDECIDED_CONFIDENCE` if the crossing is flat. The same limit
+    applies if views saw the under chain at the crossing but no view saw the over chain.
 
     Args:
         chains: Fitted chains with `sigma_m` and `views`.
 
     Returns:
-        The crossings and their ambiguities. Grazing contacts are not crossings.
-
-    Source:
-        Ours.
+        The crossings, and messages about uncertain crossings. Grazing contacts are excluded.
     """
     crossings, ambiguities = [], []
     for intersection in _remove_grazing_contacts(find_intersections(chains), chains):
@@ -116,9 +111,10 @@ def find_fitted_crossings(chains: Sequence[Chain]) -> CrossingSet:
 def _make_crossing(
     intersection: Intersection, number: int, heights: NDArray[np.float64], confidence: float
 ) -> Crossing:
-    """Return the crossing at an intersection whose strands have the `heights` (2,), metres.
+    """Return the crossing at an intersection. `heights` (2,) are the heights of its two strands, metres.
 
-    The sign is that of the turn from the over strand's direction to the under strand's, seen from above.
+    The sign is +1 if the direction of the over strand turns counter-clockwise to the direction of the under strand,
+    seen from above. Otherwise it is -1.
     """
     over = int(heights.argmax())
     a, b = intersection.directions[over], intersection.directions[1 - over]
@@ -152,11 +148,18 @@ def _measure_height(
     surface: NDArray[np.float64],
     parameters: ChainParameters,
 ) -> float:
-    """Return the z of a strand's centre line at the crossing, from its tops on both sides of the other strand.
+    """Return the height of one strand's centre line at an intersection, metres, measured on the surface.
 
-    Heights are sampled from 1.5 r / sin(angle) to 2 r farther on each side of the crossing, within r / 2 of the
-    strand's line. The 1.5 r are the half width r of the other strand, and r / 2 to clear its flank. Without any surface
-    there, the height of the strand's own line counts.
+    The surface is sampled along the strand on both sides of the intersection. The samples begin at a distance of
+    1.5 r / sin(crossing angle), which clears the other strand, and span 2 r. Each sample uses the surface points within
+    r / 2 of the centre line, seen from above. Without surface there, the centre line itself gives the height.
+
+    Args:
+        strands: Strands of the scene.
+        intersection: Intersection of two strands.
+        side: Which of the two strands is measured: 0 or 1, index into `intersection.strands`.
+        surface: (N, 3) registered surface points, metres, base frame.
+        parameters: Method parameters; uses the radius r.
     """
     own, other = intersection.directions[side], intersection.directions[1 - side]
     sine = max(abs(float(planar_cross(own, other))), 0.3)
@@ -170,7 +173,7 @@ def _measure_height(
         offsets = offsets[(offsets >= 0) & (offsets <= length)]
         for point in points_at(line, offsets):
             beside = np.linalg.norm(surface[:, :2] - point[:2], axis=1) < parameters.r / 2
-            # Exclude the tops of a third strand that passes here.
+            # Exclude the surface of a third strand that passes over or under this point.
             beside &= np.abs(surface[:, 2] - point[2]) < 2 * parameters.r
             if beside.any():
                 tops.append(float(np.percentile(surface[beside, 2], TOP_PERCENTILE)) - parameters.r)
@@ -178,7 +181,7 @@ def _measure_height(
 
 
 def _remove_grazing_contacts(intersections: Sequence[Intersection], chains: Sequence[Chain]) -> list[Intersection]:
-    """Remove pairs of flat intersections that are one grazing contact."""
+    """Remove the intersections of grazing contacts: pairs of flat intersections that are close together."""
     flat = [k for k, intersection in enumerate(intersections) if _is_flat(intersection, chains)]
     removed: set[int] = set()
     for position, k in enumerate(flat):
@@ -197,7 +200,7 @@ def _is_flat(intersection: Intersection, chains: Sequence[Chain]) -> bool:
 
 
 def _is_same_contact(one: Intersection, other: Intersection, chains: Sequence[Chain]) -> bool:
-    """Return whether two intersections of the same strands are near each other along both."""
+    """Return whether two intersections have the same strands and are close together along each strand."""
     if one.strands != other.strands:
         return False
     distances = [
@@ -208,6 +211,6 @@ def _is_same_contact(one: Intersection, other: Intersection, chains: Sequence[Ch
 
 
 def _value_at(chain: Chain, s_m: float, field: str) -> float:
-    """Return a chain's per-point `field`, interpolated at the arc length `s_m`."""
+    """Interpolate the point values in `field` of a chain (such as "sigma_m") at the arc length `s_m`, metres."""
     values = np.asarray(getattr(chain, field), dtype=np.float64)
     return float(ChainInterpolator(chain)(np.array(s_m), values))

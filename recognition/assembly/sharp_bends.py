@@ -1,4 +1,4 @@
-"""Sharp bends: positions at which a chain may have changed to the wrong strand."""
+"""Detection of sharp bends, at which a chain may have changed to the wrong strand."""
 
 from collections.abc import Sequence
 
@@ -9,23 +9,20 @@ from recognition.messages import format_position
 from recognition.model.chains import Chain
 
 MAX_BEND_RAD = np.radians(75)
-"""A string does not bend by more than this within r_f to either side: its bend radius would be about r."""
+"""Maximum bend angle at a point of a string, radians. A larger angle needs a bend radius below about 1.5 radii."""
 
 
 def sharp_bend_messages(chains: Sequence[Chain]) -> list[str]:
     """Return a message for each chain that bends more sharply than a string can.
 
-    At each point, the direction over r_f before it is compared with the direction over r_f after it. The chain may have
-    taken the wrong strand where they differ by more than `MAX_BEND_RAD`.
+    The bend angle at a point is the angle between two directions: over two radii before and two radii after the point.
+    A chain with a bend above `MAX_BEND_RAD` may have taken the wrong strand there.
 
     Args:
-        chains: Chains of the model. Chains shorter than 2 r_f are not checked.
+        chains: Chains of the model. Chains shorter than four radii are not checked.
 
     Returns:
-        At most one ambiguity for each chain, with the position of its sharpest bend.
-
-    Source:
-        Ours.
+        At most one message for each chain, with the position of its sharpest bend.
     """
     messages = []
     for chain in chains:

@@ -1,4 +1,4 @@
-"""Uncertainty of a fitted strand: one sigma and the number of views at each point."""
+"""Uncertainty of a fitted strand: sigma and number of views at each point."""
 
 from collections.abc import Sequence
 
@@ -12,44 +12,42 @@ from recognition.refinement.refinement import FittedStrand
 from recognition.registration.registration import Registration
 
 SURFACE_STRIDE = 2
-"""Only every second surface point of a view is used to decide whether the view saw a point of the line."""
+"""Stride of the surface points of a view in the count of views. Every second surface point is enough."""
 MIN_VIEW_POINTS = 2
-"""A view saw a point of the line if it has at least this number of surface points beside it."""
+"""Minimum number of surface points beside a point of the strand. With fewer, the view did not see the point."""
 SYSTEMATIC_SHARE = 0.35
 """Share of the surface scatter that is common to all views and to neighbouring pixels.
 
-Averaging does not reduce it: it comes from stereo errors that repeat with the disparity. The value was measured on
-simulated scans, so that twice the sigma covers 95 of 100 cases there. It also covers the larger errors of a short
-baseline at a long distance.
+Averaging does not reduce this share, because stereo errors repeat with the disparity. The value was chosen on simulated
+scans: with it, 2 sigma covers 95 % of the errors there. It also covers the larger errors of a short baseline at a long
+distance.
 """
 MIN_SIGMA_M = 0.0001
-"""Lower limit of sigma, metres: errors of the lens and of the depth scale are common to all views."""
+"""Lower limit of sigma, metres. The errors of the lens and of the depth scale are common to all views."""
 MIN_HIDDEN_BEND_RADII = 8.0
-"""Smallest bend radius, in string radii, with which a hidden string may leave the smooth path."""
+"""Assumed minimum bend radius of a string where it is hidden, in radii of the string."""
 
 
 def point_uncertainty(
     strand: FittedStrand, registration: Registration, scatter_m: float
 ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Return one sigma across the string and the number of views, for each point of the strand.
+    """Return the sigma across the string and the number of views at each point of a fitted strand.
 
-    Twice the sigma covers the true centre line in 95 of 100 cases. The variance is the sum of four terms:
+    An interval of 2 sigma covers the true centre line in 95 % of the cases. The variance is the sum of four terms:
 
-    - the view poses after registration, which move the whole string;
-    - the fit, which depends on the surface scatter and on the number of points that support each point of the line;
-    - the errors that are common to all depth measurements;
-    - where the string is hidden, the distance by which it may bend unobserved.
+    - pose errors of the views after registration;
+    - the error of the fit, from the surface scatter and the support of the point;
+    - errors that are common to all depth measurements;
+    - the possible deviation of the string where it is hidden.
 
     Args:
         strand: Fitted strand with N points.
         registration: Registered views with the covariance of their poses.
-        scatter_m: Scatter of the surface about the fitted tubes, metres.
+        scatter_m: Standard deviation of the surface points about the fitted tubes, metres.
 
     Returns:
-        (N,) one sigma across the string, metres, and (N,) number of views. Bridged points have no view.
-
-    Source:
-        Ours.
+        The standard deviation (N,) across the string, metres, and the number (N,) of views that saw each point. The
+        number is 0 for bridged points.
     """
     views = np.where(strand.bridged, 0, _count_views(strand, registration.clouds))
     fit = 1.5 * scatter_m**2 / np.maximum(strand.support, 1e-3)
@@ -65,7 +63,7 @@ def point_uncertainty(
 
 
 def _count_views(strand: FittedStrand, clouds: Sequence[NormalCloud]) -> NDArray[np.int64]:
-    """Return (N,) the number of views that have surface beside each point of the line."""
+    """Return the numbers (N,) of views with surface points beside each point of the strand."""
     tree = KDTree(strand.points)
     n_views = np.zeros(len(strand.points), dtype=np.int64)
     for cloud in clouds:
@@ -78,17 +76,18 @@ def _count_views(strand: FittedStrand, clouds: Sequence[NormalCloud]) -> NDArray
 
 
 def _pose_variance(points: NDArray[np.float64], registration: Registration) -> NDArray[np.float64]:
-    """Return (N,) the variance of the views' mean displacement at each point, metres squared.
+    """Return the variances (N,) across the string that the pose errors cause at each point, metres squared.
 
-    Across the string there are two directions. The larger variance counts fully and the smaller one by half. Twice
-    the root then covers 95 of 100 cases, both for a round error and for an error along a line.
+    The displacement of a point is the mean of its displacements in all views. The covariance of the displacement across
+    the string has two eigenvalues. The variance is the larger eigenvalue plus half the smaller eigenvalue. Twice its
+    square root covers 95 % of the errors, whether the smaller eigenvalue is zero or equal to the larger eigenvalue.
     """
     n = len(registration.covariance) // 6
     mean = np.tile(np.eye(6), (1, n)) / n
     common = mean @ registration.covariance @ mean.T
     x, y, z = (points - registration.centre).T
     o = np.zeros(len(points))
-    # A twist (w, t) about the centre moves a point by w x p + t.
+    # A rotation vector w and a translation t move a point p, measured from the centre, by w x p + t.
     cross = np.stack([np.stack([o, z, -y], 1), np.stack([-z, o, x], 1), np.stack([y, -x, o], 1)], 1)
     J = np.concatenate([cross, np.broadcast_to(np.eye(3), cross.shape)], axis=2)
     tangent = unit_vectors(np.gradient(points, axis=0))

@@ -1,4 +1,4 @@
-"""Unexplained surface: measured points above the table that belong to no chain."""
+"""Detection of unexplained surface: measured points above the table that belong to no chain."""
 
 from collections.abc import Sequence
 
@@ -14,27 +14,24 @@ from recognition.model.chains import Chain
 from recognition.parameters import ChainParameters
 
 MAX_LISTED_PIECES = 5
-"""Number of pieces that get a message of their own; one more message counts the rest."""
+"""Maximum number of pieces with their own message. One more message gives the number of further pieces."""
 
 
 def find_unexplained_surface(
     surface: NDArray[np.float64], chains: Sequence[Chain], parameters: ChainParameters
 ) -> list[NDArray[np.float64]]:
-    """Return the connected pieces of the surface that are far from every chain, the largest first.
+    """Return the connected pieces of the surface that belong to no chain, the largest first.
 
-    A point is far from a chain if its distance is more than 2 r, or more than twice the chain's own radius if the
-    chain is thicker than r. Pieces smaller than r_cn are noise and are dropped.
+    A surface point belongs to the nearest chain if its distance is at most 2 r, or at most twice the radius of the
+    chain if the chain is thicker than r. Pieces smaller than r_cn are noise and are dropped.
 
     Args:
         surface: (N, 3) measured points above the table, metres, base frame.
         chains: Chains of the model. Without chains, the whole surface is unexplained.
-        parameters: Radius r and minimum size r_cn of a piece.
+        parameters: Method parameters; uses the radius r and the minimum size r_cn of a piece.
 
     Returns:
         (M, 3) points of each piece, metres, base frame.
-
-    Source:
-        Ours.
     """
     rest = surface[_is_far(surface, chains, parameters)] if chains else surface
     if len(rest) == 0:
@@ -48,16 +45,15 @@ def find_unexplained_surface(
 
 
 def unexplained_messages(pieces: Sequence[NDArray[np.float64]]) -> list[str]:
-    """Return the warnings for pieces of unexplained surface.
+    """Return the warnings about pieces of unexplained surface.
 
-    A piece may be string that the model misses, or an object that a gripper can collide with. The user must know
-    about both.
+    A piece may be string that the model misses, or an object with which a gripper can collide.
 
     Args:
         pieces: (M, 3) points of each piece, metres, base frame, the largest piece first.
 
     Returns:
-        One message for each of the first `MAX_LISTED_PIECES` pieces, and one with the number of the others.
+        One message for each of the first `MAX_LISTED_PIECES` pieces, and one message with the number of further pieces.
     """
     messages = [
         f"something of {_size(piece) * 1000:.0f} mm at {format_position(piece.mean(axis=0))} is above the table and in "
@@ -70,7 +66,7 @@ def unexplained_messages(pieces: Sequence[NDArray[np.float64]]) -> list[str]:
 
 
 def _is_far(surface: NDArray[np.float64], chains: Sequence[Chain], parameters: ChainParameters) -> NDArray[np.bool_]:
-    """Return (N,) whether each point is farther from every chain than that chain explains."""
+    """Return the mask (N,), True where a surface point is too far from the nearest chain to belong to it."""
     lines = [resample(close_polyline(chain.points, chain.closed), parameters.r) for chain in chains]
     reach = np.repeat([2 * max(chain.radius_m, parameters.r) for chain in chains], [len(line) for line in lines])
     distance, nearest = KDTree(np.vstack(lines)).query(surface, distance_upper_bound=float(reach.max()))

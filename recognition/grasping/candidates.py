@@ -1,4 +1,4 @@
-"""Grasp candidates: positions along a chain that suit the gripper if nothing else is near."""
+"""Grasp candidates: positions along a chain where the gripper could grasp if no obstacle were near."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -14,29 +14,29 @@ from recognition.parameters import ChainParameters
 STEP_M = 0.005
 """Distance between neighbouring positions along a chain, metres."""
 MAX_POSITIONS_PER_CHAIN = 100
-"""Maximum number of positions on a chain. On a long chain they are farther apart than `STEP_M`."""
+"""Maximum number of positions on a chain. On a long chain, positions are farther apart than `STEP_M`."""
 MAX_RELEVANT_DISTANCE_M = 0.03
-"""Distance to an end, a crossing or an obstacle, metres, beyond which it has no influence on a grasp."""
+"""Maximum distance, metres, at which an end, a crossing or an obstacle influences a grasp."""
 FULL_SCORE_VIEWS = 3
-"""Number of views from which a position gets the full score for visibility."""
+"""Minimum number of views for the full visibility score."""
 MIN_SLOPE_COSINE = 0.5
-"""Cosine of the steepest slope, 60 degrees, at which a string can be grasped from above."""
+"""Minimum cosine of the slope of a string that can be grasped from above (60 degrees)."""
 ROUNDING_M = 1e-9
 """Tolerance for rounding errors, metres."""
 
 
 @dataclass(frozen=True, eq=False)
 class GraspCandidates:
-    """Positions along a chain, one row each."""
+    """N grasp candidates on one chain."""
 
     s_m: NDArray[np.float64]
     """(N,) arc length along the chain, metres."""
     point: NDArray[np.float64]
     """(N, 3) points on the centre line, metres, base frame."""
     direction: NDArray[np.float64]
-    """(N, 3) unit vectors: the direction of the chain, projected onto the table plane."""
+    """(N, 3) chain directions projected onto the table plane, unit vectors, base frame."""
     opening_m: NDArray[np.float64]
-    """(N,) opening that the gripper needs, metres."""
+    """(N,) opening of the gripper that each candidate needs, metres."""
     base_score: NDArray[np.float64]
     """(N,) score without the factors for clearance, reach and tilt."""
 
@@ -44,20 +44,17 @@ class GraspCandidates:
 def find_candidates(
     chain: Chain, crossings: Sequence[Crossing], parameters: ChainParameters, gripper: Gripper
 ) -> tuple[GraspCandidates | None, str]:
-    """Return the positions along a chain that could be grasped if nothing else were near.
+    """Return the positions along a chain that could be grasped if no obstacle were near.
 
     Args:
         chain: Chain to grasp.
         crossings: Crossings of all chains.
-        parameters: Radius r and extent r_cn of an intersection.
+        parameters: Method parameters; uses the radius r and the extent r_cn of an intersection.
         gripper: Dimensions of the gripper.
 
     Returns:
-        The candidates, and the reason to report if none of them becomes a grasp. The candidates are None if the chain
-        is too short for a finger.
-
-    Source:
-        Ours.
+        The candidates, and the reason to report if no candidate becomes a grasp. The candidates are None if the chain
+        is not longer than the width of a finger.
     """
     line, length, half, r = ChainInterpolator(chain), chain.length_m, gripper.finger_width_m / 2, chain.radius_m
     if len(chain.points) < 2 or length <= 2 * half:
@@ -110,7 +107,7 @@ def find_candidates(
 def _distance_to_passes(
     line: ChainInterpolator, s: NDArray[np.float64], crossings: Sequence[Crossing]
 ) -> NDArray[np.float64]:
-    """Return (N,) the distances along the chain to its nearest pass through a crossing; infinite without a pass."""
+    """Return the distances (N,) along the chain from `s` (N,) to the nearest crossing pass, metres; inf for no pass."""
     passes = [p.s_m for x in crossings for p in (x.over, x.under) if p.chain == line.chain.id]
     return np.min([np.full(len(s), np.inf), *(line.distance(s, t) for t in passes)], axis=0)
 
@@ -118,7 +115,7 @@ def _distance_to_passes(
 def _distance_to_lower_passes(
     line: ChainInterpolator, s: NDArray[np.float64], crossings: Sequence[Crossing]
 ) -> NDArray[np.float64]:
-    """Return (N,) the distances to the nearest pass where the chain is, or may be, the lower strand."""
+    """Return the distances (N,) from `s` (N,) to the nearest pass where the chain is or may be the lower strand."""
     passes = [x.under for x in crossings] + [x.over for x in crossings if x.confidence < MIN_CERTAIN_CONFIDENCE]
     distances = [line.distance(s, p.s_m) for p in passes if p.chain == line.chain.id]
     return np.min([np.full(len(s), np.inf), *distances], axis=0)

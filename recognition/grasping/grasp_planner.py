@@ -1,7 +1,7 @@
 """Grasp planner: grasps of a parallel gripper along each chain, with their clearance and score.
 
-The gripper approaches the centre line from straight above and closes across the string. Near other strands or objects
-it may also be tilted about the string, or reach less deep.
+The gripper approaches the centre line from straight above and closes across the string. Near other strands or objects,
+the gripper may also be tilted about the string, or reach less deep.
 """
 
 from collections.abc import Sequence
@@ -19,11 +19,11 @@ from recognition.preprocessing.target_cloud import Scene
 from recognition.registration.fusion import VOXEL_RADII
 
 FULL_SCORE_CLEARANCE_M = 0.01
-"""Clearance, metres, from which a grasp gets the full score for clearance."""
+"""Minimum clearance for the full clearance score, metres."""
 MIN_REACH_SHARE = 0.2
-"""Minimum reach of the fingertips beyond the centre line, as a share of the radius: with less, the string slips out."""
+"""Minimum reach of the fingertips beyond the centre line, in string radii. With less reach, the string slips out."""
 APPROACH_OPTIONS = ((0.0, 1.0), (0.0, 0.5), (15.0, 1.0), (-15.0, 1.0), (30.0, 1.0), (-30.0, 1.0))
-"""Tilt about the string, degrees, and reach beyond the centre line, as a share of the radius, in the order of trial."""
+"""Approach options in the order of trial: tilt about the string (degrees), reach beyond the centre line (radii)."""
 
 
 def find_grasps(
@@ -36,42 +36,41 @@ def find_grasps(
 ) -> tuple[tuple[Grasp, ...], list[str]]:
     """Return grasps along all chains, the best first, and a warning for each chain without a grasp.
 
-    A position has no grasp
+    A position along a chain is rejected for any of these reasons:
 
-    - within half the width of a finger from an end;
-    - within that distance plus r_cn, the extent of an intersection, from a crossing where the chain is the lower
-      strand, or may be it. On the upper strand, the gripper must keep clear of the lower one;
-    - if no view saw the string there;
-    - if the needed opening exceeds the stroke of the gripper. The opening is the diameter of the string, two sigma to
-      either side, the bend over the width of a finger, and the margin of the gripper;
-    - if the fingertips, kept clear of the table, do not reach far enough beyond the centre line;
-    - if fingers or palm, extended against the approach, come closer than the clearance of the gripper to another
-      strand, to another part of the same strand, to an object, or to the string itself beside the fingers. Other
-      strands and objects must not be in the space between the fingers either.
+    - The position is less than half a finger width from an end of the chain.
+    - The position is near a crossing where the chain is, or may be, the lower strand. The limit is half a finger width
+      plus r_cn, the extent of an intersection. Near other crossings, only the clearance counts.
+    - At some point under the finger, no view saw the string.
+    - The slope of the string exceeds 60 degrees.
+    - The needed opening exceeds the stroke of the gripper. The opening is the string diameter, plus two sigma and the
+      bend over a finger width on each side, plus the opening margin.
+    - Fingertips that keep clear of the table reach less than `MIN_REACH_SHARE` radii beyond the centre line.
+    - On the approach, a finger or the palm comes closer than `Gripper.clearance_m` to an object, to another strand, or
+      to a distant part of the same chain. An object or another strand between the fingers is not allowed either.
+    - On the approach, a finger or the palm comes too close to the gripped string. The limit is `Gripper.clearance_m` or
+      half the opening margin, whichever is smaller.
 
-    The score is a product of factors:
+    The score is the product of these factors:
 
-    - clearance: 1 from `FULL_SCORE_CLEARANCE_M` on;
-    - views: 1 from `FULL_SCORE_VIEWS` on;
-    - distance from the nearest end or crossing pass: from 0.5 at the pass to 1 at `MAX_RELEVANT_DISTANCE_M`;
+    - clearance: proportional up to `FULL_SCORE_CLEARANCE_M`, then 1;
+    - number of views: proportional up to `FULL_SCORE_VIEWS`, then 1;
+    - distance from the nearest end or crossing pass: from 0.5 at zero to 1 at `MAX_RELEVANT_DISTANCE_M`;
     - sigma: 1 / (1 + (2 sigma / r)^2);
-    - the cosines of the bend over half the width of a finger, of the slope of the string, and of the tilt;
-    - reach of the fingertips beyond the centre line: from 0.5 at none to 1 at r.
+    - cosine of the bend of the string, cosine of its slope, and cosine of the gripper tilt;
+    - reach of the fingertips beyond the centre line: from 0.5 at zero to 1 at r.
 
     Args:
         chains: Chains of the model.
         crossings: Crossings of the chains.
-        surface: (N, 3) measured points higher than z_t above the table, of strings and of other objects, metres, base
-            frame, merged to voxels of r * `VOXEL_RADII`.
-        scene: Height of the table.
-        parameters: Radius r and extent r_cn of an intersection.
+        surface: (N, 3) measured points of strings and other objects, metres, base frame. All are higher than z_t above
+            the table, and down-sampled to voxels of edge length r * `VOXEL_RADII`.
+        scene: Scene; uses the height of the table.
+        parameters: Method parameters; uses the radius r and the extent r_cn of an intersection.
         gripper: Dimensions of the gripper.
 
     Returns:
         The grasps in the base frame, and the warnings.
-
-    Source:
-        Ours.
     """
     obstacles = gather_obstacles(chains, surface, VOXEL_RADII * parameters.r)
     grasps: list[Grasp] = []
@@ -88,7 +87,7 @@ def find_grasps(
 def _best_grasps(
     chain: Chain, candidates: GraspCandidates, obstacles: Obstacles, table_z_m: float, gripper: Gripper
 ) -> list[Grasp]:
-    """Return the grasp with the best approach option for each candidate that has one."""
+    """Return the best grasp of each candidate over all approach options. Omit candidates without a possible grasp."""
     best: list[Grasp | None] = [None] * len(candidates.s_m)
     crowded = np.arange(len(candidates.s_m))
     for degrees, share in APPROACH_OPTIONS:
@@ -97,7 +96,7 @@ def _best_grasps(
         tilt, at = np.radians(degrees), crowded
         T = _grasp_frames(candidates.point[at], candidates.direction[at], tilt)
         opening = candidates.opening_m[at]
-        # The lowest corner of a fingertip is the outer one if the gripper is tilted.
+        # If the gripper is tilted, the outer corner of a fingertip is its lowest point.
         corner = opening / 2 + gripper.finger_thickness_m
         height = candidates.point[at, 2] - table_z_m - abs(np.sin(tilt)) * corner
         max_reach = (height - gripper.table_clearance_m) / np.cos(tilt)
@@ -116,7 +115,7 @@ def _best_grasps(
                     chain.id, float(candidates.s_m[at[k]]), T[k], float(opening[k]), float(reach[k]),
                     float(clearance[k]), above, float(score[k]),
                 )  # fmt: skip
-        # Another option can only improve candidates that do not have the full clearance.
+        # Other approach options can only improve candidates without the full clearance score.
         crowded = at[touches | (clearance < FULL_SCORE_CLEARANCE_M)]
     return [grasp for grasp in best if grasp is not None]
 
@@ -130,20 +129,29 @@ def _clearance_from_strings(
     obstacles: Obstacles,
     gripper: Gripper,
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-    """Return (N,) clearances from strands that are not gripped, and (N,) whether the gripped string is touched.
+    """Return the clearances (N,) from other strands, metres, and the mask (N,) of grasps that touch their own string.
 
     Clearances are at most `MAX_RELEVANT_DISTANCE_M`.
+
+    Args:
+        chain: The gripped chain.
+        s: (N,) arc lengths of the grasps along the chain, metres.
+        T: (N, 4, 4) grasp poses `T_base_grasp`.
+        opening: (N,) openings between the fingers, metres.
+        reach: (N,) distances of the fingertips beyond the centre line, metres.
+        obstacles: Chains and objects of the scene; uses the chains.
+        gripper: Dimensions of the gripper.
     """
     clearance, touches = np.full(len(s), MAX_RELEVANT_DISTANCE_M), np.zeros(len(s), dtype=bool)
     pose, ball = _near_pairs(T, obstacles.points, obstacles.tree_xy, float(obstacles.radius_m.max()), gripper)
     offset, local = _offsets(T, pose, obstacles.points[ball])
     same_chain = obstacles.chain[ball] == chain.id
     along = ChainInterpolator(chain).distance(obstacles.s_m[ball], s[pose])
-    # A part of the gripped string that comes back to the grasp counts as another strand.
+    # A distant part of the gripped chain that passes near the grasp counts as another strand.
     gripped = same_chain & (along <= 2 * np.linalg.norm(offset, axis=1) + gripper.finger_width_m)
     distance = swept_distance(local, opening[pose], reach[pose], gripper, ~gripped) - obstacles.radius_m[ball]
     np.minimum.at(clearance, pose[~gripped], distance[~gripped])
-    # The gripped string must pass between the fingers with half the margin to either side.
+    # The gripped string must fit between the fingers with half the opening margin on each side.
     min_distance = min(gripper.clearance_m, gripper.opening_margin_m / 2) - ROUNDING_M
     touches[pose[gripped & (distance < min_distance)]] = True
     return clearance, touches
@@ -156,10 +164,11 @@ def _clearance_from_objects(
     objects: ObjectPoints,
     gripper: Gripper,
 ) -> NDArray[np.float64]:
-    """Return (N,) clearances from objects, at most `MAX_RELEVANT_DISTANCE_M`.
+    """Return the clearances (N,) from objects, metres, at most `MAX_RELEVANT_DISTANCE_M`.
 
-    Values below the clearance of the gripper are not exact. The balls of a cell are only checked if the cell may
-    contain the nearest one.
+    A clearance below `Gripper.clearance_m` is only an upper bound, because the grasp is rejected anyway. The spheres of
+    a cell are checked one by one only if the cell may contain the nearest sphere. `T`, `opening` and `reach` are as in
+    `_clearance_from_strings`.
     """
     clearance, closing = np.full(len(T), MAX_RELEVANT_DISTANCE_M), np.ones(len(T), dtype=bool)
     if len(objects.points) == 0:
@@ -185,13 +194,21 @@ def _clearance_from_objects(
 def _near_pairs(
     T: NDArray[np.float64], points: NDArray[np.float64], tree_xy: KDTree, extent_m: float, gripper: Gripper
 ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Return pairs of a pose and a point that may be closer than `MAX_RELEVANT_DISTANCE_M`.
+    """Return pairs of a grasp and an obstacle that may be closer than `MAX_RELEVANT_DISTANCE_M`.
 
-    `extent_m` is the maximum extent of the obstacle about a point.
+    Args:
+        T: (N, 4, 4) grasp poses `T_base_grasp`.
+        points: (P, 3) obstacle points, metres, base frame.
+        tree_xy: Search tree of the obstacle points in the table plane.
+        extent_m: Maximum distance from an obstacle point to the surface of its obstacle, metres.
+        gripper: Dimensions of the gripper.
+
+    Returns:
+        Grasp indices (K,) and obstacle indices (K,).
     """
     radius = MAX_RELEVANT_DISTANCE_M + extent_m
     radius += np.hypot(gripper.stroke_m / 2 + gripper.finger_thickness_m, gripper.palm_width_m / 2)
-    # A tilted gripper may touch a high object beside the grasp position.
+    # A tilted gripper may touch a high object beside the grasp.
     height_range = float(np.ptp(np.append(points[:, 2], T[:, 2, 3])))
     radius += height_range * float(np.abs(T[:, 2, 0] / T[:, 2, 2]).max())
     near = KDTree(T[:, :2, 3]).sparse_distance_matrix(tree_xy, radius, output_type="ndarray")
@@ -201,13 +218,16 @@ def _near_pairs(
 def _offsets(
     T: NDArray[np.float64], pose: NDArray[np.intp], points: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return (K, 3) the offsets of the points from the poses with the indices `pose`, in the base and grasp frames."""
+    """Return the offsets of `points` (K, 3) from the origins of the poses `T[pose]`, metres.
+
+    The first array (K, 3) is in the base frame, the second array (K, 3) in the grasp frames.
+    """
     offset = points - T[pose, :3, 3]
     return offset, np.einsum("ni,nij->nj", offset, T[pose, :3, :3])
 
 
 def _grasp_frames(point: NDArray[np.float64], direction: NDArray[np.float64], tilt: float) -> NDArray[np.float64]:
-    """Return (N, 4, 4) T_base_grasp: y along the string, z down and tilted by `tilt` about y."""
+    """Return the poses T_base_grasp (N, 4, 4): y along `direction` (N, 3), z down, tilted by `tilt` (rad) about y."""
     down = np.broadcast_to((0.0, 0.0, -1.0), direction.shape)
     left = np.cross(direction, down)
     T = np.zeros((len(point), 4, 4))

@@ -1,4 +1,4 @@
-"""Parallel gripper, modelled as boxes, and the distance of points from it during the approach."""
+"""Box model of a parallel gripper, and the distance of points from the gripper during the approach."""
 
 import math
 from dataclasses import asdict, dataclass
@@ -9,14 +9,15 @@ from numpy.typing import NDArray
 from recognition.errors import InvalidGripperError
 
 MAX_DIMENSION_M = 0.5
-"""Maximum dimension of a gripper, metres: a larger value was probably given in millimetres."""
+"""Maximum dimension of a gripper, metres. A larger value was probably given in millimetres."""
 
 
 @dataclass(frozen=True)
 class Gripper:
-    """A parallel gripper in its own frame: x = closing direction, z = approach, from the palm to the fingertips.
+    """Dimensions of a parallel gripper, metres.
 
-    The defaults are those of a common two-finger gripper with 85 mm stroke and slim fingertips. All are metres.
+    In the gripper frame, x is the closing direction, and z points from the palm to the fingertips. The default values
+    describe a common two-finger gripper with a stroke of 85 mm and slim fingertips.
 
     Raises:
         InvalidGripperError: A dimension is not valid.
@@ -29,11 +30,11 @@ class Gripper:
     finger_depth_m: float = 0.040
     """Length of the fingers from the palm to the fingertips (z)."""
     stroke_m: float = 0.085
-    """Widest opening between the fingers."""
+    """Maximum opening between the fingers."""
     palm_width_m: float = 0.075
     """Width of the palm along the string (y). Across the string, the palm is as wide as the open fingers."""
     opening_margin_m: float = 0.004
-    """Opening beyond the diameter of the string before the fingers close, both sides together."""
+    """Extra opening before the fingers close, in addition to the space that the string needs. Sum of both sides."""
     clearance_m: float = 0.001
     """Minimum distance of fingers and palm from everything that is not gripped, except the table."""
     table_clearance_m: float = 0.001
@@ -61,14 +62,17 @@ def swept_distance(
 ) -> NDArray[np.float64]:
     """Return the distances of points from the volume that the gripper sweeps on its approach to a grasp.
 
-    The two fingers and the palm are boxes that extend without end against the approach.
+    The volume consists of boxes for the two fingers and the palm. The boxes extend infinitely against the approach
+    direction.
 
     Args:
-        points: (N, 3) metres, each in the frame of its grasp (z = approach, origin on the centre line of the string).
+        points: (N, 3) points, metres. Each point is in the frame of its grasp: z along the approach, origin on the
+            centre line.
         opening_m: (N,) opening between the fingers, metres.
         reach_m: (N,) distance of the fingertips beyond the origin, metres.
         gripper: Dimensions of the gripper.
-        closing: (N,) whether the space between the fingers counts too, as for points that must not be gripped.
+        closing: Mask (N,), True where the space between the fingers belongs to the volume. Set True for points that
+            must not be gripped.
 
     Returns:
         (N,) distances, metres; 0 inside the volume.
@@ -83,5 +87,8 @@ def swept_distance(
 
 
 def _box_distance(*outside: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the distance from a box, given how far a point is outside along each axis (negative inside)."""
+    """Return the distances (N,) of points from a box.
+
+    Each argument (N,) is the distance of the points from the box along one axis; a negative value is inside.
+    """
     return np.sqrt(sum(np.maximum(part, 0.0) ** 2 for part in outside))

@@ -1,4 +1,4 @@
-"""Obstacles for the gripper: every chain along its whole length, and the other objects above the table."""
+"""Obstacles for the gripper: all chains along their whole length, and all other objects above the table."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -14,82 +14,83 @@ from recognition.geometry.voxel_grid import voxel_indices
 from recognition.model.chains import Chain
 
 MAX_STRING_NOISE_M = 0.004
-"""A point closer than this to the surface of a string is noise of the string, metres.
+"""Points within this distance of the surface of a string are noise of the string, metres.
 
-A point that is farther away, but closer than the radius of the string, is noise too unless an object is beside it.
+Points farther away, but within one string radius of the surface, are noise unless they continue an object.
 """
 VOXEL_M = 0.0015
-"""Edge of the voxels to which a fine surface is thinned, metres."""
+"""Edge length of the voxels for the down-sampling of a dense surface, metres."""
 MIN_THINNING_RATIO = 1.5
-"""A surface is thinned if `VOXEL_M` is at least this multiple of its spacing.
+"""Minimum ratio of `VOXEL_M` to the point spacing for the down-sampling of a surface.
 
-The balls about the centres of the voxels then leave no holes in a plane.
+With this ratio, spheres at the voxel centres leave no holes in a plane.
 """
 MIN_NEIGHBOUR_DISTANCE_M = 0.004
-"""Neighbours of a point are within this distance, metres, or within `NEIGHBOUR_SPACINGS` if that is farther."""
+"""Minimum radius of the neighbourhood of a point, metres."""
 NEIGHBOUR_SPACINGS = 3
-"""Neighbours of a point are within this number of spacings of the surface."""
+"""Radius of the neighbourhood of a point, in point spacings, if larger than `MIN_NEIGHBOUR_DISTANCE_M`."""
 MIN_NEIGHBOURS = 4
-"""A point with fewer neighbours is a flying pixel. A plane has 28 within three spacings, a thin rod 6."""
+"""Minimum number of neighbours; a point with fewer neighbours is a flying pixel.
+
+Within three point spacings, a point on a plane has 28 neighbours, and a point on a thin rod has 6.
+"""
 CELL_M = 0.01
-"""Edge of the cells that group the points of objects, metres. Cells far from a gripper are skipped."""
+"""Edge length of the grid cells that group the points of objects, metres. Cells far from the gripper are skipped."""
 
 
 @dataclass(frozen=True, eq=False)
 class ObjectPoints:
-    """Balls of equal size that cover the measured objects, in the order of their cells."""
+    """Collision spheres of equal size that cover the measured objects, sorted by grid cell."""
 
     points: NDArray[np.float64]
-    """(K, 3) centres of the balls, metres, base frame."""
+    """(K, 3) sphere centres, metres, base frame."""
     radius_m: float
-    """Radius of the balls, metres."""
+    """Radius of the spheres, metres."""
     count: NDArray[np.int64]
-    """(C,) number of balls in each cell; no cell is empty."""
+    """(C,) number of spheres in each cell; no cell is empty."""
     centre: NDArray[np.float64]
-    """(C, 3) mean of the points of each cell, metres, base frame."""
+    """(C, 3) mean of the sphere centres in each cell, metres, base frame."""
     extent_m: NDArray[np.float64]
-    """(C,) distance of each cell's farthest point from its centre, metres."""
+    """(C,) maximum distance of the sphere centres in each cell from `centre`, metres."""
 
     @cached_property
     def tree_xy(self) -> KDTree:
-        """Search tree of the centres of the cells in the table plane."""
+        """Search tree of `centre` in the table plane."""
         return KDTree(self.centre[:, :2])
 
 
 @dataclass(frozen=True, eq=False)
 class Obstacles:
-    """Balls that cover every chain along its whole length, and all other objects measured above the table."""
+    """Collision spheres along all chains, and collision spheres of all other objects above the table."""
 
     points: NDArray[np.float64]
-    """(M, 3) centres of the balls of the chains, metres, base frame."""
+    """(M, 3) sphere centres on the chains, metres, base frame."""
     radius_m: NDArray[np.float64]
-    """(M,) radius of each ball, metres."""
+    """(M,) radius of each sphere, metres."""
     chain: NDArray[np.int64]
-    """(M,) id of the chain."""
+    """(M,) id of the chain of each sphere."""
     s_m: NDArray[np.float64]
-    """(M,) arc length along the chain, metres."""
+    """(M,) arc length of each sphere centre along its chain, metres."""
     objects: ObjectPoints
-    """Objects that are not strings."""
+    """Spheres of the objects that are not strings."""
 
     @cached_property
     def tree_xy(self) -> KDTree:
-        """Search tree of the points of the chains in the table plane."""
+        """Search tree of `points` in the table plane."""
         return KDTree(self.points[:, :2])
 
 
 def gather_obstacles(chains: Sequence[Chain], surface: NDArray[np.float64], spacing_m: float) -> Obstacles:
-    """Return balls along every chain, and balls over the measured points that belong to no chain.
+    """Return collision spheres along every chain, and at the measured points that belong to no chain.
 
     Args:
         chains: All chains of the scene.
-        surface: (N, 3) measured points, metres, base frame, merged to voxels.
-        spacing_m: Edge of those voxels, metres. A surface is at most half their diagonal away from its points.
+        surface: (N, 3) measured points, metres, base frame, down-sampled to voxels.
+        spacing_m: Edge length of the voxels, metres. The true surface is at most half a voxel diagonal from the nearest
+            measured point.
 
     Returns:
         The obstacles, in the base frame.
-
-    Source:
-        Ours.
     """
     lines = [_chain_balls(chain) for chain in chains]
     points = np.vstack([np.empty((0, 3)), *(line for line, _ in lines)])
@@ -103,9 +104,9 @@ def gather_obstacles(chains: Sequence[Chain], surface: NDArray[np.float64], spac
 
 
 def _chain_balls(chain: Chain) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return points of the chain at most r / 2 apart, and their arc lengths.
+    """Return points (M, 3) along the chain, at most r / 2 apart, and their arc lengths (M,), metres.
 
-    Balls of radius r about these points leave notches in the surface of the string that are up to r / 30 deep.
+    Spheres of radius r at these points cover the string, except for notches up to r / 30 deep.
     """
     line = close_polyline(chain.points, chain.closed)
     s = resampled_lengths(line, chain.radius_m / 2)
@@ -115,7 +116,11 @@ def _chain_balls(chain: Chain) -> tuple[NDArray[np.float64], NDArray[np.float64]
 def _object_points(
     surface: NDArray[np.float64], strings: NDArray[np.float64], radius: NDArray[np.float64], spacing_m: float
 ) -> NDArray[np.float64]:
-    """Return (K, 3) the points of `surface` that are no string and not isolated, or the centres of their voxels."""
+    """Return the object points (K, 3) of `surface` (N, 3), without strings, string noise and flying pixels.
+
+    A dense surface is down-sampled to voxel centres. `strings` (M, 3) are points on the centre lines, and `radius` (M,)
+    are the string radii at these points, metres.
+    """
     gap = np.full(len(surface), np.inf)
     near_string = np.zeros(len(surface), dtype=bool)
     if len(strings) and len(surface):
@@ -131,8 +136,8 @@ def _object_points(
     max_distance = max(MIN_NEIGHBOUR_DISTANCE_M, NEIGHBOUR_SPACINGS * spacing_m)
     neighbours, _ = KDTree(surface).query(surface, k=MIN_NEIGHBOURS + 1, distance_upper_bound=max_distance)
     surface = surface[np.isfinite(np.asarray(neighbours)[:, -1])]
-    # An object beside a thick string continues into the zone of that string's noise. Two steps of `max_distance`, r
-    # each, are enough to follow an upright wall through this zone from above.
+    # An object beside a thick string may continue into the noise zone of the string. Two steps of `max_distance` (at
+    # least r) are enough to follow an upright wall from above through this zone.
     added = surface
     for _ in range(2):
         if len(added) and len(uncertain):
@@ -146,7 +151,7 @@ def _object_points(
 
 
 def _group_by_cell(points: NDArray[np.float64], radius_m: float) -> ObjectPoints:
-    """Return the points (K, 3) in the order of their cells, with the centre and extent of each cell."""
+    """Sort the sphere centres `points` (K, 3) by cell, and compute the centre and extent of each cell."""
     cell, count = voxel_indices(points, CELL_M)
     centre = group_sums(cell, points, len(count)) / count[:, None]
     extent = np.zeros(len(count))

@@ -1,4 +1,4 @@
-"""Chains, positions on them, crossings and grasps. Metres and radians, base frame."""
+"""Chains, positions on chains, crossings and grasps. Metres and radians, base frame."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 from recognition.geometry.polyline import arc_length
 
 End = Literal["free", "unseen"]
-"""Kind of an end: `free` if it was seen, `unseen` if the string left the workspace or could not be followed."""
+"""Kind of an end of a chain. `free`: the end of the string was observed. `unseen`: the string may continue there."""
 MIN_CERTAIN_CONFIDENCE = 0.9
-"""A crossing with a lower confidence is ambiguous: either strand may be the upper one."""
+"""Minimum confidence of a certain crossing. With less confidence, either strand may be the upper strand."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,15 +28,15 @@ class Chain:
     points: NDArray[np.float64]
     """(N, 3) points of the centre line, metres, base frame, in order from one end to the other."""
     sigma_m: NDArray[np.float64]
-    """(N,) one sigma of the position of each point across the string, metres."""
+    """(N,) standard deviation of the position of each point across the string, metres."""
     views: NDArray[np.int64]
-    """(N,) number of views that saw the string at each point; 0 = bridged, for example under a crossing."""
+    """(N,) number of views that saw the string at each point; 0 where no view did, for example under a crossing."""
     ends: tuple[End, End]
-    """First and last end. `free` if it was seen, `unseen` if the string left the workspace or could not be followed."""
+    """Kinds of the first and the last end, `free` or `unseen`."""
 
     @property
     def arc_length_m(self) -> NDArray[np.float64]:
-        """(N,) arc length of each point from the first one, metres."""
+        """(N,) arc length from the first point to each point, metres."""
         return arc_length(self.points)
 
     @property
@@ -58,24 +58,24 @@ class StrandPoint:
 
 @dataclass(frozen=True, eq=False)
 class Crossing:
-    """A crossing: one strand lies over another strand, of the same chain or of another one."""
+    """Crossing of two strands, which may belong to the same chain."""
 
     id: int
     """Number of the crossing in the model, from 0."""
     point: NDArray[np.float64]
-    """(3,) midpoint between the two centre lines, metres, base frame."""
+    """(3,) midpoint of the two centre lines at the crossing, metres, base frame."""
     over: StrandPoint
     """Position of the crossing on the upper strand."""
     under: StrandPoint
     """Position of the crossing on the lower strand."""
     gap_m: float
-    """Measured height of the upper centre line above the lower one, metres."""
+    """Measured height of the upper centre line above the lower centre line, metres."""
     angle_rad: float
     """Angle between the strands, seen from above, 0 to pi/2 radians."""
     sign: int
-    """Right-handed crossing sign for the directions of the chains, +1 or -1."""
+    """Crossing sign for the directions of the chains, +1 (right-handed) or -1 (left-handed)."""
     confidence: float
-    """Probability that `over` and `under` are not exchanged, 0.5 to 1."""
+    """Probability that `over` and `under` are assigned correctly, 0.5 to 1."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,28 +87,28 @@ class Grasp:
     s_m: float
     """Arc length along the chain, metres."""
     T_base_grasp: NDArray[np.float64]
-    """(4, 4) grasp pose in the base frame. z is the approach, x the closing direction (across the string, to the left
-    of the direction of the chain). The origin lies on the centre line. A rotation by pi about z gives the same
-    grasp."""
+    """(4, 4) grasp pose in the base frame, metres. The origin lies on the centre line. z is the approach direction, and
+    x is the closing direction: across the string, to the left of the chain direction. A rotation by pi about z gives an
+    equivalent grasp."""
     opening_m: float
     """Distance between the fingers before they close, metres."""
     reach_m: float
     """Distance of the fingertips beyond the origin, along z, metres."""
     clearance_m: float
-    """Smallest distance of fingers and palm from other strands and objects during the approach, metres. Values above
-    0.03 are given as 0.03."""
+    """Minimum distance of fingers and palm from other strands and objects during the approach, metres. Distances
+    above 0.03 are reported as 0.03."""
     table_clearance_m: float
-    """Smallest distance of the fingertips from the table, metres."""
+    """Minimum distance of the fingertips from the table, metres."""
     score: float
     """Quality of the grasp, from 0 to 1 (best)."""
 
 
 @dataclass(frozen=True, eq=False)
 class ChainInterpolator:
-    """Interpolation of values along a chain. A closed chain may be passed around more than once."""
+    """Linear interpolation of per-point values along a chain. On a closed chain, arc lengths may exceed one turn."""
 
     chain: Chain
-    """The chain."""
+    """Chain along which the values are interpolated."""
 
     @cached_property
     def _s(self) -> NDArray[np.float64]:
@@ -116,15 +116,15 @@ class ChainInterpolator:
         return np.concatenate([s - length, s, s + length, [2 * length]]) if self.chain.closed else s
 
     def __call__(self, s: NDArray[np.float64], values: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the values at the given arc lengths, by linear interpolation.
+        """Interpolate `values` at the arc lengths `s`.
 
         Args:
-            s: Arc lengths along the chain, metres, of any shape. On a closed chain of length L they may lie from -L
-                to 2 L.
+            s: Arc lengths along the chain, metres, array of any shape. The range is -L to 2 L on a closed chain of
+                length L. On an open chain, arc lengths beyond an end give the value at the end.
             values: (N,) or (N, 3) values at the points of the chain.
 
         Returns:
-            The interpolated values, of the shape of `s`, with a last axis of 3 if `values` is (N, 3).
+            Interpolated values with the shape of `s`, plus a last axis of 3 if `values` is (N, 3).
         """
         if self.chain.closed:
             values = np.concatenate([values, values, values, values[:1]])
@@ -135,18 +135,18 @@ class ChainInterpolator:
     def distance(self, s: NDArray[np.float64], t: NDArray[np.float64] | float) -> NDArray[np.float64]:
         """Return the distances along the chain between the arc lengths `s` and `t`, metres.
 
-        On a closed chain, the distance is the shorter one of the two directions.
+        On a closed chain, the distance is measured in the shorter direction.
         """
         distance = np.abs(s - t)
         return np.minimum(distance, self.chain.length_m - distance) if self.chain.closed else distance
 
 
 def canonical_order(points: NDArray[np.float64], closed: bool) -> NDArray[np.intp]:
-    """Return the indices that bring the points of a chain into the order of the model.
+    """Return the indices that bring the points of a chain into the canonical order.
 
-    The same string in the same position always has the same order. An open chain begins at the end with the smaller x
-    (then y, then z). A closed chain begins at the point with the smallest x, and continues to the neighbour with the
-    smaller x.
+    The canonical order depends on the positions of the points only. An open chain begins at the end with the smaller x.
+    A closed chain begins at the point with the smallest x, and continues to the neighbour with the smaller x. If x is
+    equal, y decides, then z.
 
     Args:
         points: (N, 3) points of the chain, metres.

@@ -1,7 +1,8 @@
-"""The topology of the strings, without lengths: Gauss code and P-data.
+"""Topology of the strings: Gauss code and P-data.
 
-P-data is a form that knot planners use. The paper (section I, its references [5] and [6]) describes it as elements
-"such as end, node and segment" whose relations are in a matrix. It leaves the matrix open; `PData` defines ours.
+P-data is a representation for knot planners. The paper (section I, references [5] and [6]) describes P-data as elements
+"such as end, node and segment" and a matrix of their relations. The paper does not define the entries of the matrix;
+`PData` defines them.
 """
 
 from collections.abc import Sequence
@@ -16,10 +17,10 @@ from recognition.errors import TopologyError
 from recognition.model.chains import Chain, Crossing, End, StrandPoint
 
 Role = Literal["over", "under"]
-"""Whether a chain passes a crossing over or under the other strand."""
+"""Whether a chain passes over or under the other strand at a crossing."""
 
 OVER, UNDER, JOINED = 1, -1, 2
-"""Entries of the matrix of `PData`: over pass of a crossing, under pass, and end of a chain."""
+"""Entries of `PData.matrix`: over pass of a crossing, under pass of a crossing, and end of a chain."""
 
 
 @dataclass(frozen=True)
@@ -31,34 +32,34 @@ class EndElement:
     which: Literal["first", "last"]
     """Which end of the chain."""
     s_m: float
-    """Arc length along the chain, metres."""
+    """Arc length of the end along the chain, metres."""
     end: End
-    """`free` or `unseen`, as in the chain."""
+    """Kind of the end, `free` or `unseen`, as in `Chain.ends`."""
 
 
 @dataclass(frozen=True)
 class CrossingElement:
-    """A crossing, the node of two passes."""
+    """A crossing of two strands, called "node" in the paper."""
 
     crossing: int
     """Id of the crossing."""
     sign: int
-    """Right-handed crossing sign, +1 or -1."""
+    """Crossing sign, +1 (right-handed) or -1 (left-handed)."""
     over: StrandPoint
-    """Position on the upper strand."""
+    """Position of the crossing on the upper strand."""
     under: StrandPoint
-    """Position on the lower strand."""
+    """Position of the crossing on the lower strand."""
 
 
 @dataclass(frozen=True)
 class SegmentElement:
-    """The part of a string from one end or crossing pass to the next."""
+    """The part of a chain from one end or crossing pass to the next."""
 
     chain: int
     """Id of the chain."""
     s_m: tuple[float, float]
-    """Arc lengths of its beginning and end, metres. The last segment of a closed chain continues past the first point
-    of the chain, so its end is larger than the length of the chain."""
+    """Arc lengths of the first and the last point of the segment, metres. The last segment of a closed chain continues
+    past the first point of the chain. The second arc length may therefore exceed the length of the chain."""
 
 
 Element = EndElement | CrossingElement | SegmentElement
@@ -66,41 +67,44 @@ Element = EndElement | CrossingElement | SegmentElement
 
 @dataclass(frozen=True, eq=False)
 class PData:
-    """Ends, crossings and segments, and the order in which they follow one another along the chains.
+    """P-data: ends, crossings and segments, and a matrix of their order along the chains.
 
-    `matrix[i, j]` is not 0 if element j follows element i along a chain, from its first point to its last: end to
-    segment, segment to crossing, crossing to segment, segment to end. The value says how:
+    Every chain runs from its first point to its last point. `matrix[i, j]` is non-zero if element j directly follows
+    element i along a chain: end to segment, segment to crossing, crossing to segment, or segment to end. The value is:
 
-    - 1 (`OVER`): the segment arrives at, or leaves, the over pass of the crossing;
-    - -1 (`UNDER`): the segment arrives at, or leaves, the under pass of the crossing;
-    - 2 (`JOINED`): the segment begins or stops at the end. A closed chain without crossings is one segment that
-      follows itself.
+    - 1 (`OVER`) if the segment arrives at or leaves a crossing on the over pass;
+    - -1 (`UNDER`) if the segment arrives at or leaves a crossing on the under pass;
+    - 2 (`JOINED`) if the segment begins or stops at an end.
 
-    The row of a segment holds its successor, and its column its predecessor. The row and the column of a crossing hold
-    one 1 and one -1 each. `(matrix != 0) | (matrix.T != 0)` is the incidence. The sign gives the order of the four
-    segments around a crossing. At a positive crossing, counter-clockwise from above, they are: over leaving, under
-    leaving, over arriving, under arriving.
+    A closed chain without crossings is one segment that follows itself, with the value 2.
+
+    The row of a segment has one non-zero entry, for the successor. The column of a segment has one non-zero entry, for
+    the predecessor. The row and the column of a crossing each have one entry 1 and one entry -1. The incidence matrix
+    is `(matrix != 0) | (matrix.T != 0)`.
+
+    The sign of a crossing gives the order of the four segments around the crossing. At a positive crossing, this order
+    is, counter-clockwise from above: over leaving, under leaving, over arriving, under arriving.
 
     Source:
-        Section I of the paper, its references [5] and [6]. The values of the matrix are ours.
+        Section I, references [5] and [6]. The values of the matrix are not in the paper.
     """
 
     elements: tuple[Element, ...]
-    """Ends in the order of the chains, then crossings in the order in which the chains first reach them, then segments
-    along the chains. This order does not depend on the numbers of the crossings."""
+    """Ends, then crossings, then segments. Ends and segments are in the order of the chains. Crossings are in the order
+    in which the chains first reach them, whatever their ids."""
     matrix: NDArray[np.int8]
-    """(E, E) for E elements."""
+    """(E, E) successor matrix of the E elements, with the entries described above."""
 
 
 def gauss_code(chains: Sequence[Chain], crossings: Sequence[Crossing]) -> list[list[list[Any]]]:
-    """Return for each chain the crossings along it, in order.
+    """Return the Gauss code: the crossings along each chain, in order.
 
     Args:
         chains: The chains, each with a different id.
         crossings: The crossings of these chains, in any order.
 
     Returns:
-        For each chain a list of `[crossing id, "over" or "under", sign]`.
+        One list per chain. Each entry is `[crossing id, "over" or "under", sign]`.
 
     Raises:
         TopologyError: A crossing refers to a chain that does not exist.
@@ -152,7 +156,10 @@ def p_data(chains: Sequence[Chain], crossings: Sequence[Crossing]) -> PData:
 
 
 def _passes(chains: Sequence[Chain], crossings: Sequence[Crossing]) -> list[list[tuple[float, Role, Crossing]]]:
-    """Return for each chain its passes through crossings along it, whatever the order of `crossings`."""
+    """Return the crossing passes of each chain, (arc length, role, crossing), sorted along the chain.
+
+    The result does not depend on the order of `crossings`.
+    """
     passes: dict[int, list[tuple[float, Role, Crossing]]] = {chain.id: [] for chain in chains}
     for crossing in crossings:
         positions: tuple[tuple[Role, StrandPoint], ...] = (("over", crossing.over), ("under", crossing.under))

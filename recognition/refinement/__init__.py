@@ -1,8 +1,9 @@
-"""Refinement of the strands: tubes fitted to the measured surface, and which of them are strings.
+"""Refinement: fit tubes to the measured surface, and classify the fitted strands as string or not string.
 
-Traced strands and the registered surface with its normals go in. Fitted strands with radii, localised ends and measures
-of their cross-sections come out; a classifier then separates the strings from edges of objects and noise. The method is
-ours: it replaces the means of eqs. (2) and (3) of the paper, which are biased upwards and inwards.
+The input is the traced strands and the registered surface with its normals. The output is the fitted strands with
+radii, localised ends and measures of their cross-sections. A classifier separates strings from object edges and noise.
+
+The method is not in the paper. It replaces the means of eqs. (2) and (3), which are biased upwards and inwards.
 """
 
 from recognition.refinement.refinement import FittedStrand, Refinement, refine

@@ -1,4 +1,7 @@
-"""Cross-sections of fitted tubes: whether the surface about a tube is round, from its profile."""
+"""Cross-sections of fitted tubes: measures of how round the surface about a tube is.
+
+The profile of a line is the distance of the surface from its tube as a function of the angle from the top.
+"""
 
 from dataclasses import dataclass
 
@@ -10,18 +13,18 @@ from recognition.geometry.polyline import unit_vectors
 from recognition.refinement.tube_fit import Assignment, TubeFit
 
 MAX_PROFILE_SINE = 0.85
-"""Maximum sine of the angle from the top within which the profile is taken. Beyond it, rims disturb the profile."""
+"""Maximum sine of the angle from the top in a profile. At larger angles, errors at the rims disturb the profile."""
 N_SECTORS = 9
-"""Number of sectors of the profile."""
+"""Number of sectors of a profile."""
 MIN_SECTOR_POINTS = 10
-"""Minimum number of surface points in a sector. The mean of fewer points is not used."""
+"""Minimum number of surface points in a filled sector. The other sectors are not used."""
 SECTION_LINKS = 6
-"""Number of links of a section, about 4 r.
+"""Number of links in a section. A section is about 4 r long.
 
 The depth errors of two sections are independent, so each section counts as one measurement.
 """
 MIN_SECTIONS = 3
-"""Minimum number of sections for a standard error."""
+"""Minimum number of sections with surface points for a standard error of the squareness."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,25 +32,22 @@ class CrossSections:
     """Measures of the cross-section of each line of a fit."""
 
     out_of_round_m: NDArray[np.float64]
-    """(K,) standard deviation of the mean profile about the tube, without the part from noise, metres."""
+    """(K,) standard deviation of the mean profile from a circle, corrected for noise, metres."""
     squareness: NDArray[np.float64]
     """(K,) share of a square bar's profile in the line's profile: 0 for a tube, 1 for a bar with sharp edges."""
     squareness_sigma: NDArray[np.float64]
-    """(K,) one sigma of the squareness; infinite if it cannot be measured."""
+    """(K,) standard error of the squareness; infinite if the squareness cannot be measured."""
 
 
 def measure_cross_sections(fit: TubeFit, assigned: Assignment) -> CrossSections:
-    """Return how round the surface about each line is, from the upper part of its profile over its whole length.
+    """Measure how round the surface about each line is, from the upper part of the mean profile of the line.
 
     Args:
         fit: Tube fit with K lines.
-        assigned: Assignment of the surface to the lines.
+        assigned: Assignment of the surface points to the lines.
 
     Returns:
         The measures of each line.
-
-    Source:
-        Ours.
     """
     vector = fit.points[assigned.link + 1] - fit.points[assigned.link]
     left = unit_vectors(np.column_stack([-vector[:, 1], vector[:, 0]]))
@@ -62,9 +62,16 @@ def measure_cross_sections(fit: TubeFit, assigned: Assignment) -> CrossSections:
 def _measure_out_of_round(
     fit: TubeFit, sine: NDArray[np.float64], link: NDArray[np.int64], residual: NDArray[np.float64], sigma: float
 ) -> NDArray[np.float64]:
-    """Return (K,) the deviation of the profiles from a circle, metres.
+    """Return the standard deviations (K,) of the mean profiles from a circle, metres, corrected for noise.
 
-    If less than half of the sectors are filled, as for a wall, it is the radius. A string fills more of them.
+    If fewer than half of the sectors are filled, as for a wall, the result is the radius of the line.
+
+    Args:
+        fit: Tube fit with K lines.
+        sine: (P,) sine of the angle from the top for each surface point.
+        link: (P,) link of each surface point, as in `Assignment.link`.
+        residual: (P,) distance of each surface point from the tube, metres.
+        sigma: Standard deviation of the residuals, metres.
     """
     sector = ((sine / MAX_PROFILE_SINE + 1) / 2 * N_SECTORS).astype(np.int64)
     shape = (len(fit.radii), N_SECTORS)
@@ -82,13 +89,19 @@ def _measure_out_of_round(
 def _measure_squareness(
     fit: TubeFit, sine: NDArray[np.float64], link: NDArray[np.int64], residual: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return (K,) the squareness of the lines, and (K,) one sigma of it.
+    """Return the squareness (K,) of each line, and its standard error (K,).
 
-    Least squares explains the residuals by four terms: a constant for a wrong radius, the cosine and sine of the angle
-    from the top for a wrong position, and the profile of a square bar, whose faces are 1 / cos and 1 / sin of the angle
-    away from its axis. A wrong radius or position of a round string therefore does not count as squareness.
+    A least-squares fit explains the residuals by four functions of the angle from the top. A constant stands for an
+    error of the radius. The cosine and the sine stand for an error of the position. The fourth function is the profile
+    of a square bar, `1 / max(cos, abs(sin))`. Its coefficient is the squareness.
 
-    The standard error comes from the scatter between the sections, because neighbouring pixels share their errors.
+    The standard error comes from the scatter between sections, because neighbouring pixels share their errors.
+
+    Args:
+        fit: Tube fit with K lines.
+        sine: (P,) sine of the angle from the top for each surface point.
+        link: (P,) link of each surface point, as in `Assignment.link`.
+        residual: (P,) distance of each surface point from the tube, metres.
     """
     n_lines = len(fit.radii)
     cosine = np.sqrt(np.maximum(1 - sine**2, 0.0))

@@ -1,4 +1,4 @@
-"""Localisation of a string's end: the farthest surface about the extrapolated centre line."""
+"""Localisation of the end of a string: the farthest surface around the extrapolated centre line."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -8,28 +8,29 @@ from recognition.geometry.polyline import arc_length, fit_end_parabola
 Points = NDArray[np.float64]
 
 END_FIT_RADII = 4.0
-"""Length of string, in radii, from which an end is extrapolated."""
+"""Length of centre line from which an end is extrapolated, in radii of the string."""
 MAX_EXTENSION_RADII = 3.0
-"""Maximum length by which a line is extended, in radii."""
+"""Maximum length by which a centre line is extended, in radii of the string."""
 EDGE_PERCENTILE = 95.0
-"""Percentile of the surface along the last 2 r of the axis that is taken for the end. The rest is depth noise.
+"""Percentile of the surface positions along the axis, over the last 2 r of surface, that is taken as the end.
 
-Measured on simulated scans and scans from other sources: within half a millimetre of the true end, without a bias.
+Surface beyond the percentile is depth noise. On simulated scans and scans from other sources, the error of the end was
+below half a millimetre, without a bias.
 """
 MAX_HOLE_RADII = 0.5
-"""A hole in the surface along the axis that is longer than this, in radii, is the end of the string.
+"""Maximum length of a hole in the surface along the axis, in radii of the string.
 
-The surface after it belongs to another object.
+The string ends at a longer hole. The surface after the hole belongs to another object.
 """
 MIN_END_POINTS = 5
-"""Minimum number of surface points about the end. With fewer, the line is not changed."""
+"""Minimum number of surface points around the extrapolated line. With fewer points, the line is not changed."""
 
 
 def localise_end(line: Points, surface: Points, normals: Points, r: float) -> Points:
-    """Return the line with its first point moved to the end of the string.
+    """Extend or shorten a centre line at its first point, so that it begins at the end of the string.
 
-    The line is extrapolated by the parabola through its last 4 r, as far as there is surface about it at its radius.
-    Points are added or removed. The spacing stays about the same.
+    A parabola through the first 4 r of the line extrapolates the line. The end of the string is the farthest surface
+    that lies around the parabola at the distance r. The spacing of the points stays about the same.
 
     Args:
         line: (N, 3) centre line, metres, base frame.
@@ -38,11 +39,8 @@ def localise_end(line: Points, surface: Points, normals: Points, r: float) -> Po
         r: Radius of the string, metres.
 
     Returns:
-        (K, 3) the line from its end, metres, base frame. It is not changed if there is hardly any surface about its
-        end, or if fewer than three points would be left.
-
-    Source:
-        Ours.
+        (K, 3) centre line from the end of the string, metres, base frame. The line is unchanged if fewer than
+        `MIN_END_POINTS` surface points lie around the parabola, or if fewer than three line points would remain.
     """
     s = arc_length(line)
     terms = fit_end_parabola(line, END_FIT_RADII * r, r)
@@ -50,7 +48,7 @@ def localise_end(line: Points, surface: Points, normals: Points, r: float) -> Po
     is_near = np.linalg.norm(surface - terms[0], axis=1) < (MAX_EXTENSION_RADII + 2) * r
     offset, normal = surface[is_near] - terms[0], normals[is_near]
     along = offset @ direction
-    # The bend is known from about a centimetre of string only, so it is not extrapolated by more than r.
+    # The bend is fitted to a short part of the line. Beyond r, its displacement stays constant.
     bend = terms[2] - (terms[2] @ direction) * direction
     across = offset - along[:, None] * direction - bend * np.minimum(along, r)[:, None] ** 2
     distance = np.linalg.norm(across, axis=1)
@@ -65,10 +63,10 @@ def localise_end(line: Points, surface: Points, normals: Points, r: float) -> Po
     last = seen[seen > seen[-1] - 2 * r]
     end = float(np.percentile(last, EDGE_PERCENTILE))
     kept = line[s > max(-end, 0.0) + 0.5 * spacing]
-    # The added points lead from the end, along the parabola, to the first point that is kept, in even steps.
+    # The added points lie on the parabola in even steps, from the end of the string to the first kept point.
     count = max(int(np.ceil((s[len(line) - len(kept)] + end) / spacing - 0.5)), 1) if len(kept) else 1
     added_s = -end + spacing * np.arange(count)
     added = terms[0] + added_s[:, None] * terms[1] + np.maximum(added_s, -r)[:, None] ** 2 * terms[2]
     moved = np.vstack([added, kept])
-    # A line without length is not a string. The string classifier decides that, not this function.
+    # Keep the line if too few points would remain. The string classifier excludes lines that are too short.
     return moved if len(moved) > 2 else line

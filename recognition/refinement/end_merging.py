@@ -1,4 +1,4 @@
-"""Merging of strands whose ends overlap: two strings never occupy the same space."""
+"""Merging of strands whose ends overlap. The strands are parts of one string: two strings cannot share space."""
 
 from collections.abc import Sequence
 
@@ -11,31 +11,32 @@ from recognition.strand import Strand, join_strands, strand_ends
 from recognition.tracing.end_pairing import MIN_RING_RADII
 
 MAX_FACING_COSINE = -0.7
-"""Maximum inner product of the directions of two ends that face each other."""
+"""Maximum inner product of the outward unit directions of two ends that face each other."""
 MAX_ASIDE_RADII = 1.0
-"""Maximum distance across the string between overlapping ends, in radii. Strings side by side are 2 r apart."""
+"""Maximum distance across the string between overlapping ends, in radii r. Strings side by side are 2 r apart."""
 MIN_OVERLAP_RADII = 0.5
-"""Minimum length of the overlap, in radii. Ends are known to about a fifth of a radius."""
+"""Minimum length of an overlap, in radii r. The position of an end has an error of about 0.2 r."""
 MAX_OVERLAP_RADII = 8.0
-"""Maximum length of the overlap, in radii. Both ends are extended by a few radii at most."""
+"""Maximum length of an overlap, in radii r. Localisation extends each end by a few radii at most."""
 EXTRA_CUT_RADII = 1.0
-"""Length, in radii, that is cut from each end in addition to half the overlap. A line is known worst near its end."""
+"""Length cut from each end beyond half the overlap, in radii r. A fitted line is least accurate near its end."""
 
 
 def merge_overlapping_ends(strands: Sequence[Strand], parameters: ChainParameters) -> list[Strand] | None:
-    """Return the strands after those with overlapping ends are joined.
+    """Join strands whose ends overlap.
 
-    If noise left a hole in the nodes of a string, its two parts are both extended over the surface in between.
+    Noise can leave a hole in the nodes of a string, which splits the string into two strands. The localisation of the
+    ends then extends each strand over the surface in the hole, so that the strands overlap.
 
     Args:
         strands: Strands with localised ends.
-        parameters: Radius r, and the radii for joining strands.
+        parameters: Method parameters; uses the radius r, the length r_f of an end and the spacing r_n of bridges.
 
     Returns:
         The strands after joining, or None if no ends overlap.
 
     Source:
-        Ours. It stands for the reconnection of close ends (section III.E.1).
+        Corresponds to the reconnection of close ends (section III.E.1). The overlap criterion is not in the paper.
     """
     ends = strand_ends(strands, parameters)
     if len(ends) < 2:
@@ -68,7 +69,7 @@ def merge_overlapping_ends(strands: Sequence[Strand], parameters: ChainParameter
 
 
 def _shorten(strand: Strand, at_start: bool, length: float) -> Strand:
-    """Remove the first or last `length` metres of a strand. At least two points stay."""
+    """Remove the first (`at_start`) or last `length` metres of a strand. At least two points remain."""
     s = arc_length(strand.points)
     from_end = s if at_start else s[-1] - s
     keep: NDArray[np.bool_] = from_end > length

@@ -1,4 +1,4 @@
-"""Refinement: centre lines fitted so that the measured surface is one radius away from them."""
+"""Refinement: fit each centre line so that the measured surface is one radius away from the line."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -17,70 +17,70 @@ from recognition.strand import Strand
 Points = NDArray[np.float64]
 
 STEP_RADII = 0.7
-"""Distance of the fitted points, in radii."""
+"""Spacing of the fitted points, in radii r."""
 SAMPLE_STRIDE = 2
-"""Every second surface point is used for the first fit. It is enough to bring the lines near and to measure radii."""
+"""Stride of the surface points in the first fit. Every second point is enough to measure radii and move the lines."""
 FIRST_FIT_STEPS = (2, 1)
-"""Number of Gauss-Newton steps of the first fit. The surface is assigned to the lines again before each group."""
+"""Number of Gauss-Newton steps in each group of the first fit. Each group begins with a new assignment."""
 LAST_FIT_STEPS = (2,)
-"""Number of steps of the last fit. It starts near its solution: the last step moves a line by micrometres."""
+"""Number of Gauss-Newton steps in each group of the last fit. The last step moves a line by micrometres only."""
 RADIUS_SIGMA_SHARE = 0.3
-"""One sigma of the difference between a string's radius and the expected r, as a share of r."""
+"""Standard deviation of the prior on the radius of a string, as a share of r. The prior has the mean r."""
 MAX_DEVIATION_SHARE = 0.12
-"""A measured radius that differs from r by at most this share of r does not contradict r, and r is used."""
+"""Maximum difference between measured radius and r, as a share of r. Within this limit, the tube has the radius r."""
 MAX_DEVIATION_SCATTERS = 0.8
-"""The same limit as a multiple of the surface scatter; the larger of the two limits applies.
+"""The limit `MAX_DEVIATION_SHARE`, but as a multiple of the surface scatter. The larger of the two limits applies.
 
-Where the scatter is a quarter of the radius, measured radii are a sixth off, and the lines with them.
+With a scatter of r / 4, a measured radius has an error of about r / 6. This error also displaces the line.
 """
 RESTING_PERCENTILE = 20.0
-"""Percentile of the heights of a string's points that is taken for the part that rests on the table."""
+"""Percentile of the heights along a string. At this height, the string is assumed to rest on the table."""
 MAX_RESTING_EXCESS_SHARE = 0.2
-"""Share by which the radius from the height above the table may exceed the radius of the fitted tube."""
+"""Maximum share by which the radius from the height above the table may exceed the fitted radius."""
 MIN_RADIUS_SHARE = 0.4
-"""Minimum radius, as a share of r. With the limits that r sets, a thinner string cannot be distinguished from noise."""
+"""Minimum radius from the height above the table, as a share of r. Below this limit, the fitted radius is used."""
 MIN_SUPPORT_SHARE = 0.1
-"""A point of a line with less than this share of the median support was not seen. It is bridged."""
+"""Minimum support of an observed point, as a share of the median support of the strand. Other points are bridged."""
 MAX_MERGES = 3
-"""Maximum number of times that overlapping ends are merged. Each time merges all of them, so one is usually enough."""
+"""Maximum number of passes that merge overlapping ends. One pass is usually enough."""
 SEAM_OVERLAP = 8
-"""Number of points by which a closed strand overlaps itself, so that its seam is fitted like any other part."""
+"""Number of points by which a closed line overlaps itself in the fit. The seam is then fitted like the other points."""
 
 
 @dataclass(frozen=True, eq=False)
 class FittedStrand:
-    """A strand whose tube was fitted to the surface."""
+    """A strand after the tube fit."""
 
     points: Points
-    """(N, 3) points about `STEP_RADII` r apart, metres, base frame."""
+    """(N, 3) points of the centre line, about `STEP_RADII` r apart, metres, base frame."""
     closed: bool
     """Whether the last point connects to the first."""
     bridged: NDArray[np.bool_]
-    """(N,) mask of the points that no surface supports."""
+    """(N,) mask, True where hardly any surface supports the point (`MIN_SUPPORT_SHARE`)."""
     support: NDArray[np.float64]
-    """(N,) weight of the surface points that support each point."""
+    """(N,) sum of the weights of the surface points that support each point."""
     radius_m: float
-    """Radius of the tube, metres: r, or the measured radius if it contradicts r."""
+    """Radius of the tube, metres: r, or the measured radius if the measured radius contradicts r."""
     measured_radius_m: float
-    """Radius from the height where the strand rests on the table, otherwise from the first tube fit, metres."""
+    """Measured radius, metres: from the height if the strand rests on the table, otherwise from the first tube fit."""
     out_of_round_m: float
-    """Standard deviation of the mean profile about the tube, without the part from noise, metres."""
+    """Standard deviation of the mean profile from a circle, corrected for noise, metres."""
     squareness: float
     """Share of a square bar's profile in the strand's profile: 0 for a tube, 1 for a bar with sharp edges."""
     squareness_sigma: float
-    """One sigma of the squareness; infinite if it cannot be measured."""
+    """Standard error of the squareness; infinite if the squareness cannot be measured."""
 
 
 @dataclass(frozen=True, eq=False)
 class Refinement:
-    """All fitted strands of a scene."""
+    """All fitted strands of a scene, and the strand of each surface point."""
 
     strands: list[FittedStrand]
     """Fitted strands."""
     owner: NDArray[np.int64]
-    """(M,) index of the strand on whose tube each surface point lies, -1 for none."""
+    """(M,) strand index of each surface point; -1 if the point lies on no tube."""
     scatter_m: float
-    """One sigma of the distance of the surface from the tubes, metres."""
+    """Robust standard deviation of the point-to-tube distances, metres."""
 
 
 def refine(
@@ -91,26 +91,26 @@ def refine(
     table_z_m: float = 0.0,
     max_merges: int = MAX_MERGES,
 ) -> Refinement:
-    """Return the strands fitted to the surface, with radii, localised ends and cross-sections.
+    """Fit the strands to the surface: measure radii, localise ends and measure cross-sections.
 
-    Each centre line is a polyline. Its points minimise the squared distance of the surface from the tube, with robust
-    weights and a bending penalty. Points that lie on no tube, such as those of other objects, have no weight.
+    Each centre line is a polyline. The fit minimises the squared distances between the surface points and the tube of
+    the line, with robust weights and a bending penalty. Surface points that lie on no tube have no weight.
 
     Args:
         strands: Traced strands. Strands of one point are dropped.
         surface: (M, 3) registered surface points, metres, base frame.
         normals: (M, 3) outward unit normals.
-        parameters: Radius r, and the radii for joining strands.
-        table_z_m: Height of the table, metres.
-        max_merges: Number of times that overlapping ends may still be merged.
+        parameters: Method parameters; uses the radius r, the length r_f of an end and the spacing r_n of bridges.
+        table_z_m: Height of the table, metres, base frame.
+        max_merges: Maximum number of passes that merge overlapping ends.
 
     Returns:
-        The fitted strands, the strand of each surface point, and the scatter of the surface. There are no strands if
-        there is no surface.
+        The fitted strands, the strand index of each surface point, and the scatter of the surface about the tubes. The
+        result has no strands if `surface` is empty.
 
     Source:
-        Ours. It replaces the means of eqs. (2) and (3). These are drawn to where most of the surface was seen: upwards,
-        away from the hidden underside, and inwards in bends.
+        The fit is not in the paper. It replaces the means of eqs. (2) and (3), which are biased towards the seen
+        surface: upwards, because the underside is hidden, and inwards in bends.
     """
     r = parameters.r
     strands = [strand for strand in strands if len(strand.points) > 1]
@@ -134,7 +134,7 @@ def refine(
 
 
 def _fit_to_sample(strands: Sequence[Strand], surface: Points, normals: Points, r: float) -> tuple[TubeFit, float]:
-    """Return a fit of lines and radii to a part of the surface, and one sigma of its residuals, metres."""
+    """Fit lines and radii to every second surface point. Return the fit and the sigma of its residuals, metres."""
     lines = [_resample_evenly(strand, r) for strand in strands]
     fit = TubeFit(lines, r, surface[::SAMPLE_STRIDE], normals[::SAMPLE_STRIDE])
     assigned = _iterate(fit, FIRST_FIT_STEPS, RADIUS_SIGMA_SHARE * r)
@@ -142,12 +142,12 @@ def _fit_to_sample(strands: Sequence[Strand], surface: Points, normals: Points, 
 
 
 def _measure_radii(fit: TubeFit, table_z_m: float) -> NDArray[np.float64]:
-    """Return (K,) the radius of each line's string, metres.
+    """Return the measured radius (K,) of each string, metres.
 
-    A string rests on the table somewhere, and there its top is 2 r above the table. The fit knows the top best: flying
-    pixels at the rims, and noise along the line of sight, make the fitted radius up to a tenth too large or too small.
-    Half the height of the top is therefore an upper bound of the radius. If it is much larger than the fitted radius,
-    the string is raised, and the fitted radius counts.
+    Where a string rests on the table, its radius is half the height of its top. This radius is more accurate than the
+    fitted radius: flying pixels at the rims and noise along the line of sight change the fitted radius by up to 10 %.
+    If half the height of the top exceeds the fitted radius by more than `MAX_RESTING_EXCESS_SHARE`, the string does not
+    rest on the table. The fitted radius is then used.
     """
     measured = fit.radii.copy()
     for k, (line, radius) in enumerate(zip(fit.lines, fit.radii, strict=True)):
@@ -155,12 +155,12 @@ def _measure_radii(fit: TubeFit, table_z_m: float) -> NDArray[np.float64]:
         resting = float(np.percentile(top, RESTING_PERCENTILE)) / 2
         if resting < radius * (1 + MAX_RESTING_EXCESS_SHARE):
             measured[k] = resting
-    # If the table height is wrong, the heights give no radius.
+    # A very small radius shows a wrong table height. The fitted radius does not depend on the table.
     return np.where(measured > MIN_RADIUS_SHARE * fit.r, measured, fit.radii)
 
 
 def _select_radii(measured: NDArray[np.float64], scatter_m: float, r: float) -> NDArray[np.float64]:
-    """Return (K,) the measured radii where they contradict r, and r elsewhere, metres."""
+    """Return the tube radius (K,) of each line, metres: the measured radius if it contradicts r, otherwise r."""
     contradicts = np.abs(measured - r) > max(MAX_DEVIATION_SHARE * r, MAX_DEVIATION_SCATTERS * scatter_m)
     return np.where(contradicts, measured, r)
 
@@ -173,13 +173,13 @@ def _localise_ends(
     normals: Points,
     r: float,
 ) -> list[Points]:
-    """Return the lines, with both ends of open strands moved to the ends of their strings."""
+    """Move the two ends of each open line to the ends of its string. Closed lines are unchanged."""
     fit = TubeFit(lines, r, surface, normals, radii)
     owner = fit.owners(fit.assign()) if len(lines) > 1 else np.zeros(len(surface), dtype=np.int64)
     localised = list(lines)
     for k, strand in enumerate(strands):
         if not strand.closed:
-            # Surface on the tube of another strand does not show where this one ends.
+            # Exclude surface on the tubes of other strands. It does not show the end of this strand.
             is_own = (owner == k) | (owner < 0)
             line = localise_end(lines[k], surface[is_own], normals[is_own], radii[k])
             localised[k] = localise_end(line[::-1], surface[is_own], normals[is_own], radii[k])[::-1]
@@ -187,7 +187,7 @@ def _localise_ends(
 
 
 def _replace_lines(strands: Sequence[Strand], lines: Sequence[Points]) -> list[Strand]:
-    """Return the strands after the lines of open strands are replaced by fitted lines. Closed strands stay."""
+    """Return the strands with fitted lines in place of the traced lines. Closed strands are unchanged."""
     return [
         strand if strand.closed else Strand(line, np.zeros(len(line), dtype=bool))
         for strand, line in zip(strands, lines, strict=True)
@@ -195,7 +195,13 @@ def _replace_lines(strands: Sequence[Strand], lines: Sequence[Points]) -> list[S
 
 
 def _iterate(fit: TubeFit, groups: Sequence[int], radius_sigma: float | None) -> Assignment:
-    """Run groups of Gauss-Newton steps, and return the last assignment of the surface."""
+    """Run groups of Gauss-Newton steps and return the last assignment of the surface points.
+
+    Args:
+        fit: Tube fit; its lines and radii are changed in place.
+        groups: Number of steps in each group. Each group begins with a new assignment.
+        radius_sigma: Standard deviation of the prior on the radii, metres. None keeps the radii fixed.
+    """
     assigned = None
     for n_steps in groups:
         assigned = fit.assign()
@@ -206,7 +212,7 @@ def _iterate(fit: TubeFit, groups: Sequence[int], radius_sigma: float | None) ->
 
 
 def _resample_evenly(strand: Strand, r: float) -> Points:
-    """Return the strand's line in even steps. A closed line overlaps itself by `SEAM_OVERLAP` points."""
+    """Resample the line of a strand in even steps. A closed line overlaps itself by `SEAM_OVERLAP` points."""
     points = close_polyline(strand.points, strand.closed)
     length = float(arc_length(points)[-1])
     line = points_at(points, np.linspace(0.0, length, max(round(length / (STEP_RADII * r)), 2) + 1))
@@ -220,13 +226,13 @@ def _collect_strands(
     measured_radii: NDArray[np.float64],
     cross_sections: CrossSections,
 ) -> list[FittedStrand]:
-    """Return the fitted strands. The self-overlap of closed strands is removed."""
+    """Collect the results for each strand. The self-overlap of closed lines is removed."""
     all_support = fit.support(assigned)
     fitted = []
     for k, strand in enumerate(strands):
         points, support = fit.points[fit.rows(k)], all_support[fit.rows(k)]
         if strand.closed:
-            # The cut is in the middle of the overlap, far from both ends of the fitted line.
+            # Cut in the middle of the overlap, far from the two ends of the fitted line.
             once = slice(SEAM_OVERLAP // 2, len(points) - 1 - SEAM_OVERLAP + SEAM_OVERLAP // 2)
             points, support = points[once], support[once]
         fitted.append(

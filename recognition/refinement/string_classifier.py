@@ -1,4 +1,4 @@
-"""Classification of fitted strands: strings, or edges of objects, folds and noise."""
+"""Classification of fitted strands: separates strings from edges of objects, folds and noise."""
 
 from dataclasses import dataclass, replace
 
@@ -13,86 +13,82 @@ from recognition.parameters import ChainParameters
 from recognition.refinement.refinement import FittedStrand, Refinement
 
 MIN_LENGTH_RADII = 10.0
-"""Minimum length of a string, in radii.
+"""Minimum length of a string, in radii r.
 
-A shorter piece is less than five times as long as thick. Edges and crumbs give such pieces.
+A shorter strand is less than five times as long as thick. Edges and crumbs give strands of this length.
 """
 MIN_ON_TUBE_SHARE = 0.75
-"""Minimum share of the surface beside a string that lies on its tube.
+"""Minimum share of the surface points beside a string that lie on its tube.
 
-It is about 0.9 for strings, and about half beside an edge of a box, whose faces go on.
+The share is about 0.9 for strings. It is about 0.5 for the edge of a box, because the faces of the box continue.
 """
 MAX_BESIDE_RADII = 2.2
-"""Distance from the centre line within which surface is beside a strand, in radii of the strand.
+"""Maximum distance from the centre line at which surface lies beside a strand.
 
-If the expected r is larger than its radius, the distance is in r.
+The unit is the radius of the strand, or the expected r if r is larger.
 """
 MAX_OUT_OF_ROUND_SHARE = 0.04
-"""Maximum standard deviation of a string's profile from a circle, as a share of its radius.
+"""Maximum standard deviation of a string's profile from a circle, as a share of the radius.
 
-If the expected r is larger than its radius, the share is of r.
-
-Strings had up to 0.03 in simulated scans and scans from other sources. Edges of boxes had 0.05 and more, and so had
-bars seen from near.
+The radius is the radius of the strand, or the expected r if r is larger. In simulated scans and scans from other
+sources, strings had up to 0.03. Edges of boxes and near bars had 0.05 and more.
 """
 MAX_SQUARENESS = 0.25
 """Maximum squareness of a string (0: round, 1: square bar).
 
-Depth noise of a fifth of the radius leaves about half of a bar's profile. Strings of 0.1 m and more had up to 0.15.
+With a depth noise of a fifth of the radius, a square bar has a squareness of about 0.5. Strings of 0.1 m and more had
+up to 0.15.
 """
 UNCERTAIN_SIGMAS = 2.0
-"""Number of sigmas by which a measured squareness may be wrong.
+"""Assumed maximum error of a measured squareness, in sigmas.
 
-A strand is excluded as a bar only if its squareness exceeds this number of sigmas. A kept strand is reported as
-ambiguous if its squareness would exceed `MAX_SQUARENESS` with this number of sigmas added.
+A strand is excluded as a bar only if its squareness exceeds this number of sigmas. A string is reported as ambiguous if
+its squareness plus this number of sigmas exceeds `MAX_SQUARENESS`.
 """
 MIN_HEIGHT_SHARE = 0.6
-"""Minimum height of the centre line above the table, as a share of the strand's radius.
+"""Minimum height of a string's centre line above the table, as a share of the radius of the strand.
 
-The centre line of a string is at least its radius above the table. A lower line belongs to something else, like the
-edge of a leaning plate.
+The centre line of a string is at least one radius above the table. A lower line belongs to another object, for example
+the edge of a leaning plate.
 """
 HEIGHT_PERCENTILE = 15.0
-"""Percentile of the heights of the centre line that must reach `MIN_HEIGHT_SHARE`. Ends are known worst."""
+"""Percentile of the centre line heights that must reach `MIN_HEIGHT_SHARE`. Heights at the ends are least accurate."""
 MIN_AMBIGUOUS_LENGTH_RADII = 40.0
-"""A poorly supported piece of at least this length, in radii, may still be a string."""
+"""Minimum length of a poorly supported strand that may still be a string, in radii r."""
 MIN_SUPPORTED_SHARE = 0.5
-"""Minimum share of a strand's points that have the support of `MIN_SUPPORT_SHARE`."""
+"""Minimum share of well-supported points (see `MIN_SUPPORT_SHARE`) in a string."""
 MIN_SUPPORT_SHARE = 0.25
-"""Support of a well-supported point, as a share of the median support of the longest string."""
+"""Minimum support of a well-supported point, as a share of the median support of the longest string."""
 
 
 @dataclass(frozen=True, eq=False)
 class StringClassification:
-    """The strands that are strings, and the messages about the others."""
+    """The strands that are strings, and the messages about the excluded strands."""
 
     strings: tuple[FittedStrand, ...]
-    """Strings in the order and direction of the model: the longest comes first."""
+    """Strings, the longest first. Their points are in the order of the model."""
     ambiguities: tuple[str, ...]
     """One message for each excluded strand that may be a string."""
     warnings: tuple[str, ...]
-    """One message for each other excluded strand."""
+    """One message for each excluded strand that is not a string."""
 
 
 def classify_strings(
     refinement: Refinement, surface: NDArray[np.float64], parameters: ChainParameters, table_z_m: float = 0.0
 ) -> StringClassification:
-    """Return the fitted strands that are strings.
+    """Select the fitted strands that are strings.
 
-    A string is round: the surface beside it lies on its tube and has no flat top with edges. It lies on the table, not
-    in it. It is long enough, and the surface supports most of it.
+    A string is round: the surface beside it lies on its tube and has no flat top with edges. Its tube does not reach
+    into the table. It is long enough, and the surface supports most of its points.
 
     Args:
-        refinement: Fitted strands and the strand of each surface point.
+        refinement: Fitted strands, and the strand index of each surface point.
         surface: (M, 3) registered surface points, metres, base frame.
-        parameters: Radius r.
-        table_z_m: Height of the table, metres.
+        parameters: Method parameters; uses the radius r.
+        table_z_m: Height of the table, metres, base frame.
 
     Returns:
-        The strings, and the messages about excluded strands, longest first.
-
-    Source:
-        Ours.
+        The strings and the messages about excluded strands, each in the order of decreasing length.
     """
     strands = refinement.strands
     on_tube_shares = _on_tube_shares(refinement, surface, parameters.r)
@@ -126,7 +122,7 @@ def classify_strings(
 
 
 def may_be_square(strand: FittedStrand) -> bool:
-    """Return whether the surface of a string is too uncertain to exclude that it is a square bar."""
+    """Return whether a string may be a square bar, given the uncertainty of its squareness."""
     return strand.squareness + UNCERTAIN_SIGMAS * strand.squareness_sigma > MAX_SQUARENESS
 
 
@@ -142,7 +138,10 @@ def _is_in_table(strand: FittedStrand, table_z_m: float) -> bool:
 
 
 def _on_tube_shares(refinement: Refinement, surface: NDArray[np.float64], r: float) -> NDArray[np.float64]:
-    """Return (K,) the share of the surface beside each strand, and nearer to no other, that lies on its tube."""
+    """Return the share (K,) of the surface points beside each strand that lie on its tube, 0 to 1.
+
+    Each surface point counts for the nearest strand only.
+    """
     strands = refinement.strands
     if not strands:
         return np.empty(0)
@@ -157,6 +156,6 @@ def _on_tube_shares(refinement: Refinement, surface: NDArray[np.float64], r: flo
 
 
 def _orient(strand: FittedStrand) -> FittedStrand:
-    """Return the strand with its points in the order of the model."""
+    """Bring the points of a strand into the order of the model (see `canonical_order`)."""
     order = canonical_order(strand.points, strand.closed)
     return replace(strand, points=strand.points[order], bridged=strand.bridged[order], support=strand.support[order])

@@ -1,4 +1,7 @@
-"""Tube fit: centre lines and radii fitted to a measured surface by robust least squares."""
+"""Tube fit: fits centre lines and radii to a measured surface by robust least squares.
+
+A link is the straight part of a centre line between two neighbouring points.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -15,57 +18,57 @@ from recognition.geometry.polyline import unit_vectors
 Points = NDArray[np.float64]
 
 BEND_SIGMA_RADII = 1 / 38
-"""One sigma of the second difference of neighbouring points, in radii: how much a string may bend."""
+"""Standard deviation of the second difference of three neighbouring points, in radii r. It sets the bending penalty."""
 MAX_RESIDUAL_RADII = 0.6
-"""A surface point farther from a tube than this, in radii, does not belong to it."""
+"""Maximum distance between a tube and a surface point that belongs to the tube, in radii r."""
 MIN_NORMAL_COSINE = 0.5
-"""Minimum cosine between the normal of a point and its direction from the centre line."""
+"""Minimum cosine between the normal of a surface point and the direction from the centre line to the point."""
 MAX_BEYOND_END_RADII = 0.35
-"""Distance beyond the end of a line, in radii, up to which surface still counts as beside it."""
+"""Maximum distance of a surface point beyond the end of its line, in radii r."""
 TUKEY_SIGMAS = 3.0
-"""Residuals beyond this number of sigmas have no weight (Tukey)."""
+"""Limit of the Tukey weight, in sigmas. Larger residuals have no weight."""
 MIN_SIGMA_RADII = 0.03
-"""Lower limit of the sigma of the residuals, in radii. At the start, the lines themselves are a tenth of r off."""
+"""Lower limit of the sigma of the residuals, in radii r. The traced lines have an error of about 0.1 r."""
 N_BANDS = 6
-"""Number of off-diagonals of the points' normal matrix: the bending penalty couples points two apart."""
+"""Number of upper off-diagonals of the normal matrix. The bending penalty couples points up to two links apart."""
 MAX_CANDIDATES = 4
-"""Number of nearest links that are examined for each surface point. At a crossing, both strands must be among them."""
+"""Number of nearest links that are tried for each surface point. At a crossing, these must include both strands."""
 
 
 @dataclass(frozen=True, eq=False)
 class Assignment:
-    """Surface points, and the links of the lines to which they belong."""
+    """Assignment of K surface points to the links of the centre lines."""
 
     point: NDArray[np.int64]
-    """(K,) index of the surface point."""
+    """(K,) index of the surface point in `TubeFit.surface`."""
     link: NDArray[np.int64]
-    """(K,) index of the first point of the link."""
+    """(K,) index of the link's first point in `TubeFit.points`."""
     fraction: NDArray[np.float64]
-    """(K,) position of the foot point on the link, 0 to 1."""
+    """(K,) position of the foot point along the link, 0 (first point) to 1 (second point)."""
     outward: Points
     """(K, 3) unit vectors from the foot point to the surface point."""
     residual: NDArray[np.float64]
-    """(K,) distance from the foot point minus the radius, metres."""
+    """(K,) signed distance of the surface point from the tube, metres; positive outside the tube."""
     weight: NDArray[np.float64]
     """(K,) Tukey weight, 0 to 1."""
     sigma: float
-    """One sigma of the residuals, metres."""
+    """Robust standard deviation of the residuals, metres."""
 
 
 class TubeFit:
-    """Centre lines and radii that are fitted to a surface step by step.
+    """Fit of centre lines and radii to a surface, by Gauss-Newton steps.
 
-    The points of all lines are in one array, one line after the other.
+    `points` holds the points of all lines, one line after the other.
 
     Args:
         lines: (N_k, 3) points of each line, metres, base frame.
-        r: Expected radius, metres. It is the unit of all limits.
+        r: Expected radius, metres. All limits are in multiples of r.
         surface: (M, 3) surface points, metres, base frame.
         normals: (M, 3) outward unit normals.
         radii: (K,) radius of each line, metres; None for r.
 
     Source:
-        Ours. It replaces the means of eqs. (2) and (3).
+        The fit is not in the paper. It replaces the means of eqs. (2) and (3).
     """
 
     def __init__(
@@ -92,11 +95,11 @@ class TubeFit:
         return [self.points[self.rows(number)] for number in range(len(self.radii))]
 
     def rows(self, number: int) -> slice:
-        """Return the rows of `points` that belong to one line."""
+        """Return the slice of `points` that belongs to the line `number`."""
         return slice(int(self.starts[number]), int(self.starts[number + 1]))
 
     def assign(self) -> Assignment:
-        """Return the assignment of each surface point to the link whose tube fits it best in distance and normal."""
+        """Assign each surface point to the link with the tube that fits the point best in distance and normal."""
         links = np.flatnonzero(self._is_link)
         tree = KDTree((self.points[links] + self.points[links + 1]) / 2)
         count = min(MAX_CANDIDATES, len(links))
@@ -107,27 +110,27 @@ class TubeFit:
         candidates = self._project(point, links[nearest[point, candidate]])
         cosine = np.vecdot(candidates.outward, self.normals[candidates.point])
         cost = np.abs(candidates.residual) + 0.5 * self.r * (1 - cosine)
-        # In this order, the first candidate of each point is its best.
+        # Sort by surface point, then by cost. The first candidate of each surface point is the best.
         order = np.lexsort((cost, candidates.point))
         order = order[np.diff(candidates.point[order], prepend=-1) > 0]
         return self._project(candidates.point[order], candidates.link[order])
 
     def update_assignment(self, assigned: Assignment) -> Assignment:
-        """Return the assignment of the same points after a step. A point may move to the next link of its line."""
+        """Return the updated assignment after a step. A surface point may change to a neighbouring link of its line."""
         shift = np.where(assigned.fraction >= 1, 1, np.where(assigned.fraction <= 0, -1, 0))
         link = np.clip(assigned.link + shift, 0, len(self.points) - 1)
         is_same_line = self._is_link[link] & (self.line_of_point[link] == self.line_of_point[assigned.link])
         return self._project(assigned.point, np.where(is_same_line, link, assigned.link))
 
     def step(self, assigned: Assignment, radius_sigma: float | None) -> None:
-        """Move all points, and the radii, by one Gauss-Newton step.
+        """Update the points of all lines, and the radii, by one Gauss-Newton step.
 
-        The normal matrix of the points is banded. Each radius adds a border column, which is zero in the rows of the
-        other lines. All border columns are therefore stored and solved as their sum.
+        The normal matrix of the points is banded. Each radius adds one border column, with entries only in the rows of
+        its own line. The border columns are therefore stored and solved as one column, their sum.
 
         Args:
-            assigned: Current assignment of the surface.
-            radius_sigma: One sigma of the prior that ties the radii to r, metres. With None the radii stay.
+            assigned: Current assignment of the surface points.
+            radius_sigma: Standard deviation of the prior on the radii, with mean r, metres. None keeps the radii fixed.
         """
         weight = assigned.weight / assigned.sigma**2
         J = self._jacobian(assigned)
@@ -138,7 +141,7 @@ class TubeFit:
         bands = np.zeros((N_BANDS + 1, size))
         for offset in range(min(N_BANDS + 1, size)):
             bands[N_BANDS - offset, offset:] = A.diagonal(offset)
-        # No measurement holds points along their line, or points without surface. This term keeps them in position.
+        # The surface constrains neither motion along a line nor points without surface. Damp these motions.
         hold = 3 * float(bands[N_BANDS].mean())
         bands[N_BANDS] += 1e-3 * hold
         t = self._tangents()
@@ -149,7 +152,7 @@ class TubeFit:
         change = np.zeros(len(self.radii))
         line_of_row, owner = np.repeat(self.line_of_point, 3), self.line_of_point[assigned.link]
         if radius_sigma is not None:
-            # The Schur complement of the points gives the radii first.
+            # Eliminate the points (Schur complement) and solve for the radii first.
             pull = group_sums(owner, -weight * assigned.residual, len(change)) + (self.radii - self.r) / radius_sigma**2
             stiffness = (
                 group_sums(owner, weight, len(change))
@@ -162,19 +165,22 @@ class TubeFit:
         self.points = self.points - (solved[:, 0] + solved[:, 1] * change[line_of_row]).reshape(-1, 3)
 
     def support(self, assigned: Assignment) -> NDArray[np.float64]:
-        """Return (N,) the weight of the surface points that support each point of the lines."""
+        """Return the support (N,) of each line point: the sum of the weights of its surface points.
+
+        The weight of a surface point is divided between the two points of its link.
+        """
         count = len(self.points)
         start = group_sums(assigned.link, assigned.weight * (1 - assigned.fraction), count)
         return start + group_sums(assigned.link + 1, assigned.weight * assigned.fraction, count)
 
     def owners(self, assigned: Assignment) -> NDArray[np.int64]:
-        """Return (M,) the index of the line on whose tube each surface point lies, -1 for none."""
+        """Return the line index (M,) of each surface point; -1 if the point lies on no tube."""
         owner = np.full(len(self.surface), -1)
         owner[assigned.point] = self.line_of_point[assigned.link]
         return owner
 
     def _project(self, point: NDArray[np.int64], link: NDArray[np.int64]) -> Assignment:
-        """Project surface points onto their links, and exclude points that lie on no tube."""
+        """Project the surface points `point` (K,) onto the links `link` (K,). Exclude points that lie on no tube."""
         start = self.points[link]
         vector = self.points[link + 1] - start
         offset = self.surface[point] - start
@@ -194,13 +200,13 @@ class TubeFit:
         return Assignment(point[is_on], link[is_on], fraction[is_on], outward[is_on], residual, weight, sigma)
 
     def _tangents(self) -> Points:
-        """Return (N, 3) unit vectors along the lines."""
+        """Return the unit tangents (N, 3) of the lines at all points."""
         after = np.where(np.append(self._is_link[:-1], False), 1, 0) + np.arange(len(self.points))
         before = np.arange(len(self.points)) - np.where(np.insert(self._is_link[:-1], 0, False), 1, 0)
         return unit_vectors(self.points[after] - self.points[before])
 
     def _jacobian(self, assigned: Assignment) -> csr_array:
-        """Return (K, 3N) the derivatives of the residuals with respect to the points' coordinates."""
+        """Return the Jacobian (K, 3N) of the residuals with respect to the coordinates of the points."""
         shares = np.column_stack([1 - assigned.fraction, assigned.fraction])
         values = -(shares[:, :, None] * assigned.outward[:, None, :]).ravel()
         columns = (3 * assigned.link[:, None] + np.arange(6)).ravel()
@@ -209,7 +215,10 @@ class TubeFit:
 
 
 def _bending_matrix(starts: NDArray[np.int64], r: float) -> csr_array:
-    """Return (3N, 3N) the bending penalty of the second differences within each line, as a quadratic form."""
+    """Return the information matrix (3N, 3N) of the bending penalty, from the second differences of each line.
+
+    Line k has the points `starts[k]` to `starts[k + 1]` - 1.
+    """
     count = int(starts[-1])
     inner = np.setdiff1d(np.arange(count), np.concatenate([starts[:-1], starts[1:] - 1]))
     columns = (inner[:, None] + (-1, 0, 1)).ravel()

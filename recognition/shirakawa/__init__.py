@@ -1,6 +1,6 @@
 """The methods of the paper: the matching method (section II.G) and the enhanced matching method (section III).
 
-Points of the centre line go in, with the registered views and the scene. Segments of linked points, strands across the
+The points of the centre line, the registered views and the scene go in. Segments of linked points, strands across the
 intersections, and the chains of the model come out.
 """
 

@@ -10,19 +10,19 @@ from recognition.parameters import ChainParameters
 from recognition.shirakawa.matching import SearchField, Segment, next_point
 
 MAX_TURN_RAD = np.radians(75)
-"""A string does not turn by more than this within two links: its bend radius would be about r."""
+"""Maximum turn of a string over two links, radians. A sharper turn would mean a bend radius of about r."""
 
 
 @dataclass(frozen=True, eq=False)
 class IntersectionApproach:
-    """A matching sequence up to its end or to an intersection.
+    """Result of a matching sequence that ran to its end or to an intersection.
 
     Source:
         Section III.D.1.
     """
 
     segment: Segment
-    """Linked points outside the intersection. Empty if the sequence started inside an intersection."""
+    """Indices of the linked points outside the intersection. Empty if the sequence started inside an intersection."""
     bifurcation_centre: NDArray[np.float64] | None
     """(3,) bifurcation centre, metres. None if the sequence ended without an intersection."""
 
@@ -30,11 +30,11 @@ class IntersectionApproach:
 def intersection_ratios(
     points: NDArray[np.float64], in_intersection: NDArray[np.bool_], radius: float
 ) -> NDArray[np.float64]:
-    """Return R_c of each point: the share of intersection points among its neighbours.
+    """Return R_c of each point: the ratio of intersection points among the neighbours of the point.
 
     Args:
         points: (N, 3) points, metres.
-        in_intersection: (N,) whether a point constitutes an intersection.
+        in_intersection: Mask (N,), True for the points of an intersection.
         radius: Radius r_f of the neighbourhoods, metres.
 
     Returns:
@@ -50,26 +50,25 @@ def intersection_ratios(
 def approach_intersection(
     search: SearchField, R_c: NDArray[np.float64], segment: Segment, parameters: ChainParameters
 ) -> IntersectionApproach:
-    """Continue a segment by the matching method until it ends or reaches an intersection.
+    """Continue a segment by the matching method to its end or to an intersection.
 
-    An intersection begins where R_c of a target exceeds R_t. The search continues while R_c does not decrease. The
-    point with the largest R_c is the bifurcation centre. The point before R_c first exceeds R_t is the end of the
-    segment.
+    An intersection begins at the first point whose R_c exceeds R_t. The segment ends before this point. The sequence
+    then continues until R_c decreases. The point with the largest R_c is the bifurcation centre.
 
     Args:
         search: Point cloud. Points that the sequence passes become unconnectable.
         R_c: (N,) intersection ratio of each point.
-        segment: Points that are linked already, at least one. The list is not changed.
-        parameters: Threshold R_t, and radii r_n and r_f.
+        segment: Indices of the points linked so far, at least one. The list is not changed.
+        parameters: Method parameters; uses the threshold R_t and the radii r_n and r_f.
 
     Returns:
-        The continued segment, and the bifurcation centre if there is one.
+        The continued segment, and the bifurcation centre if an intersection was reached.
 
     Source:
-        Section III.D.1. Two rules are ours. If several points in a row have the same largest R_c, the middle one is the
-        bifurcation centre. A turn that no string makes (`find_sharp_turn`) is an intersection too, at which the
-        sequence changed to the other strand: the turning point is the bifurcation centre, and the segment ends before
-        it.
+        Section III.D.1. Two rules are not in the paper. If consecutive points share the largest R_c, the middle point
+        is the bifurcation centre. A sharp turn (`find_sharp_turn`) also counts as an intersection, because the sequence
+        changed to another strand there. The turning point is then the bifurcation centre, and the segment ends before
+        this point.
     """
     segment = list(segment)
     while True:
@@ -89,19 +88,17 @@ def approach_intersection(
 
 
 def find_sharp_turn(points: NDArray[np.float64]) -> int | None:
-    """Return the index of a turn by more than `MAX_TURN_RAD` at the third point from the end.
+    """Return the index of the third last point if the sequence turns by more than `MAX_TURN_RAD` there.
 
-    The direction of the two links before that point is compared with the direction of the two links after it, so that
-    no single link decides. Earlier points are not examined: a sequence calls this after every link.
+    The turn is measured between two directions: over the two links before the point, and over the two links after the
+    point. A single link is too noisy. Earlier points are not examined, because this function is called after every
+    link.
 
     Args:
         points: (N, 3) linked points, about r_n apart, metres.
 
     Returns:
-        The index N - 3, or None if the sequence does not turn sharply there or has fewer than five points.
-
-    Source:
-        Ours.
+        The index N - 3. None if the sequence does not turn sharply there, or has fewer than five points.
     """
     if len(points) < 5:
         return None
@@ -113,23 +110,24 @@ def find_sharp_turn(points: NDArray[np.float64]) -> int | None:
 def find_restarts(
     search: SearchField, bifurcation_centre: NDArray[np.float64], parameters: ChainParameters
 ) -> list[Segment]:
-    """Return the restart points around an intersection, each with its first link if there is one.
+    """Return the restart points around an intersection, each with its first linked point if there is one.
 
-    Points within r_cn of the centre are eliminated. The nearest connectable point within r_cf becomes a restart point.
-    Points within r_n of it are eliminated, and it is linked to the nearest connectable point within r_f. This repeats
-    until no connectable point lies within r_cf of the centre.
+    Points within r_cn of the centre are eliminated. The nearest connectable point within r_cf of the centre becomes a
+    restart point. Points within r_n of the restart point are eliminated. The restart point is then linked to its
+    nearest connectable point within r_f. These steps repeat until no connectable point lies within r_cf of the centre.
 
     Args:
         search: Point cloud. Eliminated points become unconnectable.
         bifurcation_centre: (3,) bifurcation centre, metres.
-        parameters: Radii r_cn, r_cf, r_n and r_f.
+        parameters: Method parameters; uses the radii r_cn, r_cf, r_n and r_f.
 
     Returns:
-        Segments of one or two points, the nearest to the centre first.
+        Segments of one or two point indices. The restart point comes first. Segments are sorted by the distance of the
+        restart point from the centre.
 
     Source:
-        Section III.D.2. Step 1 of the paper says r_cn, but no point within r_cn is connectable. We use r_cf, as in its
-        step 2. Eliminating the points within r_n of the linked point is ours.
+        Section III.D.2. Step 1 of the paper searches within r_cn, but no point there is connectable. Here r_cf is used,
+        as in step 2 of the paper. The paper does not eliminate the points within r_n of the linked point.
     """
     search.eliminate(bifurcation_centre, parameters.r_cn)
     restarts = []
@@ -144,7 +142,10 @@ def find_restarts(
 
 
 def _find_largest_ratio(search: SearchField, R_c: NDArray[np.float64], target: int, parameters: ChainParameters) -> int:
-    """Return the point at which R_c is largest as the sequence continues from `target`, until R_c decreases."""
+    """Continue the sequence from `target` until R_c decreases, and return the index of the point with the largest R_c.
+
+    If consecutive points share the largest R_c, return the middle point.
+    """
     largest = [target]
     while (following := next_point(search, largest[-1], parameters)) is not None:
         if R_c[following] < R_c[largest[-1]]:

@@ -1,4 +1,4 @@
-"""Chains of the model from strands, with the uncertainty of each point."""
+"""Conversion of strands to the chains of the model, with the uncertainty of each point."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -18,19 +18,19 @@ from recognition.shirakawa.end_extension import classify_ends
 from recognition.strand import Strand
 
 MIN_SIGMA_M = 0.0002
-"""Lower limit of sigma, metres: the error of the hand-eye calibration is common to all views."""
+"""Lower limit of sigma, metres. All views share the hand-eye error, so differences between views do not show it."""
 
 
 @dataclass(frozen=True, eq=False)
 class StrandAssembly:
-    """Chains of the paper's methods, with the strands that they were made of."""
+    """Chains of one of the paper's methods, and the strands from which the chains were made."""
 
     strands: Sequence[Strand]
-    """Strands in the order and direction of the chains."""
+    """The kept strands. `strands[k]` has the same points in the same order as `chains[k]`."""
     chains: tuple[Chain, ...]
-    """One chain for each strand, the longest first."""
+    """One chain for each kept strand, the longest first."""
     warnings: Sequence[str]
-    """One message for each excluded strand, after a message that no string was found if no strand was kept."""
+    """One message for each excluded strand. If no strand was kept, the first message says that no string was found."""
 
 
 def assemble_chains(
@@ -40,24 +40,20 @@ def assemble_chains(
     scene: Scene,
     parameters: ChainParameters,
 ) -> StrandAssembly:
-    """Make the chains of the model from strands, in its order and direction.
+    """Make the chains of the model from strands.
 
-    The longest chain comes first. Strands shorter than r_cn, the extent of an intersection, are remains of an
-    intersection or noise. They are excluded.
+    Strands shorter than r_cn, the extent of an intersection, are excluded. Such short strands are remains of an
+    intersection, or noise. The longest chain comes first. The points of each chain are in canonical order.
 
     Args:
         strands: Strands of the scene.
         unaveraged: (N, 3) centre points c_i of eq. (1), metres.
         clouds: Points and normals of each view, after registration.
-        scene: Workspace.
-        parameters: Radii of Table I.
+        scene: Scene; uses the workspace.
+        parameters: Method parameters; uses r, r_n, r_f and r_cn.
 
     Returns:
-        The strands that were kept, one chain for each, and one warning for each excluded strand. If no strand was kept,
-        another warning says so first.
-
-    Source:
-        Ours.
+        The kept strands, their chains, and the warnings.
     """
     kept, warnings = [], []
     for strand in strands:
@@ -83,28 +79,28 @@ def assemble_chains(
 def point_uncertainty(
     strand: Strand, clouds: Sequence[NormalCloud], parameters: ChainParameters
 ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Return one sigma across the string and the number of views, for each point of the strand.
+    """Return the standard deviation and the number of views of each point of a strand.
 
-    Each view gives its own estimate of the centre line: the mean of its points c_i (eq. 1) within r. Sigma is the
-    spread of these estimates about the point. Where no view saw the string, for example under a crossing, sigma grows
-    with the square of the distance to the next point that was seen, as for a sideways bend of radius 5 r.
+    Each view gives its own estimate of the centre line near a point: the mean of the points c_i (eq. 1) within r. The
+    standard deviation is the root mean square distance of these estimates from the point, across the string.
+
+    For a point that no view saw, for example under a crossing, let d be the distance along the strand to the nearest
+    seen point. The standard deviation is larger than at the seen point by d^2 / (10 r), as for a bend of radius 5 r.
 
     Args:
         strand: Strand with N points.
         clouds: Points and normals of each view, after registration.
-        parameters: Radius r.
+        parameters: Method parameters; uses the radius r.
 
     Returns:
-        (N,) one sigma across the string, metres, and (N,) number of views. If no view saw any point, sigma is r.
-
-    Source:
-        Ours.
+        Standard deviations (N,) across the string, metres, and numbers of views (N,). If no view saw any point, all
+        standard deviations are r.
     """
     points = strand.points
     tangent = unit_vectors(np.gradient(points, axis=0) if len(points) > 1 else np.zeros_like(points))
     offsets = []
     for cloud in clouds:
-        # The points within 2 r of the strand contain all c_i within r. A tree of all c_i for each strand is slower.
+        # Any c_i within r of the strand belongs to a surface point within 2 r. A tree of all c_i is slower.
         near = np.unique(np.concatenate(list(cloud.tree.query_ball_point(points, 2 * parameters.r)))).astype(np.intp)
         unaveraged = cloud.points[near] - parameters.r * cloud.normals[near]
         means = neighbourhood_means(points, unaveraged, unaveraged, parameters.r)
@@ -134,9 +130,10 @@ def _orient(strand: Strand) -> Strand:
 def _find_hidden_points(
     strand: Strand, clouds: Sequence[NormalCloud], parameters: ChainParameters
 ) -> NDArray[np.bool_]:
-    """Return (N,) the bridged points under another strand: the top of the surface there is higher than r above them.
+    """Return the mask (N,), True for the bridged points that another strand hides from above.
 
-    Both strands of an intersection are bridged, but the views saw the over strand.
+    At an intersection, the points of both strands are bridged, but the views saw the over strand. A bridged point is
+    hidden if the top of the surface is at least 1.5 r above the point, or if no surface was measured there.
     """
     hidden = strand.bridged.copy()
     if not hidden.any():

@@ -1,6 +1,6 @@
-"""Contribution rate of the main axis, which distinguishes intersections from single strands (section III.C).
+"""Contribution rate (section III.C), which is low at intersections and high on single strands.
 
-In other libraries this eigenvalue ratio is called linearity.
+Other libraries call this eigenvalue ratio PCA1 (CloudCompare) or explained variance ratio (scikit-learn).
 """
 
 import numpy as np
@@ -41,21 +41,23 @@ def contribution_rates(points: NDArray[np.float64], radius: float) -> NDArray[np
 def intersection_points(
     points: NDArray[np.float64], rho: NDArray[np.float64], parameters: ChainParameters
 ) -> NDArray[np.bool_]:
-    """Return which points constitute an intersection: all points of the neighbourhoods with rho < rho_t.
+    """Return which points belong to an intersection.
+
+    A point belongs to an intersection if the point or a neighbour within r_s has rho < rho_t.
 
     Args:
         points: (N, 3) thinned points, metres.
         rho: (N,) contribution rate of each point.
-        parameters: Radius r_s of the neighbourhoods and threshold rho_t.
+        parameters: Method parameters; uses the radius r_s and the threshold rho_t.
 
     Returns:
-        (N,) True for the points of an intersection.
+        Mask (N,), True for the points of an intersection.
 
     Source:
-        Section III.C. The paper takes the points with rho < rho_t alone. We take all their neighbours within r_s, since
-        rho is a property of the neighbourhood. Otherwise, the middle of an intersection would be missing where the
-        points of the over strand outnumber the others. On a right-angled cross of lines without width, as clean depth
-        gives, R_c would stay below 1/2 and never reach R_t.
+        Section III.C. The paper takes only the points with rho < rho_t. Here their neighbours are added, because rho
+        describes the neighbourhood and not the point. Without the neighbours, an intersection has a hole in the middle
+        if most points there lie on the over strand. Clean depth gives thin lines. Without the neighbours, R_c stays
+        below 1/2 at a right-angled crossing of thin lines, and never reaches R_t.
     """
     A = neighbour_matrix(points, points, parameters.r_s)
     return A @ (rho < parameters.rho_t).astype(np.float64) > 0

@@ -1,4 +1,4 @@
-"""Ends of strands: extension to the end of the string, and whether the end was observed."""
+"""Ends of strands: extension to the end of the string, and classification as observed or unobserved."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -12,27 +12,27 @@ from recognition.preprocessing.target_cloud import Scene
 from recognition.strand import End, Strand, strand_ends
 
 REACH_PERCENTILE = 95.0
-"""Percentile of the distances of the centre points ahead that is taken for the end. Farther points are depth noise."""
+"""An end is extended to this percentile of the distances of the centre points ahead. Farther points are depth noise."""
 
 
 def extend_ends(
     strands: Sequence[Strand], unaveraged: NDArray[np.float64], parameters: ChainParameters
 ) -> list[Strand]:
-    """Extend open strands to where the string was measured.
+    """Extend both ends of each open strand to the measured end of the string.
 
-    The means of eqs. (2) and (3) move the ends of a line inwards by about 2 r, and links end up to r_n before the last
-    point. The unaveraged centre points reach the end of the string.
+    The means of eqs. (2) and (3) shorten a line by about 2 r at each end. The last link may stop up to r_n before the
+    last point. The unaveraged centre points reach the end of the string.
 
     Args:
         strands: Strands of the scene.
         unaveraged: (N, 3) centre points c_i of eq. (1), metres.
-        parameters: Radii r, r_n and r_cn.
+        parameters: Method parameters; uses r, r_n, r_f and r_cn.
 
     Returns:
-        The strands with points added at their ends, about r_n apart. Closed strands are unchanged.
+        The strands, with points added at their ends about r_n apart. Closed strands are unchanged.
 
     Source:
-        Ours. The paper's strands end short of the string's ends.
+        Not in the paper, whose strands stop before the ends of the string.
     """
     return [_extend(strand, unaveraged, parameters) for strand in strands]
 
@@ -40,22 +40,19 @@ def extend_ends(
 def classify_ends(
     strand: Strand, unaveraged: NDArray[np.float64], scene: Scene, parameters: ChainParameters
 ) -> tuple[EndKind, EndKind]:
-    """Return whether each end of the strand was observed: `free` if so, else `unseen`.
+    """Classify the ends of a strand: `free` if the end of the string was observed, else `unseen`.
 
-    An end was not observed if the strand leaves the workspace there, or if centre points continue ahead. The latter
-    happens where the string disappears under another strand and could not be followed beyond it.
+    An end is `unseen` if it lies near the border of the workspace, or if centre points continue ahead of the end.
+    Centre points continue, for example, if the string disappears under another strand and cannot be followed.
 
     Args:
-        strand: Strand.
+        strand: The strand.
         unaveraged: (N, 3) centre points c_i of eq. (1), metres.
-        scene: Workspace.
-        parameters: Radii r, r_n and r_cn, and border margin r_f.
+        scene: Scene; uses the workspace.
+        parameters: Method parameters; uses r, r_n, r_cn, and r_f as border margin.
 
     Returns:
-        The kinds of the first and the last point. Both are `free` for a closed strand, which has no unobserved end.
-
-    Source:
-        Ours.
+        The kinds of the first and the last end. A closed strand has two `free` ends.
     """
     if strand.closed:
         return "free", "free"
@@ -95,7 +92,10 @@ def _distances_ahead(
     direction: NDArray[np.float64],
     parameters: ChainParameters,
 ) -> NDArray[np.float64]:
-    """Return (M,) the distances ahead of `origin` of those points within r of the ray along `direction`."""
+    """Return the distances (M,) along a ray of the points within r of the ray, metres.
+
+    The ray starts at `origin` (3,) in `direction` (3,). Points behind the origin are excluded.
+    """
     offset = points - origin
     along = offset @ direction
     across = np.linalg.norm(offset - along[:, None] * direction, axis=1)

@@ -1,4 +1,4 @@
-"""Enhanced matching method (section III): thinning, distinction of intersections, and matching outside them."""
+"""Enhanced matching method (section III): thinning, detection of intersections, and matching between intersections."""
 
 from collections import deque
 from dataclasses import dataclass
@@ -16,26 +16,26 @@ from recognition.shirakawa.matching import SearchField, Segment, starting_order
 
 @dataclass(frozen=True, eq=False)
 class EnhancedMatching:
-    """Segments between intersections, and the measures that led to them."""
+    """Result of the enhanced matching method for N thinned points."""
 
     segments: list[Segment]
-    """Linked points, as indices into the thinned points."""
+    """Segments between the intersections, as indices into the thinned points."""
     bifurcation_centres: NDArray[np.float64]
     """(M, 3) bifurcation centres, metres (III.D)."""
     rho: NDArray[np.float64]
     """(N,) contribution rate of each thinned point (eq. 6)."""
     in_intersection: NDArray[np.bool_]
-    """(N,) whether a thinned point constitutes an intersection (III.C)."""
+    """(N,) mask, True for the points of an intersection (III.C)."""
     R_c: NDArray[np.float64]
-    """(N,) share of intersection points around each thinned point (eq. 7)."""
+    """(N,) ratio of intersection points among the neighbours of each thinned point (eq. 7)."""
 
 
 def thin(points: NDArray[np.float64], parameters: ChainParameters) -> NDArray[np.float64]:
-    """Move each point to the mean of its neighbours within r_c, itself included.
+    """Move each point to the mean of the points within r_c, including the point itself.
 
     Args:
         points: (N, 3) points of the centre line, metres.
-        parameters: Radius r_c.
+        parameters: Method parameters; uses the radius r_c.
 
     Returns:
         (N, 3) thinned points, metres.
@@ -49,17 +49,17 @@ def thin(points: NDArray[np.float64], parameters: ChainParameters) -> NDArray[np
 def match_enhanced(thinned: NDArray[np.float64], parameters: ChainParameters) -> EnhancedMatching:
     """Link the thinned points to segments by the enhanced matching method.
 
-    Sequences run until all points are unconnectable. Sequences from restart points come first.
+    New sequences start until no connectable point is left. Restart points come before all other starting points.
 
     Args:
         thinned: (N, 3) thinned points, metres.
-        parameters: Radii and thresholds of Table I.
+        parameters: Method parameters; uses r_s, rho_t, R_t, r_n, r_f, r_cn and r_cf.
 
     Returns:
-        The segments, the bifurcation centres, and the measures of each point.
+        The segments, the bifurcation centres, and rho and R_c of each point.
 
     Source:
-        Sections III.C and III.D. The starting points are ours (`starting_order`).
+        Sections III.C and III.D. The order of the starting points is not in the paper (see `starting_order`).
     """
     rho = contribution_rates(thinned, parameters.r_s)
     in_intersection = intersection_points(thinned, rho, parameters)
@@ -92,22 +92,22 @@ def trim_at_intersections(
     bifurcation_centres: NDArray[np.float64],
     parameters: ChainParameters,
 ) -> list[Segment]:
-    """Remove the points at the ends of segments that are closer than r_cn to a bifurcation centre.
+    """Remove the points at the ends of each segment that lie within r_cn of a bifurcation centre.
 
-    A segment that passes an intersection and leaves it again keeps its points there.
+    A segment that passes through an intersection keeps its points inside the intersection.
 
     Args:
         points: (N, 3) thinned points, metres.
         segments: Linked points, as indices into `points`.
         bifurcation_centres: (M, 3) bifurcation centres, metres.
-        parameters: Radius r_cn.
+        parameters: Method parameters; uses the radius r_cn.
 
     Returns:
-        The segments that keep at least one point.
+        The shortened segments, without segments that have no point left.
 
     Source:
-        Section III.D: "points around an intersection are eliminated from shape recognition". Ours: this includes the
-        points that a sequence linked before the intersection was found.
+        Section III.D: "points around an intersection are eliminated from shape recognition". Here this includes points
+        that were linked before the intersection was found. The paper does not mention these points.
     """
     if len(bifurcation_centres) == 0:
         return segments

@@ -1,4 +1,4 @@
-"""Matching method (section II.G): links the points of a thin line in order, by a search with two spheres."""
+"""Matching method (section II.G): link the points of a thin line in order, by a search with two spheres."""
 
 from dataclasses import dataclass, field
 
@@ -14,7 +14,7 @@ Segment = list[int]
 
 @dataclass(eq=False)
 class SearchField:
-    """A point cloud in which points become unconnectable as the search passes them.
+    """Point cloud of a search. The points that the search has passed become unconnectable.
 
     Source:
         Section II.G.
@@ -23,7 +23,7 @@ class SearchField:
     points: NDArray[np.float64]
     """(N, 3) points, metres."""
     connectable: NDArray[np.bool_] = field(init=False)
-    """(N,) whether a point may still be linked."""
+    """(N,) mask, True for the points that may still be linked."""
     tree: KDTree = field(init=False, repr=False)
     """Search tree of `points`."""
 
@@ -42,7 +42,7 @@ class SearchField:
         return near[self.connectable[near]]
 
     def nearest_connectable(self, centre: NDArray[np.float64], radius: float) -> int | None:
-        """Return the nearest connectable point within `radius` of `centre` (3,), or None (steps 3 and 4)."""
+        """Return the index of the nearest connectable point within `radius` of `centre` (3,), if any (steps 3, 4)."""
         near = self.connectable_within(centre, radius)
         if len(near) == 0:
             return None
@@ -50,15 +50,15 @@ class SearchField:
 
 
 def next_point(search: SearchField, target: int, parameters: ChainParameters) -> int | None:
-    """Return the point that follows a target point, and eliminate the points around the target.
+    """Eliminate the points around a target point, and return the index of the next point.
 
     Args:
         search: Point cloud. Points within r_n of the target become unconnectable.
         target: Index of the target point.
-        parameters: Radii r_n and r_f of the search spheres.
+        parameters: Method parameters; uses the radii r_n and r_f of the search spheres.
 
     Returns:
-        The index of the nearest connectable point within r_f. None if there is no such point.
+        The index of the nearest connectable point within r_f of the target, or None if no point is connectable there.
 
     Source:
         Section II.G, steps 1 to 5.
@@ -69,10 +69,10 @@ def next_point(search: SearchField, target: int, parameters: ChainParameters) ->
 
 
 def starting_order(search: SearchField, radius: float) -> NDArray[np.int64]:
-    """Return the order in which sequences start from the points: those with the fewest neighbours first.
+    """Return the points in the order in which sequences start: the points with the fewest neighbours first.
 
-    The ends of a line have half the neighbours of its middle. A sequence that starts at an end follows the string to
-    the other end in one piece.
+    A point at the end of a line has half as many neighbours as a point in the middle. A sequence that starts at an end
+    follows the string to the other end without a break.
 
     Args:
         search: Point cloud with N points.
@@ -82,7 +82,7 @@ def starting_order(search: SearchField, radius: float) -> NDArray[np.int64]:
         (N,) indices of the points.
 
     Source:
-        Ours. The paper does not say where a sequence starts.
+        Not in the paper, which does not say where a sequence starts.
     """
     if len(search.points) == 0:
         return np.empty(0, dtype=np.int64)
@@ -91,17 +91,17 @@ def starting_order(search: SearchField, radius: float) -> NDArray[np.int64]:
 
 
 def match_points(points: NDArray[np.float64], parameters: ChainParameters) -> list[Segment]:
-    """Link the points to segments by the matching method, until no point is connectable.
+    """Link the points to segments by the matching method, until no connectable point is left.
 
     Args:
         points: (N, 3) points of the centre line, metres.
-        parameters: Radii r_n and r_f of the search spheres.
+        parameters: Method parameters; uses the radii r_n and r_f of the search spheres.
 
     Returns:
         The segments, as indices into `points`. A segment may have a single point.
 
     Source:
-        Section II.G. The starting points are ours (`starting_order`).
+        Section II.G. The order of the starting points is not in the paper (see `starting_order`).
     """
     search = SearchField(points)
     segments = []

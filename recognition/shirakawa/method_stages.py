@@ -1,4 +1,4 @@
-"""Stages of the two methods of the paper: points are linked to segments, and segments are connected to strands."""
+"""The two stages of the paper's methods: link points to segments, then connect segments to strands."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -17,14 +17,14 @@ from recognition.strand import Strand
 
 @dataclass(frozen=True, eq=False)
 class LinkedSegments:
-    """Segments of one of the two methods."""
+    """Result of `link_segments`."""
 
     segments: Sequence[NDArray[np.float64]]
-    """(N, 3) each, the linked points, metres."""
+    """(N, 3) linked points of each segment, metres, base frame."""
     thinned: NDArray[np.float64] | None = None
     """(N, 3) thinned points of `enhanced`, metres; None for `matching`."""
     enhanced: EnhancedMatching | None = None
-    """Contribution rates and bifurcation centres of `enhanced`; None for `matching`."""
+    """Result of the enhanced matching; None for `matching`."""
 
 
 def link_segments(
@@ -33,12 +33,13 @@ def link_segments(
     """Link centre points to segments.
 
     Args:
-        method: `"matching"` links all points; `"enhanced"` thins them first and stops at intersections.
+        method: `"matching"` links all points. `"enhanced"` thins the points first, and stops segments at
+            intersections.
         centre_points: (N, 3) means of the centre points (eq. 2), metres.
-        parameters: Radii and thresholds.
+        parameters: Method parameters; `"matching"` uses r_n and r_f, `"enhanced"` uses all except r and z_t.
 
     Returns:
-        The segments, with the thinned points and the measures of `enhanced`.
+        The segments. For `"enhanced"` also the thinned points and the result of the enhanced matching.
 
     Source:
         Section II.G for `"matching"`; sections III.B to III.D for `"enhanced"`.
@@ -56,25 +57,25 @@ def connect_segments(
     unaveraged: NDArray[np.float64],
     parameters: ChainParameters,
 ) -> tuple[list[Strand], Reconstruction | None]:
-    """Connect the segments of `enhanced` across intersections and gaps, and extend the ends of the strands.
+    """Connect segments to strands across intersections and gaps, and extend the ends of the strands.
 
-    The segments of `matching` become strands as they are.
+    The segments of `matching` become strands without any change.
 
     Args:
-        linked: Segments by `link_segments`.
+        linked: Segments from `link_segments`.
         surface: (M, 3) registered surface points, metres.
         unaveraged: (K, 3) centre points (eq. 1), metres.
-        parameters: Radii and thresholds.
+        parameters: Method parameters; uses r, r_n, r_f, r_cn and r_cf.
 
     Returns:
-        The strands, in no particular order or direction, and the strands of `enhanced` after each step of the
-        reconstruction; None for `matching`, which connects nothing.
+        The strands, in no particular order or direction, and the reconstruction. The reconstruction is None for
+        `matching`.
 
     Raises:
-        TooCrowdedError: There are more segments than strings can have.
+        TooCrowdedError: The number of segments exceeds `MAX_SEGMENTS` of `reconstruction`.
 
     Source:
-        Section III.E; the extension of the ends is ours.
+        Section III.E. The extension of the ends is not in the paper.
     """
     if linked.enhanced is None:
         return [Strand(points, np.zeros(len(points), dtype=bool)) for points in linked.segments], None

@@ -1,4 +1,4 @@
-"""Reconstruction of the point chain model (section III.E): joins segments to strands."""
+"""Reconstruction of the point chain model (section III.E): join segments to strands."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -17,13 +17,19 @@ from recognition.strand import End, Strand, join_strands, strand_ends
 Points = NDArray[np.float64]
 
 MAX_JOIN_COSINE = -0.5
-"""Ends continue one another only if the inner product of their directions is smaller (angle above 120 degrees)."""
+"""Maximum inner product of the outward directions of two ends that continue each other (angle above 120 degrees)."""
 MAX_INTERSECTION_COSINE = 0.5
-"""Limit of that product at an intersection, where eq. (8) chooses: only pairs that fold back are excluded."""
+"""Maximum inner product of the outward directions of two ends of an intersection (angle above 60 degrees).
+
+The limit only excludes pairs that fold back. Eq. (8) chooses among the other pairs.
+"""
 MIN_FACING_COSINE = 0.5
-"""An end faces a point if the point is within 60 degrees of the end's direction. This is the cosine of that angle."""
+"""An end faces a point if the cosine between the outward direction and the direction to the point exceeds this value.
+
+The angle is then less than 60 degrees.
+"""
 MAX_SEGMENTS = 2000
-"""Maximum number of segments: a string of ten metres with a hundred crossings has a few hundred."""
+"""Maximum number of segments. A string of ten metres with a hundred crossings has a few hundred."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,9 +37,9 @@ class Reconstruction:
     """The strands after each of the two steps of the reconstruction."""
 
     reconnected: list[Strand]
-    """After the reconnection of close ends (III.E.1)."""
+    """Strands after close ends were joined (III.E.1)."""
     connected: list[Strand]
-    """After the connection of the ends at intersections (III.E.2)."""
+    """Strands after ends were also joined at intersections (III.E.2) and across gaps."""
 
 
 def reconstruct(
@@ -44,17 +50,17 @@ def reconstruct(
     Args:
         segments: (N, 3) points of each segment, metres. Empty segments are ignored.
         centres: (M, 3) bifurcation centres, metres.
-        surface: (K, 3) registered surface points, metres, base frame. They show where a strand may be hidden.
-        parameters: Radii of Table I.
+        surface: (K, 3) registered surface points, metres, base frame. They show which gaps another strand covers.
+        parameters: Method parameters; uses r, r_n, r_f, r_cn and r_cf.
 
     Returns:
         The strands after each step.
 
     Raises:
-        TooCrowdedError: There are more segments than strings can have (`MAX_SEGMENTS`).
+        TooCrowdedError: The number of segments exceeds `MAX_SEGMENTS`.
 
     Source:
-        Section III.E. Ours are `split_at_side_contacts` and `connect_across_gaps`.
+        Section III.E. `split_at_side_contacts` and `connect_across_gaps` are not in the paper.
     """
     if len(segments) > MAX_SEGMENTS:
         raise TooCrowdedError(
@@ -69,26 +75,26 @@ def reconstruct(
 
 
 def reconnect_close_ends(strands: Sequence[Strand], centres: Points, parameters: ChainParameters) -> list[Strand]:
-    """Join ends that are closer than r_f, the closest pair first.
+    """Join pairs of ends that are closer than r_f, the closest pair first.
 
     Args:
         strands: Strands of the scene.
         centres: (M, 3) bifurcation centres, metres.
-        parameters: Radius r_f, and radii of the intersections.
+        parameters: Method parameters; uses r_f, r_n, r_cn and r_cf.
 
     Returns:
         The joined strands.
 
     Source:
-        Section III.E.1. The paper joins every pair. Ours excludes pairs whose directions are not opposite, because two
-        strings may end side by side. It also excludes ends that gather around a bifurcation centre, because eq. (8)
-        decides which of those belong together, not their distance.
+        Section III.E.1. The paper joins every pair of close ends. Here, the two directions must be opposite, because
+        two strings may end side by side. Ends of an intersection are also excluded, because eq. (8) pairs these ends
+        later.
     """
     ends = strand_ends(strands, parameters)
     at_intersection = assign_to_intersections(ends, centres, parameters) >= 0
     has_direction = np.array([end.direction.any() for end in ends], dtype=bool)
     D = np.linalg.norm(_positions(ends)[:, None] - _positions(ends)[None], axis=2)
-    # A strand of one point has no direction and may be joined on either side.
+    # A strand of one point has no direction, so its ends may be joined in any direction.
     opposite = (inner_products(ends) < MAX_JOIN_COSINE) | ~has_direction[:, None] | ~has_direction[None]
     pairs = []
     used = set(np.flatnonzero(at_intersection).tolist())
@@ -111,22 +117,19 @@ def reconnect_close_ends(strands: Sequence[Strand], centres: Points, parameters:
 def split_at_side_contacts(
     strands: Sequence[Strand], centres: Points, parameters: ChainParameters
 ) -> tuple[list[Strand], Points]:
-    """Cut strands where the end of another strand meets their side.
+    """Cut each strand where an end touches the side of the strand.
 
-    Such an end marks an intersection that R_c did not show: a sequence turned from one strand into the other and left
-    the rest of both. The passing strand is opened over r_cn, so that eq. (8) can decide which of the ends belong
-    together. Where a string really ends on another, eq. (8) closes the opening again.
+    A side contact marks an intersection that R_c did not show: a matching sequence turned from one strand into another.
+    The points within r_cn of the contact are removed, so that eq. (8) can choose among all ends there. If a string
+    really ends at the side of another string, eq. (8) closes the cut again.
 
     Args:
         strands: Strands of the scene.
         centres: (M, 3) bifurcation centres, metres.
-        parameters: Radii r_f and r_cn, and radii of the intersections.
+        parameters: Method parameters; uses r_f, r_n, r_cn and r_cf.
 
     Returns:
-        The strands without the points within r_cn of a contact, and the centres with the contacts added.
-
-    Source:
-        Ours.
+        The cut strands, and the centres (M + C, 3) with the C contact points appended.
     """
     ends = strand_ends(strands, parameters)
     away_from_centres = assign_to_intersections(ends, centres, parameters) < 0
@@ -141,7 +144,7 @@ def split_at_side_contacts(
     contacts = []
     for end in (end for end, is_away in zip(ends, away_from_centres, strict=True) if is_away):
         near = np.asarray(tree.query_ball_point(end.point, parameters.r_f, return_sorted=True), dtype=np.int64)
-        # The points of the end's own strand next to the end are not the side of another strand.
+        # Exclude the points of the same strand that are next to the end itself.
         own = (owner[near] == end.strand) & (
             (s[near] if end.at_start else length[end.strand] - s[near]) <= parameters.r_cn
         )
@@ -163,18 +166,18 @@ def split_at_side_contacts(
 
 
 def connect_at_intersections(strands: Sequence[Strand], centres: Points, parameters: ChainParameters) -> list[Strand]:
-    """Join the ends that gather around each intersection by eq. (8).
+    """Join the ends around each intersection, in pairs chosen by eq. (8).
 
     Args:
         strands: Strands of the scene.
         centres: (M, 3) bifurcation centres, metres.
-        parameters: Radii of the intersections.
+        parameters: Method parameters; uses r_f, r_n, r_cn and r_cf.
 
     Returns:
         The joined strands.
 
     Source:
-        Section III.E.2, eq. (8). Excluding pairs that fold back (`MAX_INTERSECTION_COSINE`) is ours.
+        Section III.E.2, eq. (8). The exclusion of pairs that fold back (`MAX_INTERSECTION_COSINE`) is not in the paper.
     """
     ends = strand_ends(strands, parameters)
     intersection = assign_to_intersections(ends, centres, parameters)
@@ -184,22 +187,24 @@ def connect_at_intersections(strands: Sequence[Strand], centres: Points, paramet
 
 
 def assign_to_intersections(ends: Sequence[End], centres: Points, parameters: ChainParameters) -> NDArray[np.int64]:
-    """Return the number of the intersection around which each end gathers.
+    """Return the index of the intersection to which each end belongs.
 
-    An end gathers around the nearest centre if it points towards it from within r_cf + r_n: an incoming sequence or a
-    restart can be as far away as that. Centres are one intersection if their inner spheres (r_cn) overlap, because
-    nothing of the strands between them is left. This includes two centres of strands that cross at an acute angle.
+    An end belongs to the nearest bifurcation centre if the end points towards the centre and lies within r_cf + r_n of
+    the centre. An incoming sequence or a restart can be this far away.
+
+    Several centres form one intersection if their inner spheres (r_cn) overlap, because no piece of a strand is left
+    between these centres. For example, two strands that cross at an acute angle may have two centres.
 
     Args:
         ends: The N ends of the strands.
         centres: (M, 3) bifurcation centres, metres.
-        parameters: Radii r_cn, r_cf and r_n.
+        parameters: Method parameters; uses the radii r_cn, r_cf and r_n.
 
     Returns:
-        (N,) number of the intersection, -1 for none.
+        (N,) index of the intersection, -1 for none.
 
     Source:
-        Section III.E.2 speaks of the ends "which gather around an intersection". The rule is ours.
+        Section III.E.2: the ends "which gather around an intersection". The paper does not define this condition.
     """
     if len(ends) == 0 or len(centres) == 0:
         return np.full(len(ends), -1)
@@ -216,22 +221,22 @@ def assign_to_intersections(ends: Sequence[End], centres: Points, parameters: Ch
 
 
 def connect_across_gaps(strands: Sequence[Strand], surface: Points, parameters: ChainParameters) -> list[Strand]:
-    """Join ends that face each other across a gap in which another strand hides the string, by eq. (8).
+    """Join ends that face each other across a gap that another strand covers.
 
-    Where strands lie on one another without being merged, the contribution rate stays high. No bifurcation centre is
-    found, and the hidden strand has a gap. Its two ends belong to an intersection too. Ends without `surface` between
-    them are not joined.
+    Two strands may cross without being merged in the data. The contribution rate then stays high, and no bifurcation
+    centre is found, but the hidden strand has a gap. Eq. (8) chooses the pairs of ends to join. A gap that no surface
+    points cover stays open.
 
     Args:
         strands: Strands of the scene.
         surface: (K, 3) registered surface points, metres, base frame.
-        parameters: Radii r, r_f and r_cf. Gaps are at most 2 r_cf long.
+        parameters: Method parameters; uses r, r_n, r_f and r_cf. The maximum length of a gap is 2 r_cf.
 
     Returns:
         The joined strands.
 
     Source:
-        Ours, an addition to section III.E.2.
+        Not in the paper; an addition to section III.E.2.
     """
     ends = strand_ends(strands, parameters)
     if len(ends) < 2:
@@ -252,21 +257,22 @@ def connect_across_gaps(strands: Sequence[Strand], surface: Points, parameters: 
 def straightest_pairs(
     ends: Sequence[End], allowed: NDArray[np.bool_], strands: Sequence[Strand], parameters: ChainParameters
 ) -> list[tuple[int, int]]:
-    """Return the pairs of ends that have the minimum total of eq. (8).
+    """Return the pairs of ends with the minimum sum of eq. (8).
+
+    The number of pairs is maximised first. Among the solutions with this number, the sum of v_j . v_k over the pairs is
+    minimised.
 
     Args:
         ends: The N ends of the strands.
-        allowed: (N, N) whether two ends may be a pair; symmetric.
+        allowed: Mask (N, N), symmetric, True where two ends may form a pair.
         strands: Strands of the scene.
-        parameters: Radius r_f, for strands that may close on themselves.
+        parameters: Method parameters; uses r_f for the minimum length of a strand that closes on itself.
 
     Returns:
         Indices of the two ends of each pair. Each end is in one pair or in none.
 
     Source:
-        Section III.E.2. Eq. (8) adds v_j . v_k over the two pairs of four ends. Ours adds it over the pairs of any
-        number of ends. As many ends as possible are paired, so that only odd ends remain; among the sets of that size,
-        the one with the minimum total is taken.
+        Section III.E.2, eq. (8). The paper pairs four ends; here the number of ends is arbitrary.
     """
     b = inner_products(ends)
     j, k = np.nonzero(np.triu(allowed, 1))
@@ -276,7 +282,7 @@ def straightest_pairs(
     if not pairs:
         return []
     j, k = np.array(pairs).T
-    # Inner products do not exceed 1, so with this gain no total makes up for a missing pair.
+    # One more pair gains more than any difference of the sums, so the number of pairs is maximised first.
     chosen = maximum_weight_matching(j, k, len(ends) + 2.0 - b[j, k])
     return list(zip(j[chosen].tolist(), k[chosen].tolist(), strict=True))
 
@@ -288,27 +294,29 @@ def inner_products(ends: Sequence[End]) -> NDArray[np.float64]:
         ends: The N ends of the strands.
 
     Returns:
-        (N, N) values from -1, where the second end continues the first straight, to 1.
+        (N, N) inner products, from -1 to 1. At -1, the two ends continue each other in a straight line.
 
     Source:
-        Eq. (8), the terms of the sum.
+        Terms of the sum in eq. (8).
     """
     v = _directions(ends)
     return v @ v.T
 
 
 def _may_join(ends: Sequence[End], j: int, k: int, strands: Sequence[Strand], parameters: ChainParameters) -> bool:
-    """Return whether two ends may be joined: a strand must be long enough to close on itself."""
+    """Return whether ends `j` and `k` may be joined. A strand of at most 2 pi r_f must not close on itself."""
     if ends[j].strand != ends[k].strand:
         return True
     return bool(arc_length(strands[ends[j].strand].points)[-1] > 2 * np.pi * parameters.r_f)
 
 
 def _is_covered(a: Points, b: Points, surface_xy: KDTree, parameters: ChainParameters) -> bool:
-    """Return whether surface lies over the gap from a to b, seen from above.
+    """Return whether surface points cover the gap between `a` (3,) and `b` (3,), seen from above.
 
-    The means of eqs. (2) and (3) move each end back by up to 2 r = r_f from where the strand disappears. The part of
-    the gap that is farther than that from both ends must be covered, at least its middle.
+    The means of eqs. (2) and (3) shorten a strand by up to 2 r, which is r_f in Table I. Only the part of the gap that
+    is farther than r_f from both ends must therefore be covered. If the gap is shorter than 2 r_f, this part is its
+    middle.
+    `surface_xy` is the search tree of the surface points in the table plane.
     """
     length = float(np.linalg.norm(b - a))
     covered_length = max(length - 2 * parameters.r_f, 0.0)
@@ -319,10 +327,10 @@ def _is_covered(a: Points, b: Points, surface_xy: KDTree, parameters: ChainParam
 
 
 def _positions(ends: Sequence[End]) -> Points:
-    """Return (N, 3) the positions of the ends."""
+    """Return the positions (N, 3) of the ends, metres."""
     return np.array([end.point for end in ends]).reshape(-1, 3)
 
 
 def _directions(ends: Sequence[End]) -> Points:
-    """Return (N, 3) the outward directions of the ends."""
+    """Return the outward directions (N, 3) of the ends; zero for the ends of a single point."""
     return np.array([end.direction for end in ends]).reshape(-1, 3)

@@ -1,8 +1,9 @@
-"""Tracing of the strands, by the graph method.
+"""Tracing of strands by the graph method.
 
-The centre points c_i of eq. (1) and a height map of the registered surface go in. Strands come out, with the nodes and
-fragments they were traced from and the pairs of fragment ends that were joined. The method is ours: it replaces the
-matching methods of sections II.G and III of the paper.
+The input is the centre points c_i of eq. (1) and a height map of the registered surface. The output is the strands,
+with their nodes, their fragments and the joined pairs of fragment ends.
+
+The graph method is not in the paper. It replaces the matching methods of sections II.G and III.
 """
 
 from recognition.tracing.trace import TracedStrands, trace_strands

@@ -1,4 +1,4 @@
-"""Pairing of fragment ends: one optimisation decides for the whole scene which ends continue each other."""
+"""Pairing of fragment ends: one optimisation for the whole scene selects the pairs of ends to join."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -13,61 +13,61 @@ from recognition.tracing.fragments import Fragment
 from recognition.tracing.height_map import HeightMap
 
 END_FIT_RADII = 5.0
-"""Length of string, in radii, from which the direction and the curvature of an end are taken."""
+"""Length of the part of a fragment that is fitted to get the direction and curvature of its end, in radii r."""
 MAX_GAP_RADII = 14.0
-"""Maximum gap that is bridged, in radii. A strand that passes over at 25 degrees hides about 8."""
+"""Maximum gap between paired ends, in radii r. An over strand that crosses at 25 degrees hides about 8 r."""
 MIN_BEND_RADII = 2.5
-"""Minimum bend radius of a string, in radii of the string."""
+"""Minimum bend radius of a string, in radii r."""
 MIN_RING_RADII = 12.0
-"""Minimum length of a fragment that may close on itself, in radii."""
+"""Minimum length of a fragment whose two ends may be paired with each other, in radii r."""
 MAX_TURN_RAD = 1.4
-"""Maximum angle between the direction of an end and the line to its partner, radians."""
+"""Maximum angle between the direction of an end and the straight line to its partner, radians."""
 HEIGHT_WEIGHT = 0.5
-"""Weight of height differences, compared with horizontal ones. Next to a strand on top, heights are measured worst."""
+"""Weight of height differences relative to horizontal differences. Heights are least accurate near an over strand."""
 SINGLE_END_COST = 1.5
-"""Cost of a visible end that stays single, in the unit of the misfit (squared sigmas)."""
+"""Cost of a visible end without a partner, in squared sigmas like the misfit of a pair."""
 OCCLUDED_END_COST = 4.0
-"""Additional cost if another strand lies over the continuation of the end."""
+"""Additional cost of an occluded end without a partner. It is multiplied by the occluded share ahead of the end."""
 GAP_COST_PER_RADIUS = 0.25
-"""Cost of a gap for each radius of its length."""
+"""Cost of a gap per radius r of its length."""
 VISIBLE_GAP_COST_PER_RADIUS = 1.0
-"""Additional cost for each radius of a gap that no strand occludes, beyond `FREE_VISIBLE_GAP_RADII`.
+"""Additional cost per radius r of visible gap, beyond `FREE_VISIBLE_GAP_RADII`.
 
-A string in such a gap would have been measured.
+A gap is visible where no strand occludes it. A string in a visible gap would have been measured.
 """
 FREE_VISIBLE_GAP_RADII = 3.0
-"""Length of a gap, in radii, that may be visible at no additional cost."""
+"""Visible length of a gap without additional cost, in radii r."""
 MAX_BARE_GAP_RADII = 1.0
-"""Maximum length of a gap over bare table, in radii. Noise leaves such holes, and no string is hidden there."""
+"""Maximum length of bare table in a gap, in radii r. Noise causes shorter holes. Bare table cannot hide a string."""
 MIN_CERTAIN_MARGIN = 2.0
-"""A pair is ambiguous if excluding it raises the minimum cost by less than this."""
+"""A pair is ambiguous if its exclusion raises the minimum total cost by less than this value."""
 
 
 @dataclass(frozen=True, eq=False)
 class FragmentEnds:
-    """Both ends of every open fragment, the start before the end."""
+    """The two ends of every open fragment. The first point of a fragment comes before the last point."""
 
     fragment: NDArray[np.int64]
-    """(N,) index of the fragment."""
+    """(N,) index of the fragment of each end."""
     points: NDArray[np.float64]
-    """(N, 3) smoothed positions, metres, base frame."""
+    """(N, 3) smoothed positions of the ends, metres, base frame."""
     directions: NDArray[np.float64]
     """(N, 3) unit vectors pointing out of the fragment."""
     curvatures: NDArray[np.float64]
-    """(N, 3) curvature vectors across the direction, 1/m."""
+    """(N, 3) curvature vectors, perpendicular to the directions, 1/m."""
 
     def extrapolate(
         self, indices: NDArray[np.int64], distance: NDArray[np.float64], curvature_share: float
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return the continuation of ends beyond the fragments.
+        """Extrapolate fragments beyond their ends.
 
         Args:
-            indices: (M,) ends to continue.
-            distance: (M,) distance ahead of each end, metres.
+            indices: (M,) indices of the ends.
+            distance: (M,) distance to extrapolate from each end, metres.
             curvature_share: Share of the curvature that is used, 0 to 1.
 
         Returns:
-            (M, 3) points, metres, base frame, and (M, 3) unit directions there.
+            The extrapolated points (M, 3), metres, base frame, and the unit directions (M, 3) at these points.
         """
         curve = curvature_share * self.curvatures[indices] * distance[:, None]
         points = self.points[indices] + distance[:, None] * (self.directions[indices] + curve / 2)
@@ -77,34 +77,36 @@ class FragmentEnds:
 
 @dataclass(frozen=True, eq=False)
 class Pairing:
-    """Pairs of ends that continue each other."""
+    """Pairs of fragment ends to join."""
 
     ends: FragmentEnds
     """Ends of all open fragments."""
     pairs: list[tuple[int, int]]
-    """Two indices into `ends` for each pair."""
+    """Indices into `ends` of the two ends of each pair."""
     ambiguous_points: list[NDArray[np.float64]]
-    """(3,) middle of each pair that has nearly as good alternatives, metres, base frame."""
+    """(3,) midpoint between the ends of each ambiguous pair (see `MIN_CERTAIN_MARGIN`), metres, base frame."""
 
 
 def pair_ends(fragments: Sequence[Fragment], height_map: HeightMap, parameters: ChainParameters) -> Pairing:
-    """Return the pairs of ends that bend least, over all intersections of the scene at once.
+    """Pair the fragment ends of the whole scene at the minimum total cost.
 
-    The cost of a pair is its misfit plus the cost of its gap. For the misfit, both ends are extrapolated to the middle
-    of the gap; their difference in position and direction there counts in squared sigmas. An end may stay single, at a
-    cost that is higher if another strand lies over its continuation. The pairs are a maximum weight matching.
+    The cost of a pair is its misfit plus the cost of its gap. The two ends are extrapolated to the middle of the gap.
+    The misfit is their difference in position and direction there, in squared sigmas.
+
+    An end without a partner also has a cost. It is higher if another strand lies over the continuation of the end. A
+    maximum weight matching selects the pairs.
 
     Args:
         fragments: Fragments of the scene.
         height_map: Height map of the registered surface.
-        parameters: Radius r.
+        parameters: Method parameters; uses the radius r.
 
     Returns:
         The ends, the pairs, and the positions of ambiguous pairs.
 
     Source:
-        Ours, a generalisation of eq. (8) (section III.E.2). Eq. (8) adds v_j . v_k over the two pairs of the four ends
-        at one intersection. This sum runs over all pairs of the scene.
+        Generalises section III.E.2, eq. (8). Eq. (8) sums v_j . v_k over the two pairs of the four ends at one
+        intersection. The total cost here sums over all pairs of the scene. The costs are not in the paper.
     """
     ends = _collect_ends(fragments, parameters.r)
     if len(ends.points) < 2:
@@ -143,7 +145,15 @@ def _collect_ends(fragments: Sequence[Fragment], r: float) -> FragmentEnds:
 def _fit_end(
     points: NDArray[np.float64], r: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Return position, outward direction and curvature of a line (N, 3) at its first point, from a parabola."""
+    """Fit a parabola to the first part of a line and return its end.
+
+    Args:
+        points: (N, 3) points of the line, metres. The end is the first point.
+        r: Radius of the string, metres.
+
+    Returns:
+        The position (3,) of the end, its outward unit direction (3,) and its curvature vector (3,), 1/m.
+    """
     terms = fit_end_parabola(points, END_FIT_RADII * r, r)
     direction = -terms[1] / max(float(np.linalg.norm(terms[1])), 1e-12)
     curvature = 2 * terms[2] - 2 * (terms[2] @ direction) * direction
@@ -153,7 +163,7 @@ def _fit_end(
 def _candidate_pairs(
     ends: FragmentEnds, fragments: Sequence[Fragment], r: float
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return (M,) and (M,) the ends of the pairs that are near and roughly face each other."""
+    """Return the end indices (M,) and (M,) of the candidate pairs: ends that are near and roughly face each other."""
     a, b = np.triu_indices(len(ends.points), 1)
     may_close = np.array([arc_length(f.points)[-1] > MIN_RING_RADII * r for f in fragments], dtype=bool)
     offset = ends.points[b] - ends.points[a]
@@ -165,9 +175,10 @@ def _candidate_pairs(
 
 
 def _misfit(ends: FragmentEnds, a: NDArray[np.int64], b: NDArray[np.int64], r: float) -> NDArray[np.float64]:
-    """Return (M,) the difference of the two ends of each pair in the middle of the gap, in squared sigmas.
+    """Return the misfit (M,) of each pair in the middle of its gap, in squared sigmas.
 
-    Curvatures are known only roughly. The smallest misfit with none, half and all of the curvature counts.
+    `a` (M,) and `b` (M,) are the end indices of the pairs. The curvatures of the ends are inaccurate. The misfit is
+    therefore computed with no, half and full curvature, and the smallest result is used.
     """
     gap = np.linalg.norm(ends.points[b] - ends.points[a], axis=1)
     misfits = []
@@ -187,7 +198,10 @@ def _misfit(ends: FragmentEnds, a: NDArray[np.int64], b: NDArray[np.int64], r: f
 def _gap_cost(
     ends: FragmentEnds, a: NDArray[np.int64], b: NDArray[np.int64], height_map: HeightMap, r: float
 ) -> NDArray[np.float64]:
-    """Return (M,) the cost of each pair's gap. It is infinite over bare table, where nothing can be hidden."""
+    """Return the cost (M,) of the gap of each pair. `a` (M,) and `b` (M,) are the end indices of the pairs.
+
+    The cost is infinite if the gap leads over more bare table than `MAX_BARE_GAP_RADII`.
+    """
     if len(a) == 0:
         return np.empty(0)
     gap = np.linalg.norm(ends.points[b] - ends.points[a], axis=1)
@@ -207,7 +221,7 @@ def _gap_cost(
 
 
 def _occluded_share_ahead(ends: FragmentEnds, height_map: HeightMap, r: float) -> NDArray[np.float64]:
-    """Return (N,) the share of the line ahead of each end, up to 2.5 r, that another strand occludes."""
+    """Return the occluded share (N,) of the line from 0.5 r to 2.5 r ahead of each end, 0 to 1."""
     distance = np.linspace(0.5, 2.5, 5)[None, :, None] * r
     horizontal = ends.directions * (1, 1, 0)
     points = ends.points[:, None] + distance * horizontal[:, None]
@@ -216,7 +230,7 @@ def _occluded_share_ahead(ends: FragmentEnds, height_map: HeightMap, r: float) -
 
 
 def _angle(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return (M,) the angles between vectors (M, 3), radians, with heights weighted by `HEIGHT_WEIGHT`."""
+    """Return the angles (M,) between the vectors `a` and `b` (M, 3), radians. `HEIGHT_WEIGHT` scales their z."""
     a, b = a * (1, 1, HEIGHT_WEIGHT), b * (1, 1, HEIGHT_WEIGHT)
     cosine = (a * b).sum(axis=1) / np.maximum(np.linalg.norm(a, axis=1) * np.linalg.norm(b, axis=1), 1e-12)
     return np.arccos(np.clip(cosine, -1, 1))

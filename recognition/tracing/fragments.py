@@ -1,4 +1,4 @@
-"""Fragments: the visible parts of the strands, as nodes linked in order."""
+"""Fragments: the visible parts of the centre lines, as linked nodes in order."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -13,47 +13,47 @@ from recognition.tracing.height_map import HeightMap
 from recognition.tracing.nodes import CentreLineNodes
 
 SPACING_RADII = 0.7
-"""A node nearer than this, in radii, to a better-supported node of the same strand is represented by that node."""
+"""Maximum distance between a node and its representative, along and across the string, in radii r."""
 MIN_PARALLEL_COSINE = np.cos(np.radians(45))
-"""Nodes whose directions differ by more than 45 degrees do not represent each other."""
+"""Minimum cosine between the directions of a node and its representative (45 degrees)."""
 MIN_LINK_COSINE = np.cos(np.radians(35))
-"""A link leaves and enters its nodes within 35 degrees of their directions."""
+"""Minimum cosine between a link and the directions of its two nodes (35 degrees)."""
 MAX_LINK_RADII = 2.2
-"""Maximum length of a link in radii, if nothing is known about the space between its nodes."""
+"""Maximum length of a link in the first pass of linking, in radii r."""
 MAX_DENSE_LINK_RADII = 1.5
-"""Distance of two nodes, in radii, up to which they leave no hole. A longer link must not lead over bare table."""
+"""Maximum distance between two nodes without a hole between them, in radii r. Longer links may cross bare table."""
 MIN_END_SUPPORT_SHARE = 0.45
-"""Minimum support of the nodes at the ends of a fragment, as a share of its median support.
+"""Minimum support of the nodes at the ends of a fragment, as a share of the median support of the fragment.
 
-Nodes with less are drawn aside by the flank of another strand: next to a strand that passes over, the corner between
-the two gives centre points that belong to neither.
+Nodes with less support may be displaced. In the corner between two strands at a crossing, centre points belong to
+neither strand.
 """
 MIN_NODES = 3
 """Minimum number of nodes of a fragment. Fewer nodes show no direction."""
 MIN_RING_NODES = 12
-"""Minimum number of nodes of a closed fragment. Fewer nodes do not go round the string's own thickness."""
+"""Minimum number of nodes of a closed fragment. A smaller ring is too narrow for the thickness of the string."""
 MIN_MEDIAN_RHO = 0.66
-"""Minimum of a fragment's median contribution rate: lines on a flat surface have about 1/2, strings above 0.8."""
+"""Minimum median contribution rate of a fragment. Lines on a flat surface have about 0.5, strings above 0.8."""
 
 
 @dataclass(frozen=True, eq=False)
 class Fragment:
-    """Nodes of one strand in order."""
+    """Linked nodes of one strand, in order."""
 
     points: NDArray[np.float64]
-    """(N, 3) points, metres, base frame."""
+    """(N, 3) positions of the nodes, metres, base frame."""
     support: NDArray[np.float64]
-    """(N,) support of each node."""
+    """(N,) support of each node, as in `CentreLineNodes`."""
     closed: bool = False
     """Whether the last node is linked to the first."""
 
     def split(self, keep: NDArray[np.bool_], cut: NDArray[np.bool_]) -> list["Fragment"]:
-        """Return the parts that are left after nodes are removed and links are cut.
+        """Remove nodes, cut links and return the remaining parts of the fragment.
 
         Args:
-            keep: (N,) False for nodes to remove.
-            cut: (N,) True for links to cut. Link k leads from node k to the next one; in a closed fragment, the last
-                link leads to the first node.
+            keep: (N,) mask of the nodes, False for nodes to remove.
+            cut: (N,) mask of the links, True for links to cut. Link k connects node k and the next node. In a closed
+                fragment, the last link connects the last node and the first node.
 
         Returns:
             The parts in order. Parts with fewer than `MIN_NODES` nodes are dropped.
@@ -71,25 +71,26 @@ class Fragment:
 
 
 def link_nodes(nodes: CentreLineNodes, parameters: ChainParameters) -> list[Fragment]:
-    """Return the fragments: the strands as far as they can be followed from node to node.
+    """Link neighbouring nodes and return the fragments that the links form.
 
-    Every node has two sides, one along its direction and one against it. Each side takes at most one link. The
-    straightest and shortest links are made first. A side without a link is the end of a fragment.
+    Every node has two sides: one along its direction and one against its direction. Each side takes at most one link.
+    The straightest and shortest links are made first. A fragment ends at a side without a link.
 
-    Only the best-supported nodes are linked; each represents the nodes beside it. Two representatives can be farther
-    apart than `MAX_LINK_RADII` although the nodes between them leave no hole. They are linked at the end if both sides
-    are still free.
+    Only representatives are linked: the best-supported nodes, each of which represents the nodes beside it. Two
+    representatives may be farther apart than `MAX_LINK_RADII`, although the represented nodes leave no hole. A second
+    pass links them if their sides are still free.
 
     Args:
         nodes: Nodes of the centre line.
-        parameters: Radius r.
+        parameters: Method parameters; uses the radius r.
 
     Returns:
-        The fragments, open ones first. Poorly supported nodes at the ends are removed. Fragments with few nodes or with
-        a low contribution rate are dropped.
+        The open fragments, then the closed fragments. Poorly supported nodes at open ends are removed. Fragments with
+        few nodes or with a low contribution rate are dropped.
 
     Source:
-        Ours. It replaces the search with two spheres (section II.G) and the bifurcated restart (section III.D, eq. 7).
+        The linking is not in the paper. It replaces the search with two spheres (section II.G) and the bifurcated
+        restart (section III.D, eq. 7).
     """
     all_nodes, r = nodes, parameters.r
     representatives, represented_by = np.unique(_find_representatives(nodes, r), return_inverse=True)
@@ -110,9 +111,9 @@ def link_nodes(nodes: CentreLineNodes, parameters: ChainParameters) -> list[Frag
 
 
 def split_over_bare_table(fragments: Sequence[Fragment], height_map: HeightMap, r: float) -> list[Fragment]:
-    """Return the fragments, split where a long link leads over bare table.
+    """Split the fragments at long links over bare table.
 
-    Such a link connects the ends of two strings that lie in one line.
+    A long link over bare table connects the ends of two strings that lie end to end.
 
     Args:
         fragments: Fragments of the scene.
@@ -120,10 +121,7 @@ def split_over_bare_table(fragments: Sequence[Fragment], height_map: HeightMap, 
         r: Radius of the string, metres.
 
     Returns:
-        The parts of the fragments.
-
-    Source:
-        Ours.
+        The fragments and the parts of split fragments.
     """
     parts = []
     for fragment in fragments:
@@ -137,7 +135,10 @@ def split_over_bare_table(fragments: Sequence[Fragment], height_map: HeightMap, 
 
 
 def _find_representatives(nodes: CentreLineNodes, r: float) -> NDArray[np.int64]:
-    """Return (N,) the node that represents each node: the best-supported one takes those beside it, then the next."""
+    """Return the index (N,) of the node that represents each node.
+
+    In the order of support, each node without a representative represents itself and the free nodes beside it.
+    """
     i, j = _nearby_pairs(nodes, 2 * r).T
     offset = nodes.points[j] - nodes.points[i]
     along = np.abs((offset * nodes.directions[i]).sum(axis=1))
@@ -155,7 +156,7 @@ def _find_representatives(nodes: CentreLineNodes, r: float) -> NDArray[np.int64]
 
 
 def _nearby_pairs(nodes: CentreLineNodes, max_distance: float) -> NDArray[np.int64]:
-    """Return (M, 2) the pairs of nodes that are at most `max_distance` apart."""
+    """Return the node pairs (M, 2) that are at most `max_distance` apart, metres."""
     if len(nodes.points) == 0:
         return np.empty((0, 2), dtype=np.int64)
     return KDTree(nodes.points).query_pairs(max_distance, output_type="ndarray").astype(np.int64)
@@ -164,9 +165,16 @@ def _nearby_pairs(nodes: CentreLineNodes, max_distance: float) -> NDArray[np.int
 def _rate_links(
     nodes: CentreLineNodes, pairs: NDArray[np.int64]
 ) -> tuple[NDArray[np.bool_], NDArray[np.float64], NDArray[np.int64]]:
-    """Return for each of the `pairs` (M, 2) whether a link is possible, its cost, and (M, 2) the sides it takes.
+    """Rate the links between M pairs of nodes.
 
-    A possible link leaves and enters along the directions of its nodes. The cost is the length with a bending penalty.
+    Args:
+        nodes: Nodes of the centre line.
+        pairs: (M, 2) indices of the two nodes of each link.
+
+    Returns:
+        The mask (M,) of the possible links, which are roughly parallel to the directions of their two nodes. The cost
+        (M,) of each link: its length times a bending penalty, metres. The sides (M, 2) that each link takes at its two
+        nodes: 1 is the side along the direction of the node, 0 the side against it.
     """
     a, b = pairs.T
     link = nodes.points[b] - nodes.points[a]
@@ -179,9 +187,13 @@ def _rate_links(
 
 
 def _add_links(neighbours: NDArray[np.int64], nodes: CentreLineNodes, pairs: NDArray[np.int64]) -> None:
-    """Link the possible `pairs` (M, 2) whose sides are both free, in the order of their cost.
+    """Add the possible links to `neighbours`, cheapest first. A link is skipped if a side that it needs is taken.
 
-    `neighbours` (N, 2) holds the node linked to each node against and along its direction, -1 for none.
+    Args:
+        neighbours: (N, 2) index of the node that is linked to each side of a node, -1 for none; changed in place.
+            Column 0 is the side against the direction of the node, column 1 the side along the direction.
+        nodes: Nodes of the centre line.
+        pairs: (M, 2) indices of the two nodes of each candidate link.
     """
     is_possible, cost, sides = _rate_links(nodes, pairs)
     a, b = pairs.T
@@ -192,11 +204,11 @@ def _add_links(neighbours: NDArray[np.int64], nodes: CentreLineNodes, pairs: NDA
 
 
 def _walk_links(neighbours: NDArray[np.int64]) -> list[tuple[list[int], bool]]:
-    """Return the nodes along the links of each path, and whether the path is closed."""
+    """Return the paths along the links: for each path the node indices in order, and whether the path is closed."""
     links = [[int(k) for k in row if k >= 0] for row in neighbours]
     is_visited = np.zeros(len(links), dtype=bool)
     paths = []
-    # The first pass walks open paths from their ends. Only closed paths are left for the second pass.
+    # The first pass follows open paths from their ends. Only closed paths remain for the second pass.
     for ends_first in (True, False):
         for start in range(len(links)):
             if is_visited[start] or (ends_first and len(links[start]) == 2):
@@ -211,6 +223,6 @@ def _walk_links(neighbours: NDArray[np.int64]) -> list[tuple[list[int], bool]]:
 
 
 def _trim_ends(path: list[int], support: NDArray[np.float64]) -> list[int]:
-    """Remove poorly supported nodes from both ends of a path."""
+    """Remove poorly supported nodes from the two ends of a path. `support` (N,) holds the support of all nodes."""
     supported = np.flatnonzero(support[path] >= MIN_END_SUPPORT_SHARE * np.median(support[path]))
     return path[supported[0] : supported[-1] + 1]

@@ -1,4 +1,4 @@
-"""Height map of the measured surface: whether another strand lies over a point, and whether the table is bare there."""
+"""Height map of the measured surface: shows where another strand lies over a point and where the table is bare."""
 
 from dataclasses import dataclass
 
@@ -7,28 +7,28 @@ from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
 MIN_ABOVE_RADII = 1.5
-"""Surface that is higher above a point than this, in radii, belongs to another strand.
+"""Minimum height of another strand's surface above a point of the centre line, in radii r.
 
-The top of a strand is 1 r above its own centre line. The top of another strand on it is at least 2.2 r above that line.
+The top of a strand is 1 r above its own centre line. The top of an over strand is at least 2.2 r above this line.
 """
 SEARCH_RADII = 0.8
-"""Horizontal distance from a point within which the surface is examined, in radii."""
+"""Maximum horizontal distance between a point and the surface that is examined, in radii r."""
 MIN_OCCLUDED_SHARE = 0.1
-"""A point is occluded if more than this share of the surface near it is high. A single high point is noise."""
+"""Minimum share of high points in the surface near an occluded point. With a smaller share, these points are noise."""
 
 
 @dataclass(frozen=True, eq=False)
 class Occlusion:
-    """Occluded points and points over bare table, seen from above."""
+    """Masks of the points that are occluded and of the points over bare table, seen from above."""
 
     is_occluded: NDArray[np.bool_]
-    """(N,) whether another strand lies over the point."""
+    """(N,) mask, True where another strand lies over the point."""
     is_bare: NDArray[np.bool_]
-    """(N,) whether there is no surface at the point: the table is bare there."""
+    """(N,) mask, True where no surface above the table was measured near the point. The table is taken to be bare."""
 
 
 class HeightMap:
-    """Surface seen from above.
+    """Measured surface above the table, seen from above.
 
     Args:
         surface: (M, 3) registered surface points, metres, base frame.
@@ -39,17 +39,14 @@ class HeightMap:
         self._tree = KDTree(surface[:, :2])
 
     def occlusion(self, points: NDArray[np.float64], r: float) -> Occlusion:
-        """Return which points of a string are under another strand, and which are over bare table.
+        """Return which points of a centre line lie under another strand, and which lie over bare table.
 
         Args:
-            points: (N, 3) points of the string's centre line, metres, base frame.
+            points: (N, 3) points of the centre line, metres, base frame.
             r: Radius of the string, metres.
 
         Returns:
-            Two masks of the points. Both are False where only the string itself was measured.
-
-        Source:
-            Ours.
+            The masks `is_occluded` and `is_bare`. They are False where the string itself is the top surface.
         """
         pairs = KDTree(points[:, :2]).sparse_distance_matrix(self._tree, SEARCH_RADII * r, output_type="ndarray")
         row, column = pairs["i"], pairs["j"]

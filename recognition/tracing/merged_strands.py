@@ -1,4 +1,7 @@
-"""Cuts where a fragment runs between two strands that are merged in the data."""
+"""Splitting of fragments that run between two strands, where the two strands are merged in the data.
+
+Foreign surface lies beside the line of a fragment, but too far away to belong to the strand of the fragment.
+"""
 
 from collections.abc import Sequence
 
@@ -12,50 +15,46 @@ from recognition.parameters import ChainParameters
 from recognition.tracing.fragments import Fragment
 
 STEP_RADII = 0.35
-"""Step along the fragments in which the surface is examined, in radii."""
+"""Spacing of the points along a fragment at which the surface is examined, in radii r."""
 MAX_OWN_RADII = 1.3
-"""Surface farther from a line than this, in radii, does not belong to the strand of the line."""
+"""Maximum distance between a line and the surface of its own strand, in radii r. Farther surface is foreign."""
 MAX_BESIDE_RADII = 2.2
-"""Surface nearer to a line than this, in radii, lies beside the line."""
+"""Maximum distance between a line and the examined surface, in radii r."""
 MIN_HEIGHT_RADII = 0.2
-"""Height above the line from which surface counts, in radii: less of a strand below is seen beside a line."""
+"""Minimum height of the examined surface above the line, in radii r. It excludes most surface of lower strands."""
 MIN_MERGED_SHARE = 0.09
 """Minimum share of foreign surface on each side of a line that runs between two strands.
 
-The share is of the surface above the line; foreign surface does not belong to the line's strand. Single strands and
-crossings have up to 0.07, and clear cases have 0.1 to 0.15.
+Single strands and crossings have up to 0.07. Clear cases of merged strands have 0.1 to 0.15.
 """
 SMOOTHING_STEPS = 5
-"""Number of steps along the line over which the shares are averaged."""
+"""Number of points along the line over which the counts of surface points are averaged."""
 
 
 def split_merged_strands(
     fragments: Sequence[Fragment], surface: NDArray[np.float64], parameters: ChainParameters
 ) -> list[Fragment]:
-    """Return the fragments without the parts that run between two strands.
+    """Remove the parts of the fragments that run between two strands.
 
-    Two strands may cross twice within a short distance, each of them over the other once. Between the crossings they
-    lie side by side at the same height. Soft strands that are closer than 2 r there appear as a single ridge, and links
-    lead from one strand to the other. The ridge is wider than a string on both sides of the line. The fragments are cut
-    there, so that the four ends can be paired.
+    Two strands may cross twice within a short distance and exchange over and under. Between the crossings they lie side
+    by side at the same height. If the strands are soft and closer than 2 r, they form a single ridge, and links lead
+    from one strand to the other. The ridge is wider than a string on both sides of the line. Fragments are cut at the
+    ridge, so that the four ends can be paired.
 
     Args:
         fragments: Fragments of the scene.
         surface: (M, 3) registered surface points, metres, base frame.
-        parameters: Radius r.
+        parameters: Method parameters; uses the radius r.
 
     Returns:
-        The parts of the fragments. A fragment that is wide along its whole length stays whole, because it is a string
-        thicker than r.
-
-    Source:
-        Ours.
+        The remaining parts of the fragments. A fragment that is wide along most of its length is not cut, because its
+        string is thicker than r.
     """
     shares = _foreign_shares(fragments, surface, parameters.r)
     parts = []
     for fragment, share in zip(fragments, shares, strict=True):
         keep = share < MIN_MERGED_SHARE
-        # If most of the fragment is wide, its string is thicker than r.
+        # Do not cut a fragment that is wide along most of its length: its string is thicker than r.
         if np.median(share) >= MIN_MERGED_SHARE / 2:
             keep[:] = True
         parts += fragment.split(keep, np.zeros(len(keep), dtype=bool))
@@ -63,7 +62,10 @@ def split_merged_strands(
 
 
 def _foreign_shares(fragments: Sequence[Fragment], surface: NDArray[np.float64], r: float) -> list[NDArray[np.float64]]:
-    """Return for each fragment (N,) the share of foreign surface at its points, on the side that has less of it."""
+    """Return the shares (N,) of foreign surface at the points of each fragment, 0 to 1.
+
+    The share is computed for the left and the right side of the line. The smaller of the two values is returned.
+    """
     if not fragments:
         return []
     closed_lines = [close_polyline(fragment.points, fragment.closed) for fragment in fragments]

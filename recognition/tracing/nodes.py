@@ -1,4 +1,4 @@
-"""Nodes of the centre line: thinned centre points with the direction of their string."""
+"""Nodes of the centre line: thinned centre points with the direction of the string."""
 
 from dataclasses import dataclass
 
@@ -10,69 +10,66 @@ from recognition.geometry.voxel_grid import voxel_indices
 from recognition.parameters import ChainParameters
 
 VOXEL_RADII = 0.4
-"""Edge of the voxels in which centre points are averaged, in radii.
+"""Edge length of the voxels in which centre points are averaged, in radii r.
 
-The centre lines of strands on each other are at least 1.2 r apart.
+At a crossing, the two centre lines are at least 1.2 r apart.
 """
 PCA_RADII = 1.5
-"""Radius of the neighbourhood that gives the local direction, in radii.
-
-It is less than the distance between strands on each other.
-"""
+"""Radius of the neighbourhood for the PCA that gives the local direction, in radii r."""
 ALONG_RADII = 1.6
-"""Distance along the string within which neighbours count in the mean of a node, in radii."""
+"""Maximum distance along the string between a node and its neighbours, in radii r."""
 ACROSS_SIGMA_RADII = 0.4
-"""One sigma of the weight across the string, in radii. Strands side by side are 2 r apart."""
+"""Standard deviation of the Gaussian weight across the string, in radii r. Strands side by side are 2 r apart."""
 MIN_DIRECTION_COSINE = np.cos(np.radians(40))
-"""Nodes whose directions differ by more than 40 degrees are not of the same strand."""
+"""Minimum cosine between the directions of two nodes of the same strand (40 degrees)."""
 N_PASSES = 3
-"""Number of thinning passes. After them, the nodes of a strand are within a tenth of r of one line."""
+"""Number of thinning passes. After three passes, the nodes of a strand are within 0.1 r of one line."""
 MIN_RHO = 0.5
 """Minimum contribution rate of a node.
 
-A lower rate means a surface or a clump instead of a line. Where strands are merged in the data, it is higher.
+A lower rate means a surface or a clump instead of a line. Merged strands still have a higher rate.
 """
 MIN_SUPPORT_SHARE = 0.05
-"""Nodes with less than this share of the median support are noise."""
+"""Minimum support of a node, as a share of the median support. Nodes with less support are noise."""
 
 
 @dataclass(frozen=True, eq=False)
 class CentreLineNodes:
-    """Thinned points with the direction of the string at each."""
+    """Thinned centre points, and the direction of the string at each point."""
 
     points: NDArray[np.float64]
     """(N, 3) points on the centre lines, metres, base frame."""
     directions: NDArray[np.float64]
     """(N, 3) unit vectors along the string. The sign has no meaning."""
     support: NDArray[np.float64]
-    """(N,) number of centre points near each node, weighted by their distance."""
+    """(N,) distance-weighted count of the centre points near each node."""
     rho: NDArray[np.float64]
-    """(N,) contribution rate of the main axis (eq. 6), before thinning."""
+    """(N,) contribution rate (eq. 6) of each node before thinning, `MIN_RHO` to 1."""
 
     def __getitem__(self, indices: NDArray[np.bool_] | NDArray[np.int64]) -> "CentreLineNodes":
-        """Return the nodes of a mask or of an array of indices."""
+        """Return the subset of the nodes for a mask or for an array of indices."""
         return CentreLineNodes(self.points[indices], self.directions[indices], self.support[indices], self.rho[indices])
 
 
 def extract_nodes(centre_points: NDArray[np.float64], parameters: ChainParameters) -> CentreLineNodes:
-    """Return the nodes of the centre line.
+    """Extract the nodes of the centre line from the centre points.
 
-    The centre points are averaged in voxels, and three passes of thinning follow. A neighbour counts in the mean of a
-    node if it lies along the node's own string: both its offset across the string and the angle between the directions
-    decide. Strands that cross, or that lie side by side, are therefore drawn to their own lines, even where they are
-    merged in the data. A node moves across its string only, so that the ends are not drawn inwards.
+    The centre points are averaged in voxels. Three thinning passes then move each node to the weighted mean of its
+    neighbours. The weight of a neighbour falls with its distance from the node. The weight is zero if the directions of
+    the two nodes differ by more than 40 degrees. This keeps crossing or adjacent strands apart, even where their points
+    merge. Nodes move only perpendicular to the string, so that the ends do not shrink.
 
     Args:
         centre_points: (N, 3) centre points c_i of eq. (1), metres, base frame.
-        parameters: Radius r.
+        parameters: Method parameters; uses the radius r.
 
     Returns:
-        The nodes. Points without a direction and nodes with little support are excluded.
+        The nodes. Points with a low contribution rate and nodes with little support are excluded.
 
     Source:
-        Section III.B, eq. (3), with two additions of ours: the weight of the neighbours, and motion across the string
-        only. The direction is the main axis of the covariance of eq. (5), and its share is the contribution rate of
-        eq. (6), both section III.C.
+        Section III.B, eq. (3), for the thinning. The weights and the motion across the string are not in the paper.
+        Section III.C, eqs. (5) and (6), for the direction (first eigenvector of the covariance) and the contribution
+        rate.
     """
     r = parameters.r
     voxel, count = voxel_indices(centre_points, VOXEL_RADII * r)
@@ -90,7 +87,10 @@ def extract_nodes(centre_points: NDArray[np.float64], parameters: ChainParameter
 
 
 def _thin_nodes(nodes: CentreLineNodes, weights: NDArray[np.float64], r: float) -> CentreLineNodes:
-    """Move each node across its string to the mean of its neighbours, and average their directions."""
+    """Move each node across the string to the weighted mean of its neighbours, and average the directions.
+
+    `weights` (N,) are the numbers of centre points that the nodes represent.
+    """
     i, j = neighbour_pairs(nodes.points, np.hypot(ALONG_RADII, 1.0) * r)
     offset = nodes.points[j] - nodes.points[i]
     along = np.vecdot(offset, nodes.directions[i])
@@ -111,9 +111,9 @@ def _thin_nodes(nodes: CentreLineNodes, weights: NDArray[np.float64], r: float) 
 def _merge_nodes_per_voxel(
     nodes: CentreLineNodes, weights: NDArray[np.float64], size: float
 ) -> tuple[CentreLineNodes, NDArray[np.float64]]:
-    """Keep the best-supported node of each voxel and sum the weights of all."""
+    """Keep the best-supported node of each voxel and sum the weights of all its nodes. `size` is in metres."""
     voxel, count = voxel_indices(nodes.points, size)
-    # The order is by voxel; within each voxel, the best-supported node is the last.
+    # Sort by voxel, then by support. The last node of each voxel is the best-supported node.
     best = np.lexsort((nodes.support, voxel))[np.cumsum(count) - 1]
     return nodes[best], group_sums(voxel, weights, len(count))
 
@@ -121,7 +121,10 @@ def _merge_nodes_per_voxel(
 def _main_axes(
     points: NDArray[np.float64], weights: NDArray[np.float64], radius: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return (N, 3) the main axis of the weighted neighbours within `radius`, and (N,) its contribution rate."""
+    """Return the local direction (N, 3) and the contribution rate (N,) of each point.
+
+    The direction is the first eigenvector of the weighted covariance of the neighbours within `radius`, metres.
+    """
     i, j = neighbour_pairs(points, radius)
     offset = points[j] - points[i]
     total = group_sums(i, weights[j], len(points))[:, None]
@@ -130,5 +133,5 @@ def _main_axes(
     R = (group_sums(i, products, len(points)) / total).reshape(-1, 3, 3) - mean[:, :, None] * mean[:, None, :]
     eigenvalues, axes = np.linalg.eigh(R)
     eigenvalues = np.abs(eigenvalues)
-    # A node without neighbours has no direction: the lower limit makes its rate zero.
+    # The lower limit of the denominator gives a point without neighbours the rate zero.
     return axes[:, :, 2], eigenvalues[:, 2] / np.maximum(eigenvalues.sum(axis=1), (1e-6 * radius) ** 2)

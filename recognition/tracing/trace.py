@@ -1,4 +1,4 @@
-"""Tracing of strands by the graph method: nodes, fragments, and the pairs of fragment ends."""
+"""Tracing of strands by the graph method: from centre points to nodes, fragments and strands."""
 
 from dataclasses import dataclass
 
@@ -16,46 +16,46 @@ from recognition.tracing.merged_strands import split_merged_strands
 from recognition.tracing.nodes import CentreLineNodes, extract_nodes
 
 MAX_FRAGMENTS = 1000
-"""Maximum number of fragments. Ten metres of string with a hundred crossings have a few hundred."""
+"""Maximum number of fragments. Ten metres of string with a hundred crossings have a few hundred fragments."""
 
 
 @dataclass(frozen=True, eq=False)
 class TracedStrands:
-    """Strands of a scene, with the results of the steps that led to them."""
+    """Strands of a scene, with the results of the tracing steps."""
 
     nodes: CentreLineNodes
     """Nodes of the centre line."""
     fragments: list[Fragment]
-    """Visible parts of the strands."""
+    """Visible parts of the centre lines."""
     pairing: Pairing
-    """Ends of the fragments, and the pairs that are joined."""
+    """Ends of the fragments, and the pairs of ends that are joined."""
     strands: list[Strand]
-    """Strands after the pairs of ends were joined."""
+    """Strands: the fragments, joined at the pairs of ends."""
 
 
 def trace_strands(
     centre_points: NDArray[np.float64], height_map: HeightMap, parameters: ChainParameters
 ) -> TracedStrands:
-    """Return the strands along the centre points.
+    """Trace the strands along the centre points.
 
-    Nodes with a direction are linked to fragments. A fragment ends where its strand goes under another one, or where
-    the measurement has a gap. All ends of the scene are then paired at once, and the pairs are joined.
+    Nodes with a direction are linked to form fragments. A fragment ends where its strand passes under another strand,
+    or where the measurement has a gap. All ends of the scene are then paired at once, and each pair of ends is joined.
 
     Args:
         centre_points: (N, 3) centre points c_i of eq. (1), metres, base frame.
         height_map: Height map of the registered surface.
-        parameters: Radius r, and the radii for joining strands.
+        parameters: Method parameters; uses the radius r, the length r_f of an end and the spacing r_n of bridges.
 
     Returns:
-        The strands, and the nodes, fragments and pairs they were made from.
+        The strands, with their nodes, fragments and pairs of ends.
 
     Raises:
-        TooCrowdedError: There are more fragments than strings have.
+        TooCrowdedError: The scene has more than `MAX_FRAGMENTS` fragments, too many for strings.
 
     Source:
-        Ours. It replaces the matching methods (sections II.G and III.B to III.E). A matching walks from point to point
-        and must recognise an intersection when it reaches one. Here the nodes have a direction, so that crossing
-        strands stay apart, and one optimisation generalises eq. (8).
+        The graph method is not in the paper. It replaces the matching methods (sections II.G and III.B to III.E). A
+        matching method links points one after the other and must detect each intersection on its path. Here, the
+        directions of the nodes keep crossing strands apart, and one optimisation generalises eq. (8).
     """
     nodes = extract_nodes(centre_points, parameters)
     fragments = split_over_bare_table(link_nodes(nodes, parameters), height_map, parameters.r)
@@ -75,7 +75,7 @@ def trace_strands(
 
 
 def pairing_messages(pairing: Pairing) -> list[str]:
-    """Return one ambiguity for each pair of ends that has nearly as good alternatives."""
+    """Return one message for each ambiguous pair of ends."""
     return [
         f"at {format_position(point)} the strands may be connected differently: which ends belong together is not "
         "certain"
