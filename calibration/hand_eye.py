@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.assessment.acceptance import acceptance_findings, reported_covariance, reported_repeatability
-from calibration.assessment.diagnosis import check_not_mirrored, check_together
+from calibration.assessment.diagnosis import check_consistent_start, check_not_mirrored
 from calibration.assessment.evidence import collect_evidence
 from calibration.assessment.view_reports import report_views
 from calibration.errors import HandEyeInputError
@@ -15,7 +15,7 @@ from calibration.input_checks.observations import check_camera_moved, check_obse
 from calibration.observations import Observations
 from calibration.pose_estimation.board_pose import BoardPoses, estimate_board_poses
 from calibration.pose_estimation.duplicate_poses import add_duplicate_reports, choose_representatives
-from calibration.pose_estimation.projection import N_LENS, stack_corners
+from calibration.pose_estimation.projection import N_CORRECTIONS, stack_corners
 from calibration.result import HandEyeResult
 from calibration.solver.bundle_adjustment import adjust
 from calibration.solver.initialisation import estimate_initial_guess
@@ -133,7 +133,7 @@ def _initialise(
         problem.priors.robot_rad,
     )
     names_found = tuple(names[k] for k in np.flatnonzero(found))
-    check_together(guess, T_base_flange, T_camera_board, problem.mounting, names_found)
+    check_consistent_start(guess, T_base_flange, T_camera_board, problem.mounting, names_found)
     used = np.zeros(len(found), dtype=bool)
     used[found] = guess.inliers
-    return Unknowns(guess.X, guess.Y, np.zeros((len(found), 6)), np.zeros(N_LENS)), used
+    return Unknowns(guess.X, guess.Y, np.zeros((len(found), 6)), np.zeros(N_CORRECTIONS)), used

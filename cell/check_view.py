@@ -5,7 +5,7 @@ from datetime import UTC, datetime
 import numpy as np
 
 from calibration.errors import HandEyeError
-from calibration.storage.hand_eye_file import CHECK_ROTATION, looks_back_message, require_match
+from calibration.storage.hand_eye_file import CHECK_ROTATION, camera_faces_arm_message, require_match
 from cell.cell_calibration import file_in_use, hand_eye_in_use
 from cell.check_camera import AS_IT_STANDS, LEAST_IN_VIEW, TURN_IT
 from cell.check_step import Grounds, Step, failed, ok
@@ -88,7 +88,7 @@ def viewpoints(grounds: Grounds) -> Step:
     assert grounds.hand_eye is not None
     T_flange_camera = grounds.hand_eye.T_flange_camera
     if T_flange_camera[2, 2] <= HIDDEN_COSINE:  # the planner does not look for the arm in the pictures
-        message = f"{looks_back_message(T_flange_camera)}, so that the arm itself hides the workspace"
+        message = f"{camera_faces_arm_message(T_flange_camera)}, so that the arm itself hides the workspace"
         return Step(name, "failed", message, CHECK_ROTATION)
     q_rad = None if grounds.state is None else grounds.state.q_rad
     plan = plan_viewpoints(grounds.settings, T_flange_camera, q_rad)

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from recognition.assembly.chain_ends import mark_fragmented_ends, mark_unobserved_ends
+from recognition.assembly.chain_ends import mark_facing_ends, mark_unobserved_ends
 from recognition.assembly.chains import assemble_fitted_chains
 from recognition.assembly.crossings import find_crossings, find_fitted_crossings
 from recognition.assembly.sharp_bends import sharp_bend_messages
@@ -215,7 +215,7 @@ def recognise(
 
     unexplained = find_unexplained_surface(registration.points, assembly.chains, parameters)
     chains = mark_unobserved_ends(assembly.chains, unexplained, parameters)
-    chains, fragment_ambiguities = mark_fragmented_ends(chains)
+    chains, fragment_ambiguities = mark_facing_ends(chains)
 
     timer.begin("grasps")
     grasps, grasp_warnings = find_grasps(

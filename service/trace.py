@@ -218,11 +218,11 @@ def _tube_fit(figure: "Figure", recognition: Recognition, truth: Truth) -> None:
     scatter_mm = refinement.scatter_m * MM
     axes = _from_above(figure, f"Tubes fitted to the surface (scatter of the surface {scatter_mm:.2f} mm)")
     for number, strand in enumerate(refinement.strands):
-        surface = registration.points[refinement.owner == number, :2]
+        surface = registration.points[refinement.strand_of_point == number, :2]
         axes.scatter(*surface.T * MM, s=1, color=f"C{number}", alpha=0.4)
         line = strand.points[:, :2].T * MM
         axes.plot(*line, ".-", color=f"C{number}", label=f"strand {number}, r = {strand.radius_m * MM:.2f} mm")
-    others = registration.points[refinement.owner < 0, :2]
+    others = registration.points[refinement.strand_of_point < 0, :2]
     if len(others):
         axes.scatter(*others.T * MM, s=1, color="0.7", label="on no tube")
     _finish(figure, axes, truth)

@@ -22,7 +22,7 @@ from calibration.assessment.camera_acceptance import camera_findings
 from calibration.assessment.change_point import MIN_VIEWS_PER_SIDE
 from calibration.assessment.diagnosis import diagnose
 from calibration.assessment.evidence import Evidence
-from calibration.assessment.repeatability import repeatability_bound
+from calibration.assessment.repeatability import estimate_repeatability
 from calibration.input_checks.motion_diversity import MIN_ROTATION_RAD, MIN_SECOND_AXIS_RAD, motion_diversity
 from calibration.input_checks.observations import MIN_VIEWS
 from calibration.result import Finding
@@ -88,7 +88,7 @@ def reported_covariance(evidence: Evidence) -> NDArray[np.float64]:
 
 def reported_repeatability(evidence: Evidence) -> float:
     """Return the predicted repeatability of a scan, metres, for `HandEyeResult.repeatability_95_m`."""
-    return repeatability_bound(
+    return estimate_repeatability(
         reported_covariance(evidence),
         evidence.robot_sigma_rad,
         evidence.robot_sigma_m,

@@ -26,7 +26,7 @@ from calibration.observations import Mounting
 from calibration.result import Finding
 from calibration.solver.initialisation import InitialGuess, estimate_initial_guess
 
-FITS_M, FITS_RAD = 0.01, np.radians(1.0)
+MAX_FIT_DEVIATION_M, MAX_FIT_DEVIATION_RAD = 0.01, np.radians(1.0)
 """Maximum deviation of a fitting view, metres and radians. Noise causes smaller deviations. Each mistake in the list
 causes larger deviations in most views."""
 MIN_FITTING_SHARE = 0.8
@@ -83,7 +83,7 @@ def diagnose(
     return _shuffled(A, B) or _inconsistent()
 
 
-def check_together(
+def check_consistent_start(
     start: InitialGuess,
     T_base_flange: NDArray[np.float64],
     T_camera_board: NDArray[np.float64],
@@ -131,7 +131,7 @@ def _share_within(start: InitialGuess, off_m: float, off_rad: float) -> float:
 
 
 def _fit_together(A: NDArray[np.float64], B: NDArray[np.float64]) -> bool:
-    return _share_within(estimate_initial_guess(A, B), FITS_M, FITS_RAD) >= MIN_FITTING_SHARE
+    return _share_within(estimate_initial_guess(A, B), MAX_FIT_DEVIATION_M, MAX_FIT_DEVIATION_RAD) >= MIN_FITTING_SHARE
 
 
 def _inverted(A: NDArray[np.float64], B: NDArray[np.float64], mounting: Mounting) -> Finding | None:
@@ -163,7 +163,7 @@ def _shifted(A: NDArray[np.float64], B: NDArray[np.float64]) -> Finding | None:
 def _misread(T_base_flange: NDArray[np.float64], B: NDArray[np.float64], mounting: Mounting) -> Finding | None:
     # Between two views, the flange rotates by the same angle as the camera (eye-in-hand) or the board (eye-to-hand).
     rotating = invert_poses(B) if mounting == "eye-in-hand" else B
-    for guess, meant in reinterpret_rotations(T_base_flange[:, :3, :3], rotating[:, :3, :3], FITS_RAD):
+    for guess, meant in reinterpret_rotations(T_base_flange[:, :3, :3], rotating[:, :3, :3], MAX_FIT_DEVIATION_RAD):
         corrected = T_base_flange.copy()
         corrected[:, :3, :3] = meant
         if _fit_together(corrected if mounting == "eye-in-hand" else invert_poses(corrected), B):
@@ -216,8 +216,8 @@ def _is_significant(best: Fit, unchanged: Fit, noise: tuple[float, float]) -> bo
         fitting.mean() >= MIN_FITTING_SHARE
         and fitting[: best.first].sum() >= MIN_VIEWS_PER_SIDE
         and fitting[best.first :].sum() >= MIN_VIEWS_PER_SIDE
-        and noise[0] < FITS_RAD / 2
-        and noise[1] < FITS_M / 2
+        and noise[0] < MAX_FIT_DEVIATION_RAD / 2
+        and noise[1] < MAX_FIT_DEVIATION_M / 2
     )
     far = np.linalg.norm(best.shift[3:]) > MIN_MOVE_M or np.linalg.norm(best.shift[:3]) > MIN_MOVE_RAD
     gain = float(unchanged.squares(noise).sum() - best.squares(noise).sum())

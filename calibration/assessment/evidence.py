@@ -101,7 +101,7 @@ def collect_evidence(
         lever_m=_lever(problem.mounting, unknowns.X, unknowns.Y, problem.corners.middle, distance_m),
         pixel_sigma_px=adjusted.noise.pixel_px,
         K_nominal=observations.K,
-        K=camera_matrix(observations.K, unknowns.lens),
+        K=camera_matrix(observations.K, unknowns.corrections),
         k1=radial.k1,
         k1_sigma=radial.sigma,
         board_scale=adjusted.board_scale,

@@ -17,7 +17,7 @@ PERCENTILE = 95.0
 """Percentile of the largest disagreement in a scan, over all simulated scans."""
 
 
-def repeatability_bound(
+def estimate_repeatability(
     covariance: NDArray[np.float64],
     robot_sigma_rad: float,
     robot_sigma_m: float,

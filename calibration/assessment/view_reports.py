@@ -12,7 +12,7 @@ from calibration.solver.cross_validation import CrossValidation
 from calibration.solver.problem import Problem, implied_robot_errors
 from calibration.target.board import MIN_CORNERS
 
-FITS_M, FITS_RAD = 2e-3, np.radians(0.5)
+MAX_MATCH_M, MAX_MATCH_RAD = 2e-3, np.radians(0.5)
 """Maximum difference between two poses, metres and radians, for an explanation to fit."""
 
 
@@ -141,6 +141,6 @@ def _fits(mounting: Mounting, flange, X, Y, T_camera_board: NDArray[np.float64])
 
 
 def _are_small(differences: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Return the mask (N,), True for the pose differences (N, 4, 4) within `FITS_M` and `FITS_RAD`."""
+    """Return the mask (N,), True for the pose differences (N, 4, 4) within `MAX_MATCH_M` and `MAX_MATCH_RAD`."""
     v = twist_from_pose(differences)
-    return (np.linalg.norm(v[:, 3:], axis=1) < FITS_M) & (np.linalg.norm(v[:, :3], axis=1) < FITS_RAD)
+    return (np.linalg.norm(v[:, 3:], axis=1) < MAX_MATCH_M) & (np.linalg.norm(v[:, :3], axis=1) < MAX_MATCH_RAD)

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from calibration.geometry.se3 import pose_from_twist, solve_stack
 from calibration.pose_estimation.projection import (
-    N_LENS,
+    N_CORRECTIONS,
     Corners,
     PixelNormalEquations,
     pixel_normal_equations,
@@ -76,18 +76,18 @@ def estimate_board_poses(corners: Corners) -> BoardPoses:
     return first
 
 
-def inlier_corners(T: NDArray[np.float64], lens: NDArray[np.float64], corners: Corners) -> NDArray[np.bool_]:
+def inlier_corners(T: NDArray[np.float64], corrections: NDArray[np.float64], corners: Corners) -> NDArray[np.bool_]:
     """Return the mask of the inlier corners, by a limit from the median residual of each view.
 
     Args:
         T: (N, 4, 4) board poses in the camera frame.
-        lens: (N_LENS,) lens parameters and logarithm of the board scale.
+        corrections: (N_CORRECTIONS,) corrections of the camera matrix and of the board scale.
         corners: The corners of N views.
 
     Returns:
         (N, M) mask, True for inlier corners.
     """
-    distances = np.linalg.norm(reprojection_residuals(T, lens, corners)[0], axis=2)
+    distances = np.linalg.norm(reprojection_residuals(T, corrections, corners)[0], axis=2)
     # A view without corners takes the median of its zero residuals, because the median of no residuals is NaN.
     counted = corners.seen | ~corners.seen.any(axis=1, keepdims=True)
     # The median length of a 2D Gaussian residual is 1.177 standard deviations.
@@ -96,13 +96,13 @@ def inlier_corners(T: NDArray[np.float64], lens: NDArray[np.float64], corners: C
 
 
 def refine_poses(
-    T: NDArray[np.float64], lens: NDArray[np.float64], corners: Corners, inliers: NDArray[np.bool_]
+    T: NDArray[np.float64], corrections: NDArray[np.float64], corners: Corners, inliers: NDArray[np.bool_]
 ) -> NDArray[np.float64]:
     """Refine the board pose of each view by Levenberg-Marquardt, with separate damping for each view.
 
     Args:
         T: (N, 4, 4) initial board poses in the camera frame.
-        lens: (N_LENS,) lens parameters and logarithm of the board scale.
+        corrections: (N_CORRECTIONS,) corrections of the camera matrix and of the board scale.
         corners: The corners of N views.
         inliers: (N, M) mask of the corners to use.
 
@@ -110,14 +110,14 @@ def refine_poses(
         (N, 4, 4) refined board poses.
     """
     damping = np.full(len(T), 1e-4)
-    current = pixel_normal_equations(T, lens, corners, inliers)
+    current = pixel_normal_equations(T, corrections, corners, inliers)
     for _ in range(MAX_ITERATIONS):
         H = current.H[:, :6, :6].copy()
         diagonal = np.einsum("nii->ni", H)
         diagonal += damping[:, None] * diagonal + 1e-9
         step = solve_stack(H, current.g[:, :6])
         T_tried = pose_from_twist(step) @ T
-        tried = pixel_normal_equations(T_tried, lens, corners, inliers)
+        tried = pixel_normal_equations(T_tried, corrections, corners, inliers)
         better = tried.squares_px2 <= current.squares_px2
         damping = np.where(better, damping * 0.1, damping * 10)
         T = np.where(better[:, None, None], T_tried, T)
@@ -158,14 +158,14 @@ def _refine_robustly(T: NDArray[np.float64], corners: Corners) -> BoardPoses:
     """Refine the initial poses `T` (N, 4, 4), NaN for none, three times; exclude outlier corners after each time."""
     found = np.asarray(np.isfinite(T).all(axis=(1, 2)))
     T = np.where(found[:, None, None], T, PLACEHOLDER_POSE)
-    lens = np.zeros(N_LENS)
+    corrections = np.zeros(N_CORRECTIONS)
     inliers = corners.seen & found[:, None]
     for _ in range(2):
-        T = refine_poses(T, lens, corners, inliers)
-        inliers = inlier_corners(T, lens, corners) & found[:, None]
-    T = refine_poses(T, lens, corners, inliers)
+        T = refine_poses(T, corrections, corners, inliers)
+        inliers = inlier_corners(T, corrections, corners) & found[:, None]
+    T = refine_poses(T, corrections, corners, inliers)
     counts = inliers.sum(axis=1)
     found = found & (counts >= np.maximum(MIN_CORNERS, corners.seen.sum(axis=1) / 2))
-    squares_px2 = pixel_normal_equations(T, lens, corners, inliers).squares_px2
+    squares_px2 = pixel_normal_equations(T, corrections, corners, inliers).squares_px2
     rms = np.sqrt(squares_px2 / np.maximum(2 * counts, 1))
     return BoardPoses(np.where(found[:, None, None], T, np.nan), inliers, np.where(found, rms, np.nan))

@@ -59,7 +59,7 @@ def choose_representatives(observations: Observations) -> NDArray[np.int64]:
         corners = stack_corners(replace(observations, views=views))
         order = np.argsort(-corners.seen.sum(axis=1), kind="stable")
         T_camera_board = estimate_board_poses(corners).T_camera_board
-        chosen[repeated] = repeated[_first_duplicates(groups[repeated], T_camera_board, corners.middle, order)]
+        chosen[repeated] = repeated[_representatives(groups[repeated], T_camera_board, corners.middle, order)]
     return chosen
 
 
@@ -95,7 +95,7 @@ def _report_duplicate(view: BoardView, representative: ViewReport) -> ViewReport
     )
 
 
-def _first_duplicates(
+def _representatives(
     groups: NDArray[np.int64],
     T_camera_board: NDArray[np.float64],
     middle: NDArray[np.float64],

@@ -7,10 +7,12 @@ from numpy.typing import NDArray
 
 from calibration.observations import Observations
 
-N_LENS = 5
-"""Number of parameters in each vector `lens`: relative changes of fx and fy, shifts of cx and cy in focal lengths, and
-the logarithm of the board scale. All views share the parameters. They are zero for the reported camera matrix and the
-nominal board size."""
+N_CORRECTIONS = 5
+"""Number of entries of a vector `corrections`, which all views share.
+
+The entries are relative changes of fx and fy, shifts of cx and cy in focal lengths, and the logarithm of the board
+scale. They are zero for the reported camera matrix and the nominal board size.
+"""
 MAX_UNDISTORT_ITERATIONS, UNDISTORT_TOLERANCE_PX = 1000, 1e-9
 """Limits of the iterative undistortion of a pixel: number of iterations, and error of the redistorted pixel."""
 MIN_DEPTH_M = 1e-3
@@ -47,32 +49,32 @@ def stack_corners(observations: Observations) -> Corners:
     return Corners(points, pixels, seen, observations.K)
 
 
-def camera_matrix(K: NDArray[np.float64], lens: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the pinhole matrix `K` (3, 3), pixels, corrected by the parameters `lens` (N_LENS,)."""
+def camera_matrix(K: NDArray[np.float64], corrections: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the pinhole matrix `K` (3, 3), pixels, corrected by the vector `corrections` (N_CORRECTIONS,)."""
     result = K.copy()
     focal = K[[0, 1], [0, 1]]
-    result[[0, 1], [0, 1]] = focal * (1 + lens[:2])
-    result[:2, 2] = K[:2, 2] + focal * lens[2:4]
+    result[[0, 1], [0, 1]] = focal * (1 + corrections[:2])
+    result[:2, 2] = K[:2, 2] + focal * corrections[2:4]
     return result
 
 
 def reprojection_residuals(
-    T_camera_board: NDArray[np.float64], lens: NDArray[np.float64], corners: Corners
+    T_camera_board: NDArray[np.float64], corrections: NDArray[np.float64], corners: Corners
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the reprojection residuals and the positions of all corners.
 
     Args:
         T_camera_board: (N, 4, 4) board poses in the camera frame.
-        lens: (N_LENS,) lens parameters and logarithm of the board scale.
+        corrections: (N_CORRECTIONS,) corrections of the camera matrix and of the board scale.
         corners: The corners of N views.
 
     Returns:
         Residuals (N, M, 2), measured minus predicted, pixels; zero where a corner was not detected.
         Positions (N, M, 3) of all corners in the camera frame, metres.
     """
-    K = camera_matrix(corners.K, lens)
+    K = camera_matrix(corners.K, corrections)
     R, t = T_camera_board[:, :3, :3], T_camera_board[:, None, :3, 3]
-    p = np.exp(lens[4]) * corners.points @ R.swapaxes(1, 2) + t
+    p = np.exp(corrections[4]) * corners.points @ R.swapaxes(1, 2) + t
     p[..., 2] = np.maximum(p[..., 2], MIN_DEPTH_M)
     pixels = p[..., :2] / p[..., 2:] * K[[0, 1], [0, 1]] + K[:2, 2]
     return np.where(corners.seen[..., None], corners.pixels - pixels, 0.0), p
@@ -83,20 +85,20 @@ class PixelNormalEquations:
     """Normal equations `H @ step = g` of each view, for a corner noise of one pixel.
 
     The step is a board motion in the camera frame, rotation (rad), then translation (m), followed by a change of the
-    N_LENS parameters.
+    N_CORRECTIONS parameters.
     """
 
     H: NDArray[np.float64]
-    """(N, 6 + N_LENS, 6 + N_LENS) information matrices J^T J."""
+    """(N, 6 + N_CORRECTIONS, 6 + N_CORRECTIONS) information matrices J^T J."""
     g: NDArray[np.float64]
-    """(N, 6 + N_LENS) right-hand sides J^T r."""
+    """(N, 6 + N_CORRECTIONS) right-hand sides J^T r."""
     squares_px2: NDArray[np.float64]
     """(N,) sum of the squared residuals of each view, px^2."""
 
 
 def pixel_normal_equations(
     T_camera_board: NDArray[np.float64],
-    lens: NDArray[np.float64],
+    corrections: NDArray[np.float64],
     corners: Corners,
     used: NDArray[np.bool_],
 ) -> PixelNormalEquations:
@@ -105,32 +107,32 @@ def pixel_normal_equations(
     Args:
         T_camera_board: (N, 4, 4) board poses in the camera frame. A motion `c` (6,) moves the board to
             `pose_from_twist(c) @ T_camera_board`.
-        lens: (N_LENS,) lens parameters and logarithm of the board scale.
+        corrections: (N_CORRECTIONS,) corrections of the camera matrix and of the board scale.
         corners: The corners of N views.
         used: (N, M) mask of the corners to use.
     """
-    r, p = reprojection_residuals(T_camera_board, lens, corners)
-    J = pixel_jacobian(T_camera_board, lens, corners, p) * np.tile(used, 2)[:, None]
+    r, p = reprojection_residuals(T_camera_board, corrections, corners)
+    J = pixel_jacobian(T_camera_board, corrections, corners, p) * np.tile(used, 2)[:, None]
     r = np.where(used[..., None], r, 0.0).swapaxes(1, 2).reshape(len(r), -1)
     return PixelNormalEquations(J @ J.swapaxes(1, 2), np.matvec(J, r), (r**2).sum(axis=1))
 
 
 def pixel_jacobian(
-    T_camera_board: NDArray[np.float64], lens: NDArray[np.float64], corners: Corners, p: NDArray[np.float64]
+    T_camera_board: NDArray[np.float64], corrections: NDArray[np.float64], corners: Corners, p: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return the transposed Jacobians of the predicted pixels with respect to board motion and lens parameters.
+    """Return the transposed Jacobians of the predicted pixels with respect to board motion and corrections.
 
     Args:
         T_camera_board: (N, 4, 4) board poses in the camera frame. The board motion multiplies from the left.
-        lens: (N_LENS,) lens parameters and logarithm of the board scale.
+        corrections: (N_CORRECTIONS,) corrections of the camera matrix and of the board scale.
         corners: The corners of N views.
         p: (N, M, 3) positions of the corners in the camera frame, metres, from `reprojection_residuals`.
 
     Returns:
-        (N, 6 + N_LENS, 2 M) transposed Jacobians. The columns are u of all corners, then v of all corners.
+        (N, 6 + N_CORRECTIONS, 2 M) transposed Jacobians. The columns are u of all corners, then v of all corners.
     """
     focal = corners.K[[0, 1], [0, 1]]
-    fx, fy = focal * (1 + lens[:2])
+    fx, fy = focal * (1 + corrections[:2])
     x, y, z = p[..., 0] / p[..., 2], p[..., 1] / p[..., 2], p[..., 2]
     from_origin = p - T_camera_board[:, None, :3, 3]
     zero, one = np.zeros_like(z), np.ones_like(z)

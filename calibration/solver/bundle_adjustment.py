@@ -54,7 +54,7 @@ class Adjustment:
     @property
     def board_scale(self) -> float:
         """Estimated size of the board divided by its nominal size."""
-        return float(np.exp(self.unknowns.lens[4]))
+        return float(np.exp(self.unknowns.corrections[4]))
 
     @property
     def board_scale_sigma(self) -> float:

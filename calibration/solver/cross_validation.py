@@ -49,17 +49,17 @@ def cross_validate(problem: Problem, board_poses: BoardPoses, adjusted: Adjustme
 
     inliers = np.where(adjusted.used[:, None], adjusted.inliers, board_poses.inliers)
     T = np.where(board_poses.found[:, None, None], board_poses.T_camera_board, PLACEHOLDER_POSE)
-    T = refine_poses(T, unknowns.lens, problem.corners, inliers)
-    blocks = pixel_normal_equations(T, unknowns.lens, problem.corners, inliers)
+    T = refine_poses(T, unknowns.corrections, problem.corners, inliers)
+    blocks = pixel_normal_equations(T, unknowns.corrections, problem.corners, inliers)
     H_board = blocks.H[:, :6, :6] + 1e-6 * np.eye(6)
-    J_lens = -np.linalg.solve(H_board, blocks.H[:, :6, 6:])
-    T_camera_board = pose_from_twist(np.matvec(J_lens, step[:, 12:])) @ T
+    J_corrections = -np.linalg.solve(H_board, blocks.H[:, :6, 6:])
+    T_camera_board = pose_from_twist(np.matvec(J_corrections, step[:, 12:])) @ T
     robot_errors = twist_from_pose(implied_robot_errors(mounting, problem.T_base_flange, X, Y, T_camera_board))
 
     # Expected covariance of the errors: robot noise, corner noise of the view, and uncertainty of the prediction.
     J_board = invert_stack(board_motion_jacobian(mounting, unknowns.X, unknowns.Y, T))
     eye = np.broadcast_to(np.eye(6), (len(T), 6, 6))
-    J_shared = J_board @ np.concatenate([eye, -adjoint(T), J_lens], axis=2)
+    J_shared = J_board @ np.concatenate([eye, -adjoint(T), J_corrections], axis=2)
     expected = (
         np.repeat(_leave_one_out_robot_sigmas(problem, adjusted) ** 2, 3, axis=1)[..., None] * np.eye(6)
         + adjusted.noise.pixel_px**2 * J_board @ invert_stack(H_board) @ J_board.swapaxes(1, 2)

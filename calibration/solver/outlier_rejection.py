@@ -113,5 +113,5 @@ def _update_used(
 
 def _update_inliers(problem: Problem, adjusted: Adjustment, inliers: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Return the inlier mask (N, M), updated with the solution for used views and unchanged for unused views."""
-    fitting = inlier_corners(adjusted.unknowns.T_camera_board(problem), adjusted.unknowns.lens, problem.corners)
+    fitting = inlier_corners(adjusted.unknowns.T_camera_board(problem), adjusted.unknowns.corrections, problem.corners)
     return np.where(adjusted.used[:, None], fitting, inliers)

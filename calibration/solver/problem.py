@@ -22,12 +22,12 @@ from numpy.typing import NDArray
 
 from calibration.geometry.se3 import adjoint, invert_poses, invert_stack, pose_from_twist, right_jacobian, solve_stack
 from calibration.observations import Mounting
-from calibration.pose_estimation.projection import N_LENS, Corners, pixel_normal_equations
+from calibration.pose_estimation.projection import N_CORRECTIONS, Corners, pixel_normal_equations
 from calibration.solver.noise import NoiseLevel, NoisePriors
 
-N_SHARED = 12 + N_LENS
-"""Number of unknowns shared by all views, in this order: twist of X (6), twist of Y (6), and the `N_LENS` parameters of
-lens and board scale. A twist has the order rotation (rad), then translation (m)."""
+N_SHARED = 12 + N_CORRECTIONS
+"""Number of unknowns shared by all views, in this order: twist of X (6), twist of Y (6), and the `N_CORRECTIONS`
+corrections of the camera matrix and the board scale. A twist has the order rotation (rad), then translation (m)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,8 +44,8 @@ class Problem:
     """Prior standard deviations of the noise, the lens and the board scale."""
 
     @property
-    def lens_sigmas(self) -> NDArray[np.float64]:
-        """(N_LENS,) prior standard deviations of the lens parameters and of the logarithm of the board scale."""
+    def correction_sigmas(self) -> NDArray[np.float64]:
+        """(N_CORRECTIONS,) prior standard deviations of the lens parameters and of the logarithm of the board scale."""
         return np.array([self.priors.focal] * 2 + [self.priors.centre] * 2 + [self.priors.scale])
 
 
@@ -60,8 +60,8 @@ class Unknowns:
     robot_errors: NDArray[np.float64]
     """(N, 6) robot error of each view: rotation (rad), then translation (m). The true flange pose is
     `T_base_flange @ pose_from_twist(robot_error)`."""
-    lens: NDArray[np.float64]
-    """(N_LENS,) lens parameters and logarithm of the board scale, as described at `projection.N_LENS`."""
+    corrections: NDArray[np.float64]
+    """(N_CORRECTIONS,) corrections of the camera matrix and of the board scale (see `projection.N_CORRECTIONS`)."""
 
     def T_camera_board(self, problem: Problem) -> NDArray[np.float64]:
         """Return the predicted board poses (N, 4, 4) in the camera frame, metres."""
@@ -74,7 +74,7 @@ class Unknowns:
             self.X @ pose_from_twist(shared[:6]),
             self.Y @ pose_from_twist(shared[6:12]),
             self.robot_errors + robot_errors,
-            self.lens + shared[12:],
+            self.corrections + shared[12:],
         )
 
 
@@ -140,7 +140,7 @@ class LinearisedCorners:
 def linearise_corners(problem: Problem, unknowns: Unknowns, inliers: NDArray[np.bool_]) -> LinearisedCorners:
     """Linearise the reprojection residuals at `unknowns`, using the corners of the mask `inliers` (N, M)."""
     T_camera_board = unknowns.T_camera_board(problem)
-    blocks = pixel_normal_equations(T_camera_board, unknowns.lens, problem.corners, inliers)
+    blocks = pixel_normal_equations(T_camera_board, unknowns.corrections, problem.corners, inliers)
     J = _unknowns_jacobian(problem, unknowns, T_camera_board)
     Jt = J.swapaxes(1, 2)
     return LinearisedCorners(unknowns, Jt @ blocks.H @ J, np.matvec(Jt, blocks.g), blocks.squares_px2)
@@ -159,16 +159,16 @@ def build_normal_equations(
     """
     weight = 1 / noise.pixel_px**2
     H, g = weight * corners.H, weight * corners.g
-    robot_errors, lens = corners.unknowns.robot_errors, corners.unknowns.lens
+    robot_errors, corrections = corners.unknowns.robot_errors, corners.unknowns.corrections
     H_robot = H[:, :6, :6] + np.diag(1 / noise.robot**2)
     H_cross = H[:, :6, 6:]
     g_robot = g[:, :6] - robot_errors / noise.robot**2
     elimination = np.linalg.solve(H_robot, np.concatenate([H_cross, g_robot[..., None]], axis=2))
-    prior = np.concatenate([np.zeros(12), 1 / problem.lens_sigmas**2])
+    prior = np.concatenate([np.zeros(12), 1 / problem.correction_sigmas**2])
     cost = (
         weight * corners.squares_px2[used].sum()
         + ((robot_errors[used] / noise.robot) ** 2).sum()
-        + ((lens / problem.lens_sigmas) ** 2).sum()
+        + ((corrections / problem.correction_sigmas) ** 2).sum()
     )
     return NormalEquations(
         H_robot=H_robot,
@@ -177,7 +177,7 @@ def build_normal_equations(
         H_reduced=H[:, 6:, 6:] - H_cross.swapaxes(1, 2) @ elimination[..., :-1],
         g_reduced=g[:, 6:] - (H_cross.swapaxes(1, 2) @ elimination[..., -1:])[..., 0],
         H_prior=np.diag(prior),
-        g_prior=-prior * np.concatenate([np.zeros(12), lens]),
+        g_prior=-prior * np.concatenate([np.zeros(12), corrections]),
         cost=float(cost),
         squares_px2=corners.squares_px2,
     )
@@ -233,11 +233,14 @@ def implied_robot_errors(
 def _unknowns_jacobian(
     problem: Problem, unknowns: Unknowns, T_camera_board: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return Jacobians (N, 6 + N_LENS, 6 + N_SHARED): board motion and lens by robot error and shared unknowns."""
-    J = np.zeros((len(T_camera_board), 6 + N_LENS, 6 + N_SHARED))
+    """Return Jacobians (N, 6 + N_CORRECTIONS, 6 + N_SHARED) of the board motion and the corrections.
+
+    The derivatives are with respect to the robot error and the shared unknowns.
+    """
+    J = np.zeros((len(T_camera_board), 6 + N_CORRECTIONS, 6 + N_SHARED))
     J_flange = board_motion_jacobian(problem.mounting, unknowns.X, unknowns.Y, T_camera_board)
     J[:, :6, :6] = J_flange @ right_jacobian(unknowns.robot_errors)
     J[:, :6, 6:12] = -np.eye(6)
     J[:, :6, 12:18] = adjoint(T_camera_board)
-    J[:, 6:, 18:] = np.eye(N_LENS)
+    J[:, 6:, 18:] = np.eye(N_CORRECTIONS)
     return J

@@ -38,14 +38,14 @@ def estimate_residual_distortion(problem: Problem, adjusted: Adjustment) -> Resi
     Returns:
         The coefficient k1 with its standard deviation.
     """
-    corners, lens = problem.corners, adjusted.unknowns.lens
+    corners, corrections = problem.corners, adjusted.unknowns.corrections
     inliers = adjusted.inliers & adjusted.used[:, None]
     T_camera_board = adjusted.unknowns.T_camera_board(problem)
-    residuals, points = reprojection_residuals(T_camera_board, lens, corners)
+    residuals, points = reprojection_residuals(T_camera_board, corrections, corners)
     rays = points[..., :2] / points[..., 2:]
     # Jacobian of the pixels with respect to k1.
-    J_k1 = corners.K[[0, 1], [0, 1]] * (1 + lens[:2]) * rays * (rays**2).sum(axis=2, keepdims=True)
-    jacobians = pixel_jacobian(T_camera_board, lens, corners, points)
+    J_k1 = corners.K[[0, 1], [0, 1]] * (1 + corrections[:2]) * rays * (rays**2).sum(axis=2, keepdims=True)
+    jacobians = pixel_jacobian(T_camera_board, corrections, corners, points)
     g, H = 0.0, 0.0
     for view in np.flatnonzero(inliers.any(axis=1)):
         seen = inliers[view]

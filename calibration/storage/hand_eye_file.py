@@ -40,8 +40,8 @@ __all__ = [
     "HandEye",
     "HandEyeError",
     "activate",
+    "camera_faces_arm_message",
     "load_hand_eye",
-    "looks_back_message",
     "require_match",
     "write_hand_eye",
     "write_result",
@@ -50,7 +50,7 @@ __all__ = [
 MAX_CLOCK_DIFFERENCE = timedelta(hours=25)
 """Maximum time by which a file may be dated in the future. It tolerates a clock that is wrong by a day or a time zone,
 because the age of the file is then wrong by about a day only."""
-LOOKS_BACK_COSINE = -0.2
+FACES_ARM_COSINE = -0.2
 """Limit of the cosine between the optical axis and flange z (102 degrees). At or below this limit, the camera points
 back at the arm. Real mountings stay within 90 degrees."""
 CHECK_ROTATION = (
@@ -231,7 +231,7 @@ def _parse(path: Path, content: bytes, max_age_days: float, now: datetime) -> Ha
         robot_serial=form.robot_serial,
         sha256=hashlib.sha256(content).hexdigest(),
         warnings=_looks_back_warnings(form.T_flange_camera)
-        + _unknown(form)
+        + _missing_field_warnings(form)
         + tuple(finding.message for finding in findings),
         covariance=np.array(form.covariance.matrix) if form.covariance else None,
         joint_covariance=form.joint_covariance,
@@ -245,7 +245,7 @@ def _parse(path: Path, content: bytes, max_age_days: float, now: datetime) -> Ha
     )
 
 
-def _unknown(form: HandEyeForm) -> tuple[str, ...]:
+def _missing_field_warnings(form: HandEyeForm) -> tuple[str, ...]:
     """Return one warning for each of time, camera and robot that the file does not contain."""
     properties = {
         "when it was made": form.created,
@@ -259,7 +259,7 @@ def _unknown(form: HandEyeForm) -> tuple[str, ...]:
     )
 
 
-def looks_back_message(T_flange_camera: NDArray[np.float64]) -> str:
+def camera_faces_arm_message(T_flange_camera: NDArray[np.float64]) -> str:
     """Return the warning for a camera that points back at the arm.
 
     Args:
@@ -271,9 +271,9 @@ def looks_back_message(T_flange_camera: NDArray[np.float64]) -> str:
 
 def _looks_back_warnings(T_flange_camera: NDArray[np.float64]) -> tuple[str, ...]:
     """Return a warning if the camera points back at the arm, which indicates an error in the file."""
-    if T_flange_camera[2, 2] > LOOKS_BACK_COSINE:
+    if T_flange_camera[2, 2] > FACES_ARM_COSINE:
         return ()
-    return (f"{looks_back_message(T_flange_camera)}: {CHECK_ROTATION}",)
+    return (f"{camera_faces_arm_message(T_flange_camera)}: {CHECK_ROTATION}",)
 
 
 def _check_age(path: Path, created: datetime | None, max_age_days: float, now: datetime) -> None:

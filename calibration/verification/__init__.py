@@ -4,7 +4,7 @@
 `judge_drift` takes the hand-eye errors estimated from scans. It detects a camera that moved since the calibration.
 """
 
-from calibration.verification.drift import Drift, ScanError, judge_drift
+from calibration.verification.drift import Drift, ScanLikelihood, judge_drift
 from calibration.verification.verification import Verification, VerifiedView, verify
 
-__all__ = ["Drift", "ScanError", "Verification", "VerifiedView", "judge_drift", "verify"]
+__all__ = ["Drift", "ScanLikelihood", "Verification", "VerifiedView", "judge_drift", "verify"]

@@ -11,7 +11,7 @@ from calibration.input_checks.observations import MIN_VIEWS
 from calibration.observations import Observations
 from calibration.pose_estimation.board_pose import estimate_board_poses
 from calibration.pose_estimation.corner_disambiguation import renumber_to_prediction
-from calibration.pose_estimation.projection import N_LENS, pixel_normal_equations, stack_corners
+from calibration.pose_estimation.projection import N_CORRECTIONS, pixel_normal_equations, stack_corners
 from calibration.result import HandEyeResult
 from calibration.solver.noise import NoisePriors
 from calibration.storage.hand_eye_file import HandEye, require_match
@@ -130,7 +130,7 @@ def observe_board(predicted: PredictedBoard, views: Observations) -> tuple[list[
     nominal = stack_corners(views)
     corners = replace(nominal, K=predicted.K, points=predicted.board_scale * nominal.points)
     poses = estimate_board_poses(corners)
-    information = pixel_normal_equations(poses.T_camera_board, np.zeros(N_LENS), corners, poses.inliers).H
+    information = pixel_normal_equations(poses.T_camera_board, np.zeros(N_CORRECTIONS), corners, poses.inliers).H
     names, observations = [], []
     for k in np.flatnonzero(poses.found):
         board = T_camera[k] @ poses.T_camera_board[k]
@@ -140,9 +140,9 @@ def observe_board(predicted: PredictedBoard, views: Observations) -> tuple[list[
         J_camera = _motion_jacobian(T_camera[k], middle)
         inverse_information = np.linalg.inv(information[k, :6, :6])
         # An error of the lens or of the board scale changes the board pose that fits the image.
-        J_lens = -J_camera @ inverse_information @ information[k, :6, 6:]
+        J_corrections = -J_camera @ inverse_information @ information[k, :6, 6:]
         J_board = -_motion_jacobian(predicted.Y, predicted_middle)
-        J_prediction = np.concatenate([J_camera, J_board, J_lens], axis=1)[:, : len(predicted.covariance)]
+        J_prediction = np.concatenate([J_camera, J_board, J_corrections], axis=1)[:, : len(predicted.covariance)]
         pixel_px = max(float(poses.rms_px[k]), 1e-3)
         corner_covariance = inverse_information * pixel_px**2
         J_robot = _motion_jacobian(flange[k] if views.mounting == "eye-in-hand" else np.eye(4), middle)

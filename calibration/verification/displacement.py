@@ -46,7 +46,7 @@ def estimate_displacement(predicted: PredictedBoard, observations: Sequence[Boar
     from scipy.linalg import block_diag
 
     normal = predicted.Y[:3, 2]
-    deviations, J_prediction = _relative_to_first_turn(predicted, observations)
+    deviations, J_prediction = _averageable_deviations(predicted, observations)
     own = np.asarray(block_diag(*(each.own_covariance for each in observations)))
     covariance = own + J_prediction @ predicted.covariance @ J_prediction.T
     count = len(observations)
@@ -70,7 +70,7 @@ def estimate_displacement(predicted: PredictedBoard, observations: Sequence[Boar
     )
 
 
-def _relative_to_first_turn(
+def _averageable_deviations(
     predicted: PredictedBoard, observations: Sequence[BoardObservation]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return deviations (6N,) that can be averaged, and their Jacobian (6N, C) with respect to the prediction errors.

@@ -1,8 +1,8 @@
 """Drift of a calibration, estimated from the scans that were made with this calibration.
 
-Each scan gives a Gaussian likelihood of the hand-eye error (`ScanError`). The scans of a cell use the same viewpoints,
-so the robot errors repeat. The errors of the scans are therefore assumed to be fully correlated. The average of the
-scans is then as uncertain as a single scan.
+Each scan gives a Gaussian likelihood of the hand-eye error (`ScanLikelihood`). The scans of a cell use the same
+viewpoints, so the robot errors repeat. The errors of the scans are therefore assumed to be fully correlated. The
+average of the scans is then as uncertain as a single scan.
 
 The average is tested against the calibration, and against the first scans that were made with the calibration. The
 second test detects a camera that was knocked later, even if the knock cancels an error of the calibration.
@@ -35,7 +35,7 @@ Directions with less information are ignored.
 
 
 @dataclass(frozen=True, eq=False)
-class ScanError:
+class ScanLikelihood:
     """Gaussian likelihood of the hand-eye error `c` (6,) from one scan, without a prior.
 
     `c` has the order rotation (rad), then translation (m), in the camera frame:
@@ -99,7 +99,9 @@ class Drift:
         )
 
 
-def judge_drift(scans: Sequence[ScanError], covariance: NDArray[np.float64], first: Sequence[ScanError] = ()) -> Drift:
+def judge_drift(
+    scans: Sequence[ScanLikelihood], covariance: NDArray[np.float64], first: Sequence[ScanLikelihood] = ()
+) -> Drift:
     """Test whether a calibration has drifted.
 
     The function makes up to three tests:
@@ -129,7 +131,7 @@ def judge_drift(scans: Sequence[ScanError], covariance: NDArray[np.float64], fir
     return _test(scans[-MAX_SCANS:], np.zeros(6), covariance)
 
 
-def _test(scans: Sequence[ScanError], reference: NDArray[np.float64], covariance: NDArray[np.float64]) -> Drift:
+def _test(scans: Sequence[ScanLikelihood], reference: NDArray[np.float64], covariance: NDArray[np.float64]) -> Drift:
     """Test the average hand-eye error of the scans against a `reference` (6,) with its `covariance` (6, 6)."""
     informations = np.array([scan.information for scan in scans]).reshape(-1, 6, 6)
     vectors = np.array([scan.vector - scan.information @ reference for scan in scans]).reshape(-1, 6)
@@ -146,7 +148,7 @@ def _p_value(informations: NDArray[np.float64], vectors: NDArray[np.float64], co
     """Return the p-value of the average error under the hypothesis of no drift.
 
     `informations` (S, 6, 6) and `vectors` (S, 6) are the likelihoods of the error relative to the reference, as in
-    `ScanError`. `covariance` (6, 6) is the covariance of the reference.
+    `ScanLikelihood`. `covariance` (6, 6) is the covariance of the reference.
     """
     if not len(informations):
         return 1.0

@@ -4,7 +4,7 @@ The input is the fitted strands, the registered surface and the scene. The outpu
 counts and ends, the crossings, the surface that belongs to no chain, and messages about uncertain results.
 """
 
-from recognition.assembly.chain_ends import mark_fragmented_ends, mark_unobserved_ends
+from recognition.assembly.chain_ends import mark_facing_ends, mark_unobserved_ends
 from recognition.assembly.chains import ChainAssembly, assemble_fitted_chains
 from recognition.assembly.crossings import CrossingSet, find_crossings, find_fitted_crossings
 from recognition.assembly.sharp_bends import sharp_bend_messages
@@ -17,7 +17,7 @@ __all__ = [
     "find_crossings",
     "find_fitted_crossings",
     "find_unexplained_surface",
-    "mark_fragmented_ends",
+    "mark_facing_ends",
     "mark_unobserved_ends",
     "sharp_bend_messages",
     "unexplained_messages",

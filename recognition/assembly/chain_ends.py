@@ -18,7 +18,7 @@ MIN_AHEAD_COSINE = np.cos(np.radians(35))
 """Minimum cosine between the direction of an end and the direction from the end to a point ahead (35 degrees)."""
 MAX_CONTINUATION_RADII = 3.0
 """Maximum distance from an end to its continuation, in radii. Unexplained surface begins at a distance of 2 radii."""
-MAX_FRAGMENT_GAP_RADII = 1.5
+MAX_FACING_GAP_RADII = 1.5
 """Maximum gap between two facing ends that may belong to one string, in radii of the thicker chain.
 
 Two whole strings that lie end to end have a larger gap because their ends are round, or they are recognised as one.
@@ -47,8 +47,8 @@ def mark_unobserved_ends(
     return tuple(chain if chain.closed else _mark_ends(chain, rest, parameters) for chain in chains)
 
 
-def mark_fragmented_ends(chains: Sequence[Chain]) -> tuple[tuple[Chain, ...], list[str]]:
-    """Mark two ends as `unseen` if they face each other within `MAX_FRAGMENT_GAP_RADII`.
+def mark_facing_ends(chains: Sequence[Chain]) -> tuple[tuple[Chain, ...], list[str]]:
+    """Mark two ends as `unseen` if they face each other within `MAX_FACING_GAP_RADII`.
 
     A wrong radius can split one string into two chains. A robot that pulls one chain then moves the other chain too.
     The data do not show whether the two ends belong to one string or to two strings that lie end to end.
@@ -68,7 +68,7 @@ def mark_fragmented_ends(chains: Sequence[Chain]) -> tuple[tuple[Chain, ...], li
     ambiguities = []
     for n, (k, at) in enumerate(ends):
         for m, (j, other) in enumerate(ends[:n]):
-            max_gap = MAX_FRAGMENT_GAP_RADII * max(chains[k].radius_m, chains[j].radius_m)
+            max_gap = MAX_FACING_GAP_RADII * max(chains[k].radius_m, chains[j].radius_m)
             if np.linalg.norm(points[n] - points[m]) < max_gap and directions[n] @ directions[m] < MAX_FACING_COSINE:
                 kinds[k][at] = kinds[j][other] = "unseen"
                 pair = f"an end of chain {j} and an end of chain {k}" if j != k else f"the ends of chain {k}"

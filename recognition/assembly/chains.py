@@ -14,7 +14,7 @@ from recognition.refinement.string_classifier import classify_strings, may_be_sq
 from recognition.registration.registration import Registration
 from recognition.tracing.height_map import HeightMap
 
-MAX_SUPPORTED_GAP_RADII = 0.4
+MAX_TABLE_GAP_RADII = 0.4
 """Maximum gap between the table and a string, in radii of the string. A larger gap gives a warning."""
 MAX_THINNER_SHARE = 0.25
 """Maximum share of r by which a string may be thinner than r. A thinner string gives an ambiguity.
@@ -69,7 +69,7 @@ def assemble_fitted_chains(
                 "string: the measured surface does not show whether it is round"
             )
         gap = float(np.percentile(strand.points[:, 2], RESTING_PERCENTILE)) - scene.table_z_m - strand.radius_m
-        if gap > MAX_SUPPORTED_GAP_RADII * strand.radius_m:
+        if gap > MAX_TABLE_GAP_RADII * strand.radius_m:
             warnings.append(
                 f"chain {number} lies {gap * 1000:.1f} mm above the table along nearly all its length: it rests on "
                 "something, or it is the edge of an object"

@@ -143,13 +143,13 @@ def _clearance_from_strings(
         gripper: Dimensions of the gripper.
     """
     clearance, touches = np.full(len(s), MAX_RELEVANT_DISTANCE_M), np.zeros(len(s), dtype=bool)
-    pose, ball = _near_pairs(T, obstacles.points, obstacles.tree_xy, float(obstacles.radius_m.max()), gripper)
-    offset, local = _offsets(T, pose, obstacles.points[ball])
-    same_chain = obstacles.chain[ball] == chain.id
-    along = ChainInterpolator(chain).distance(obstacles.s_m[ball], s[pose])
+    pose, sphere = _near_pairs(T, obstacles.points, obstacles.tree_xy, float(obstacles.radius_m.max()), gripper)
+    offset, local = _offsets(T, pose, obstacles.points[sphere])
+    same_chain = obstacles.chain[sphere] == chain.id
+    along = ChainInterpolator(chain).distance(obstacles.s_m[sphere], s[pose])
     # A distant part of the gripped chain that passes near the grasp counts as another strand.
     gripped = same_chain & (along <= 2 * np.linalg.norm(offset, axis=1) + gripper.finger_width_m)
-    distance = swept_distance(local, opening[pose], reach[pose], gripper, ~gripped) - obstacles.radius_m[ball]
+    distance = swept_distance(local, opening[pose], reach[pose], gripper, ~gripped) - obstacles.radius_m[sphere]
     np.minimum.at(clearance, pose[~gripped], distance[~gripped])
     # The gripped string must fit between the fingers with half the opening margin on each side.
     min_distance = min(gripper.clearance_m, gripper.opening_margin_m / 2) - ROUNDING_M
@@ -183,9 +183,9 @@ def _clearance_from_objects(
     pose, cell = pose[unresolved], cell[unresolved]
     count = objects.count[cell]
     first = np.cumsum(objects.count) - objects.count
-    ball = np.arange(count.sum()) + np.repeat(first[cell] - (np.cumsum(count) - count), count)
+    sphere = np.arange(count.sum()) + np.repeat(first[cell] - (np.cumsum(count) - count), count)
     pose = np.repeat(pose, count)
-    _, local = _offsets(T, pose, objects.points[ball])
+    _, local = _offsets(T, pose, objects.points[sphere])
     distance = swept_distance(local, opening[pose], reach[pose], gripper, closing[pose]) - objects.radius_m
     np.minimum.at(clearance, pose, distance)
     return clearance

@@ -92,18 +92,18 @@ def gather_obstacles(chains: Sequence[Chain], surface: NDArray[np.float64], spac
     Returns:
         The obstacles, in the base frame.
     """
-    lines = [_chain_balls(chain) for chain in chains]
+    lines = [_chain_spheres(chain) for chain in chains]
     points = np.vstack([np.empty((0, 3)), *(line for line, _ in lines)])
     count = np.array([len(line) for line, _ in lines], dtype=np.int64)
     radius = np.repeat(np.array([chain.radius_m for chain in chains], dtype=np.float64), count)
     number = np.repeat(np.array([chain.id for chain in chains], dtype=np.int64), count)
     s = np.concatenate([np.empty(0), *(s for _, s in lines)])
     objects = _object_points(surface, points, radius, spacing_m)
-    ball_radius = max(VOXEL_M, spacing_m) * np.sqrt(3) / 2
-    return Obstacles(points, radius, number, s, _group_by_cell(objects, ball_radius))
+    sphere_radius = max(VOXEL_M, spacing_m) * np.sqrt(3) / 2
+    return Obstacles(points, radius, number, s, _group_by_cell(objects, sphere_radius))
 
 
-def _chain_balls(chain: Chain) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _chain_spheres(chain: Chain) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return points (M, 3) along the chain, at most r / 2 apart, and their arc lengths (M,), metres.
 
     Spheres of radius r at these points cover the string, except for notches up to r / 30 deep.

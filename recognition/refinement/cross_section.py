@@ -31,7 +31,7 @@ MIN_SECTIONS = 3
 class CrossSections:
     """Measures of the cross-section of each line of a fit."""
 
-    out_of_round_m: NDArray[np.float64]
+    roundness_error_m: NDArray[np.float64]
     """(K,) standard deviation of the mean profile from a circle, corrected for noise, metres."""
     squareness: NDArray[np.float64]
     """(K,) share of a square bar's profile in the line's profile: 0 for a tube, 1 for a bar with sharp edges."""

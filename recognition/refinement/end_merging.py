@@ -12,7 +12,7 @@ from recognition.tracing.end_pairing import MIN_RING_RADII
 
 MAX_FACING_COSINE = -0.7
 """Maximum inner product of the outward unit directions of two ends that face each other."""
-MAX_ASIDE_RADII = 1.0
+MAX_LATERAL_RADII = 1.0
 """Maximum distance across the string between overlapping ends, in radii r. Strings side by side are 2 r apart."""
 MIN_OVERLAP_RADII = 0.5
 """Minimum length of an overlap, in radii r. The position of an end has an error of about 0.2 r."""
@@ -48,7 +48,7 @@ def merge_overlapping_ends(strands: Sequence[Strand], parameters: ChainParameter
     aside = np.linalg.norm(offset + overlap[:, :, None] * directions[:, None], axis=2)
     same_strand = np.array([[a.strand == b.strand for b in ends] for a in ends])
     r = parameters.r
-    overlaps = (overlap > MIN_OVERLAP_RADII * r) & (overlap < MAX_OVERLAP_RADII * r) & (aside < MAX_ASIDE_RADII * r)
+    overlaps = (overlap > MIN_OVERLAP_RADII * r) & (overlap < MAX_OVERLAP_RADII * r) & (aside < MAX_LATERAL_RADII * r)
     overlaps &= overlaps.T & (directions @ directions.T < MAX_FACING_COSINE)
     overlaps &= ~(same_strand & (lengths < MIN_RING_RADII * r)[:, None])
     j, k = np.nonzero(np.triu(overlaps, 1))

@@ -39,7 +39,7 @@ MAX_RESTING_EXCESS_SHARE = 0.2
 """Maximum share by which the radius from the height above the table may exceed the fitted radius."""
 MIN_RADIUS_SHARE = 0.4
 """Minimum radius from the height above the table, as a share of r. Below this limit, the fitted radius is used."""
-MIN_SUPPORT_SHARE = 0.1
+MIN_SEEN_SUPPORT_SHARE = 0.1
 """Minimum support of an observed point, as a share of the median support of the strand. Other points are bridged."""
 MAX_MERGES = 3
 """Maximum number of passes that merge overlapping ends. One pass is usually enough."""
@@ -56,14 +56,14 @@ class FittedStrand:
     closed: bool
     """Whether the last point connects to the first."""
     bridged: NDArray[np.bool_]
-    """(N,) mask, True where hardly any surface supports the point (`MIN_SUPPORT_SHARE`)."""
+    """(N,) mask, True where hardly any surface supports the point (`MIN_SEEN_SUPPORT_SHARE`)."""
     support: NDArray[np.float64]
     """(N,) sum of the weights of the surface points that support each point."""
     radius_m: float
     """Radius of the tube, metres: r, or the measured radius if the measured radius contradicts r."""
     measured_radius_m: float
     """Measured radius, metres: from the height if the strand rests on the table, otherwise from the first tube fit."""
-    out_of_round_m: float
+    roundness_error_m: float
     """Standard deviation of the mean profile from a circle, corrected for noise, metres."""
     squareness: float
     """Share of a square bar's profile in the strand's profile: 0 for a tube, 1 for a bar with sharp edges."""
@@ -77,7 +77,7 @@ class Refinement:
 
     strands: list[FittedStrand]
     """Fitted strands."""
-    owner: NDArray[np.int64]
+    strand_of_point: NDArray[np.int64]
     """(M,) strand index of each surface point; -1 if the point lies on no tube."""
     scatter_m: float
     """Robust standard deviation of the point-to-tube distances, metres."""
@@ -130,7 +130,7 @@ def refine(
     assigned = _iterate(last_fit, LAST_FIT_STEPS, None)
     cross_sections = measure_cross_sections(last_fit, assigned)
     fitted = _collect_strands(strands, last_fit, assigned, measured_radii, cross_sections)
-    return Refinement(fitted, last_fit.owners(assigned), assigned.sigma)
+    return Refinement(fitted, last_fit.lines_of_points(assigned), assigned.sigma)
 
 
 def _fit_to_sample(strands: Sequence[Strand], surface: Points, normals: Points, r: float) -> tuple[TubeFit, float]:
@@ -175,12 +175,12 @@ def _localise_ends(
 ) -> list[Points]:
     """Move the two ends of each open line to the ends of its string. Closed lines are unchanged."""
     fit = TubeFit(lines, r, surface, normals, radii)
-    owner = fit.owners(fit.assign()) if len(lines) > 1 else np.zeros(len(surface), dtype=np.int64)
+    strand_of_point = fit.lines_of_points(fit.assign()) if len(lines) > 1 else np.zeros(len(surface), dtype=np.int64)
     localised = list(lines)
     for k, strand in enumerate(strands):
         if not strand.closed:
             # Exclude surface on the tubes of other strands. It does not show the end of this strand.
-            is_own = (owner == k) | (owner < 0)
+            is_own = (strand_of_point == k) | (strand_of_point < 0)
             line = localise_end(lines[k], surface[is_own], normals[is_own], radii[k])
             localised[k] = localise_end(line[::-1], surface[is_own], normals[is_own], radii[k])[::-1]
     return localised
@@ -239,11 +239,11 @@ def _collect_strands(
             FittedStrand(
                 points=points,
                 closed=strand.closed,
-                bridged=support < MIN_SUPPORT_SHARE * np.median(support),
+                bridged=support < MIN_SEEN_SUPPORT_SHARE * np.median(support),
                 support=support,
                 radius_m=float(fit.radii[k]),
                 measured_radius_m=float(measured_radii[k]),
-                out_of_round_m=float(cross_sections.out_of_round_m[k]),
+                roundness_error_m=float(cross_sections.roundness_error_m[k]),
                 squareness=float(cross_sections.squareness[k]),
                 squareness_sigma=float(cross_sections.squareness_sigma[k]),
             )

@@ -27,7 +27,7 @@ MAX_BESIDE_RADII = 2.2
 
 The unit is the radius of the strand, or the expected r if r is larger.
 """
-MAX_OUT_OF_ROUND_SHARE = 0.04
+MAX_ROUNDNESS_ERROR = 0.04
 """Maximum standard deviation of a string's profile from a circle, as a share of the radius.
 
 The radius is the radius of the strand, or the expected r if r is larger. In simulated scans and scans from other
@@ -56,8 +56,8 @@ HEIGHT_PERCENTILE = 15.0
 MIN_AMBIGUOUS_LENGTH_RADII = 40.0
 """Minimum length of a poorly supported strand that may still be a string, in radii r."""
 MIN_SUPPORTED_SHARE = 0.5
-"""Minimum share of well-supported points (see `MIN_SUPPORT_SHARE`) in a string."""
-MIN_SUPPORT_SHARE = 0.25
+"""Minimum share of well-supported points (see `MIN_STRING_SUPPORT_SHARE`) in a string."""
+MIN_STRING_SUPPORT_SHARE = 0.25
 """Minimum support of a well-supported point, as a share of the median support of the longest string."""
 
 
@@ -98,7 +98,7 @@ def classify_strings(
     for k in np.argsort(-np.array(lengths), kind="stable").tolist():
         strand, length = strands[k], lengths[k]
         usual_support = float(np.median(strands[kept[0]].support)) if kept else 0.0
-        is_supported = bool(np.mean(strand.support >= MIN_SUPPORT_SHARE * usual_support) >= MIN_SUPPORTED_SHARE)
+        is_supported = bool(np.mean(strand.support >= MIN_STRING_SUPPORT_SHARE * usual_support) >= MIN_SUPPORTED_SHARE)
         is_round = _is_round(strand, parameters.r) and on_tube_shares[k] >= MIN_ON_TUBE_SHARE
         if length < MIN_LENGTH_RADII * parameters.r:
             reason = "too short to be distinguished from noise"
@@ -127,7 +127,7 @@ def may_be_square(strand: FittedStrand) -> bool:
 
 
 def _is_round(strand: FittedStrand, r: float) -> bool:
-    is_circular = strand.out_of_round_m <= MAX_OUT_OF_ROUND_SHARE * max(strand.radius_m, r)
+    is_circular = strand.roundness_error_m <= MAX_ROUNDNESS_ERROR * max(strand.radius_m, r)
     is_square = strand.squareness > max(MAX_SQUARENESS, UNCERTAIN_SIGMAS * strand.squareness_sigma)
     return is_circular and not is_square
 
@@ -145,14 +145,14 @@ def _on_tube_shares(refinement: Refinement, surface: NDArray[np.float64], r: flo
     strands = refinement.strands
     if not strands:
         return np.empty(0)
-    strand_of_point = np.repeat(np.arange(len(strands)), [len(strand.points) for strand in strands])
+    strand_of_line_point = np.repeat(np.arange(len(strands)), [len(strand.points) for strand in strands])
     radii = np.array([max(strand.radius_m, r) for strand in strands])
     distance, indices = KDTree(np.vstack([strand.points for strand in strands])).query(surface)
-    nearest = strand_of_point[np.asarray(indices)]
+    nearest = strand_of_line_point[np.asarray(indices)]
     is_beside = np.asarray(distance) < MAX_BESIDE_RADII * radii[nearest]
-    nearest, owner = nearest[is_beside], refinement.owner[is_beside]
+    nearest, actual = nearest[is_beside], refinement.strand_of_point[is_beside]
     count = np.bincount(nearest, minlength=len(strands))
-    return np.bincount(nearest, owner == nearest, len(strands)) / np.maximum(count, 1)
+    return np.bincount(nearest, actual == nearest, len(strands)) / np.maximum(count, 1)
 
 
 def _orient(strand: FittedStrand) -> FittedStrand:

@@ -150,12 +150,12 @@ class TubeFit:
                 bands[N_BANDS - (q - p), q::3] += hold * t[:, p] * t[:, q]
         solved = solveh_banded(bands, np.column_stack([gradient, border]))
         change = np.zeros(len(self.radii))
-        line_of_row, owner = np.repeat(self.line_of_point, 3), self.line_of_point[assigned.link]
+        line_of_row, line = np.repeat(self.line_of_point, 3), self.line_of_point[assigned.link]
         if radius_sigma is not None:
             # Eliminate the points (Schur complement) and solve for the radii first.
-            pull = group_sums(owner, -weight * assigned.residual, len(change)) + (self.radii - self.r) / radius_sigma**2
+            pull = group_sums(line, -weight * assigned.residual, len(change)) + (self.radii - self.r) / radius_sigma**2
             stiffness = (
-                group_sums(owner, weight, len(change))
+                group_sums(line, weight, len(change))
                 + radius_sigma**-2
                 - group_sums(line_of_row, border * solved[:, 1], len(change))
             )
@@ -173,11 +173,11 @@ class TubeFit:
         start = group_sums(assigned.link, assigned.weight * (1 - assigned.fraction), count)
         return start + group_sums(assigned.link + 1, assigned.weight * assigned.fraction, count)
 
-    def owners(self, assigned: Assignment) -> NDArray[np.int64]:
+    def lines_of_points(self, assigned: Assignment) -> NDArray[np.int64]:
         """Return the line index (M,) of each surface point; -1 if the point lies on no tube."""
-        owner = np.full(len(self.surface), -1)
-        owner[assigned.point] = self.line_of_point[assigned.link]
-        return owner
+        line = np.full(len(self.surface), -1)
+        line[assigned.point] = self.line_of_point[assigned.link]
+        return line
 
     def _project(self, point: NDArray[np.int64], link: NDArray[np.int64]) -> Assignment:
         """Project the surface points `point` (K,) onto the links `link` (K,). Exclude points that lie on no tube."""

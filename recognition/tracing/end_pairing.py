@@ -24,7 +24,7 @@ MAX_TURN_RAD = 1.4
 """Maximum angle between the direction of an end and the straight line to its partner, radians."""
 HEIGHT_WEIGHT = 0.5
 """Weight of height differences relative to horizontal differences. Heights are least accurate near an over strand."""
-SINGLE_END_COST = 1.5
+UNPAIRED_END_COST = 1.5
 """Cost of a visible end without a partner, in squared sigmas like the misfit of a pair."""
 OCCLUDED_END_COST = 4.0
 """Additional cost of an occluded end without a partner. It is multiplied by the occluded share ahead of the end."""
@@ -111,7 +111,7 @@ def pair_ends(fragments: Sequence[Fragment], height_map: HeightMap, parameters: 
     ends = _collect_ends(fragments, parameters.r)
     if len(ends.points) < 2:
         return Pairing(ends, [], [])
-    single_cost = SINGLE_END_COST + OCCLUDED_END_COST * _occluded_share_ahead(ends, height_map, parameters.r)
+    single_cost = UNPAIRED_END_COST + OCCLUDED_END_COST * _occluded_share_ahead(ends, height_map, parameters.r)
     a, b = _candidate_pairs(ends, fragments, parameters.r)
     cost = _misfit(ends, a, b, parameters.r) + _gap_cost(ends, a, b, height_map, parameters.r)
     gain = single_cost[a] + single_cost[b] - cost
@@ -214,7 +214,7 @@ def _gap_cost(
     curve = hermite[0] * start + hermite[1] * leaving + (1 - hermite[0]) * end + hermite[2] * arriving
     occlusion = height_map.occlusion(curve.reshape(-1, 3), r)
     occluded_share = occlusion.is_occluded.reshape(len(a), -1).mean(axis=1)
-    bare_share = occlusion.is_bare.reshape(len(a), -1).mean(axis=1)
+    bare_share = occlusion.is_uncovered.reshape(len(a), -1).mean(axis=1)
     visible_radii = np.maximum((1 - occluded_share) * gap / r - FREE_VISIBLE_GAP_RADII, 0.0)
     cost = GAP_COST_PER_RADIUS * gap / r + VISIBLE_GAP_COST_PER_RADIUS * visible_radii
     return np.where(bare_share * gap > MAX_BARE_GAP_RADII * r, np.inf, cost)

@@ -129,7 +129,7 @@ def split_over_bare_table(fragments: Sequence[Fragment], height_map: HeightMap, 
         following = np.roll(points, -1, axis=0)
         cut = np.linalg.norm(following - points, axis=1) > MAX_DENSE_LINK_RADII * r
         if cut.any():
-            cut[cut] = height_map.occlusion((points[cut] + following[cut]) / 2, r).is_bare
+            cut[cut] = height_map.occlusion((points[cut] + following[cut]) / 2, r).is_uncovered
         parts += fragment.split(np.ones(len(points), dtype=bool), cut)
     return parts
 

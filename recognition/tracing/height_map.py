@@ -23,7 +23,7 @@ class Occlusion:
 
     is_occluded: NDArray[np.bool_]
     """(N,) mask, True where another strand lies over the point."""
-    is_bare: NDArray[np.bool_]
+    is_uncovered: NDArray[np.bool_]
     """(N,) mask, True where no surface above the table was measured near the point. The table is taken to be bare."""
 
 
@@ -46,11 +46,11 @@ class HeightMap:
             r: Radius of the string, metres.
 
         Returns:
-            The masks `is_occluded` and `is_bare`. They are False where the string itself is the top surface.
+            The masks `is_occluded` and `is_uncovered`. They are False where the string itself is the top surface.
         """
         pairs = KDTree(points[:, :2]).sparse_distance_matrix(self._tree, SEARCH_RADII * r, output_type="ndarray")
         row, column = pairs["i"], pairs["j"]
         counts = np.bincount(row, minlength=len(points))
         is_high = self.surface[column, 2] > points[row, 2] + MIN_ABOVE_RADII * r
         is_occluded = np.bincount(row, is_high, len(points)) > MIN_OCCLUDED_SHARE * np.maximum(counts, 1)
-        return Occlusion(is_occluded, is_bare=counts == 0)
+        return Occlusion(is_occluded, is_uncovered=counts == 0)

@@ -29,7 +29,7 @@ MIN_RHO = 0.5
 
 A lower rate means a surface or a clump instead of a line. Merged strands still have a higher rate.
 """
-MIN_SUPPORT_SHARE = 0.05
+MIN_NODE_SUPPORT_SHARE = 0.05
 """Minimum support of a node, as a share of the median support. Nodes with less support are noise."""
 
 
@@ -83,7 +83,7 @@ def extract_nodes(centre_points: NDArray[np.float64], parameters: ChainParameter
         nodes = _thin_nodes(nodes, weights, r)
         # Nodes that moved into the same voxel become one node.
         nodes, weights = _merge_nodes_per_voxel(nodes, weights, VOXEL_RADII * r)
-    return nodes[nodes.support >= MIN_SUPPORT_SHARE * np.median(nodes.support)] if len(nodes.points) else nodes
+    return nodes[nodes.support >= MIN_NODE_SUPPORT_SHARE * np.median(nodes.support)] if len(nodes.points) else nodes
 
 
 def _thin_nodes(nodes: CentreLineNodes, weights: NDArray[np.float64], r: float) -> CentreLineNodes:

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.storage.hand_eye_file import HandEye
-from calibration.verification.drift import LATEST_SCANS, MAX_SCANS, Drift, ScanError, judge_drift
+from calibration.verification.drift import LATEST_SCANS, MAX_SCANS, Drift, ScanLikelihood, judge_drift
 from recognition.registration.hand_eye_error import HandEyeErrorEstimate
 from recognition.registration.pose_prior import PoseSigmas
 from service.calibrations.store import CalibrationStore
@@ -64,8 +64,8 @@ class DriftWatch:
         return judge_drift(list(map(_scan_error, rows)), covariance, list(map(_scan_error, first)))
 
 
-def _scan_error(row: ScanErrorRow) -> ScanError:
-    return ScanError(np.array(row.information), np.array(row.vector))
+def _scan_error(row: ScanErrorRow) -> ScanLikelihood:
+    return ScanLikelihood(np.array(row.information), np.array(row.vector))
 
 
 def _usual() -> NDArray[np.float64]:

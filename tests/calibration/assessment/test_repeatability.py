@@ -3,20 +3,20 @@
 import numpy as np
 import pytest
 
-from calibration.assessment.repeatability import VIEWS, repeatability_bound
+from calibration.assessment.repeatability import VIEWS, estimate_repeatability
 from calibration.geometry.se3 import invert_poses, pose_from_twist
 from tests.calibration.board_views import look_at
 
 
 def test_no_error_no_disagreement() -> None:
-    assert repeatability_bound(np.zeros((6, 6)), 0.0, 0.0, 0.4, np.array([0, 0, 0.5])) == 0.0
+    assert estimate_repeatability(np.zeros((6, 6)), 0.0, 0.0, 0.4, np.array([0, 0, 0.5])) == 0.0
 
 
 def test_it_grows_with_the_errors() -> None:
     covariance = np.diag([1e-8, 1e-8, 1e-8, 1e-8, 1e-8, 1e-8])
     lever = np.array([0.0, 0.0, 0.5])
-    single = repeatability_bound(covariance, 1e-4, 1e-4, 0.4, lever)
-    assert repeatability_bound(4 * covariance, 2e-4, 2e-4, 0.4, lever) == pytest.approx(2 * single)
+    single = estimate_repeatability(covariance, 1e-4, 1e-4, 0.4, lever)
+    assert estimate_repeatability(4 * covariance, 2e-4, 2e-4, 0.4, lever) == pytest.approx(2 * single)
 
 
 def test_it_bounds_19_of_20_scans() -> None:
@@ -42,6 +42,6 @@ def test_it_bounds_19_of_20_scans() -> None:
         seen = (flange @ X_found @ point)[:, :3]
         worst.append(np.linalg.norm(seen[:, None] - seen, axis=2).max())
     lever = np.array([0, 0, distance]) + X[:3, :3].T @ X[:3, 3]
-    bound = repeatability_bound(covariance, robot[0], robot[3], distance, lever)
+    bound = estimate_repeatability(covariance, robot[0], robot[3], distance, lever)
     # 1500 scans determine a share of 0.95 to 0.006, and the prediction is drawn too.
     assert np.mean(np.array(worst) < bound) == pytest.approx(0.95, abs=0.02)

@@ -8,7 +8,7 @@ import pytest
 
 from calibration.observations import Mounting
 from calibration.pose_estimation.board_pose import estimate_board_poses
-from calibration.pose_estimation.projection import N_LENS, reprojection_residuals, stack_corners
+from calibration.pose_estimation.projection import N_CORRECTIONS, reprojection_residuals, stack_corners
 from calibration.solver.bundle_adjustment import Adjustment, adjust
 from calibration.solver.cross_validation import cross_validate
 from calibration.solver.noise import NoiseLevel, NoisePriors
@@ -33,7 +33,7 @@ def problem_of(recorded: Recorded, priors: NoisePriors | None = None) -> Problem
 
 def adjusted_of(recorded: Recorded, problem: Problem, used: np.ndarray | None = None) -> Adjustment:
     count = len(recorded.T_camera_board)
-    start = Unknowns(recorded.X, recorded.Y, np.zeros((count, 6)), np.zeros(N_LENS))
+    start = Unknowns(recorded.X, recorded.Y, np.zeros((count, 6)), np.zeros(N_CORRECTIONS))
     used = np.ones(count, dtype=bool) if used is None else used
     return adjust(problem, start, used, problem.corners.seen, problem.priors.noise)
 
@@ -45,11 +45,13 @@ def test_derivatives_are_those_of_differences(mounting: Mounting) -> None:
     rng = np.random.default_rng(0)
     # Away from zero, so that every term matters.
     errors = np.concatenate([rng.normal(0, 0.003, (4, 3)), rng.normal(0, 0.001, (4, 3))], axis=1)
-    unknowns = Unknowns(recorded.X, recorded.Y, errors, rng.normal(0, 0.003, N_LENS))
+    unknowns = Unknowns(recorded.X, recorded.Y, errors, rng.normal(0, 0.003, N_CORRECTIONS))
 
     def residuals(errors_step: np.ndarray, shared: np.ndarray) -> np.ndarray:
         moved = unknowns.add_step(shared, np.tile(errors_step, (4, 1)))
-        return reprojection_residuals(moved.T_camera_board(problem), moved.lens, problem.corners)[0].reshape(4, -1)
+        return reprojection_residuals(moved.T_camera_board(problem), moved.corrections, problem.corners)[0].reshape(
+            4, -1
+        )
 
     step = 1e-6
     columns = []

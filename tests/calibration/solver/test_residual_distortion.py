@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from calibration.pose_estimation.board_pose import estimate_board_poses
-from calibration.pose_estimation.projection import N_LENS, stack_corners
+from calibration.pose_estimation.projection import N_CORRECTIONS, stack_corners
 from calibration.solver.bundle_adjustment import adjust
 from calibration.solver.noise import NoisePriors
 from calibration.solver.outlier_rejection import keep_consistent_views
@@ -23,7 +23,7 @@ def residual_of(recorded: Recorded, k1: float) -> ResidualDistortion:
     corners = replace(corners, pixels=np.where(corners.seen[..., None], bent, 0.0))
     problem = Problem(corners, recorded.T_base_flange, recorded.observations.mounting, NoisePriors())
     board_poses = estimate_board_poses(corners)
-    start = Unknowns(recorded.X, recorded.Y, np.zeros((len(board_poses.found), 6)), np.zeros(N_LENS))
+    start = Unknowns(recorded.X, recorded.Y, np.zeros((len(board_poses.found), 6)), np.zeros(N_CORRECTIONS))
     adjusted = adjust(problem, start, board_poses.found, board_poses.inliers, problem.priors.noise)
     solution = keep_consistent_views(problem, board_poses, adjusted)
     return estimate_residual_distortion(problem, solution.adjusted)

@@ -3,18 +3,18 @@
 import numpy as np
 import pytest
 
-from calibration.verification.drift import LATEST_SCANS, MAX_P_VALUE, MAX_SCANS, MIN_SCANS, ScanError, judge_drift
+from calibration.verification.drift import LATEST_SCANS, MAX_P_VALUE, MAX_SCANS, MIN_SCANS, ScanLikelihood, judge_drift
 
 CALIBRATION = np.diag(np.repeat([0.001, 0.0004], 3) ** 2)
 SCAN_SIGMA = np.array([0.0006, 0.0012, 0.002, 0.0007, 0.0004, 0.0005])
 """Some directions are known better than others, as registered scans know them."""
 
 
-def scan(error: np.ndarray, sigma: np.ndarray = SCAN_SIGMA, axes: np.ndarray | None = None) -> ScanError:
+def scan(error: np.ndarray, sigma: np.ndarray = SCAN_SIGMA, axes: np.ndarray | None = None) -> ScanLikelihood:
     """A scan that finds `error` (6,), with these sigmas along `axes`."""
     Q = np.eye(6) if axes is None else axes
     information = Q @ np.diag(sigma**-2.0) @ Q.T
-    return ScanError(information, information @ error)
+    return ScanLikelihood(information, information @ error)
 
 
 def test_false_alarms_are_as_rare_as_said() -> None:
@@ -52,9 +52,9 @@ def test_directions_without_information_count_for_nothing() -> None:
     information = np.linalg.inv(units) @ Q @ np.diag([4.0, 4.0, 0, 0, 0, 0]) @ Q.T @ np.linalg.inv(units)
     hidden = units @ Q[:, 2] * 100
     shown = units @ Q[:, 0] * 10
-    assert judge_drift([ScanError(information, information @ hidden)] * 4, CALIBRATION).p_value > 0.99
-    assert judge_drift([ScanError(information, information @ shown)] * 4, CALIBRATION).drifted
-    nothing = ScanError(np.zeros((6, 6)), np.zeros(6))
+    assert judge_drift([ScanLikelihood(information, information @ hidden)] * 4, CALIBRATION).p_value > 0.99
+    assert judge_drift([ScanLikelihood(information, information @ shown)] * 4, CALIBRATION).drifted
+    nothing = ScanLikelihood(np.zeros((6, 6)), np.zeros(6))
     drift = judge_drift([nothing] * 4, CALIBRATION)
     assert (drift.p_value, drift.drifted, drift.off_m, drift.off_rad) == (1.0, False, 0.0, 0.0)
 

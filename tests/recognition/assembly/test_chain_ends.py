@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from cell.simulation.camera import camera_model
 from cell.simulation.scenes import make_scene
 from cell.simulation.simulate import simulate
-from recognition.assembly.chain_ends import mark_fragmented_ends, mark_unobserved_ends
+from recognition.assembly.chain_ends import mark_facing_ends, mark_unobserved_ends
 from recognition.model.chains import Chain, End
 from recognition.parameters import ChainParameters
 from recognition.pipeline import recognise
@@ -91,7 +91,7 @@ def along_x(begin_m: float, end_m: float, y_m: float = 0.0) -> NDArray[np.float6
 
 def test_ends_that_face_each_other_are_unseen() -> None:
     # The chains overlap, which two strings cannot.
-    chains, ambiguities = mark_fragmented_ends(
+    chains, ambiguities = mark_facing_ends(
         [numbered_chain(0, along_x(0.0, 0.1)), numbered_chain(1, along_x(0.098, 0.2))]
     )
     assert [one.ends for one in chains] == [("free", "unseen"), ("unseen", "free")]
@@ -102,7 +102,7 @@ def test_ends_that_face_each_other_are_unseen() -> None:
 def test_a_ring_that_does_not_close_is_ambiguous() -> None:
     turn = np.linspace(0.0, 2 * np.pi - 0.05, 200)
     ring = np.column_stack([0.05 * np.cos(turn), 0.05 * np.sin(turn), np.full(200, FRAGMENT_R)])
-    (one,), ambiguities = mark_fragmented_ends([numbered_chain(0, ring)])
+    (one,), ambiguities = mark_facing_ends([numbered_chain(0, ring)])
     assert one.ends == ("unseen", "unseen")
     assert ambiguities[0].startswith("the ends of chain 0 face each other")
 
@@ -119,15 +119,15 @@ def test_a_ring_that_does_not_close_is_ambiguous() -> None:
     ],
 )
 def test_other_ends_are_unchanged(other: NDArray[np.float64]) -> None:
-    chains, ambiguities = mark_fragmented_ends([numbered_chain(0, along_x(0.0, 0.1)), numbered_chain(1, other)])
+    chains, ambiguities = mark_facing_ends([numbered_chain(0, along_x(0.0, 0.1)), numbered_chain(1, other)])
     assert [one.ends for one in chains] == [("free", "free")] * 2
     assert ambiguities == []
 
 
 def test_no_chains_and_closed_chains_have_no_fragmented_ends() -> None:
-    assert mark_fragmented_ends([]) == ((), [])
+    assert mark_facing_ends([]) == ((), [])
     closed = Chain(0, True, FRAGMENT_R, along_x(0.0, 0.001), np.full(40, 1e-4), np.full(40, 8), ("free", "free"))
-    (same,), ambiguities = mark_fragmented_ends([closed])
+    (same,), ambiguities = mark_facing_ends([closed])
     assert (same.ends, ambiguities) == (closed.ends, [])
 
 

@@ -215,7 +215,7 @@ def test_a_string_that_may_be_a_bar_is_kept_and_ambiguous(
 ) -> None:
     line = straight((0, 0, R), (0.1, 0, R), 0.003)
     views = registered([seen([line])])
-    strand = replace(fitted(line), out_of_round_m=0.0, squareness=0.1, squareness_sigma=0.1)
+    strand = replace(fitted(line), roundness_error_m=0.0, squareness=0.1, squareness_sigma=0.1)
     refinement = Refinement([strand], np.zeros(len(views.points), dtype=np.int64), 0.0002)
     assembly = assemble_fitted_chains(refinement, views, HeightMap(views.points), Scene(), PARAMETERS)
     (chain,), (ambiguity,) = assembly.chains, assembly.ambiguities

@@ -52,7 +52,7 @@ def far_plate(count: int, spacing: float) -> np.ndarray:
     return np.column_stack([-1 - spacing * u, spacing * v, np.full(count, 0.1)])
 
 
-def test_balls_fill_every_string() -> None:
+def test_spheres_fill_every_string() -> None:
     square = np.array([(0, 0, R), (0.06, 0, R), (0.06, 0.06, R), (0, 0.06, R)])
     chains = (chain(3, line(0.1)), chain(7, square, closed=True, r=0.002))
     found = gather_obstacles(chains, np.empty((0, 3)), SPACING)
@@ -68,7 +68,7 @@ def test_balls_fill_every_string() -> None:
 
 
 def test_arc_lengths_are_those_of_the_chain_with_its_corners() -> None:
-    # Steps of 3 mm in zigzag: balls every 1.9 mm cut each corner, and would measure a shorter line.
+    # Steps of 3 mm in zigzag: spheres every 1.9 mm cut each corner, and would measure a shorter line.
     k = np.arange(40)
     bent = chain(0, np.column_stack([0.003 * (k // 2 + k % 2), 0.003 * (k // 2), np.full(40, R)]))
     found = gather_obstacles((bent,), np.empty((0, 3)), SPACING)
@@ -78,30 +78,30 @@ def test_arc_lengths_are_those_of_the_chain_with_its_corners() -> None:
 
 
 @pytest.mark.parametrize("r", RADII)
-def test_every_point_of_a_merged_surface_is_in_a_ball_for_any_number_of_points(r: float) -> None:
+def test_every_point_of_a_merged_surface_is_in_a_sphere_for_any_number_of_points(r: float) -> None:
     spacing = VOXEL_RADII * r
     points = face(max(0.02, 3 * r), max(spacing / 8, 1e-4))
     merged, _ = voxel_means(points, spacing)
-    balls = {}
+    spheres = {}
     for count in (0, MAX_POINTS - len(merged)):
         surface = np.vstack([merged, far_plate(count, spacing)])
         found = gather_obstacles((chain(0, line(), r=r),), surface, spacing)
         near = object_points(found)[object_points(found)[:, 0] > 0]
         assert KDTree(near).query(points)[0].max() <= found.objects.radius_m
-        # The balls cover no more than the measured surface, up to their size.
+        # The spheres cover no more than the measured surface, up to their size.
         assert KDTree(points).query(near)[0].max() <= found.objects.radius_m
-        balls[count] = len(near)
+        spheres[count] = len(near)
     # The other objects have no influence.
-    assert len(set(balls.values())) == 1
+    assert len(set(spheres.values())) == 1
 
 
 @pytest.mark.parametrize(("r", "radius"), [(0.001, 0.0013), (0.0042, 0.0013), (0.012, 0.0035), (0.02, 0.0058)])
-def test_balls_are_no_larger_than_the_spacing_needs(r: float, radius: float) -> None:
+def test_spheres_are_no_larger_than_the_spacing_needs(r: float, radius: float) -> None:
     found = gather_obstacles((), face(0.06, VOXEL_RADII * r), VOXEL_RADII * r)
     assert found.objects.radius_m == pytest.approx(radius, abs=5e-5)
 
 
-def test_a_fine_surface_is_thinned_and_every_point_is_in_a_ball() -> None:
+def test_a_fine_surface_is_thinned_and_every_point_is_in_a_sphere() -> None:
     box = plate(0.02, 0.03, 0.03, 0.02)
     fine = np.vstack([box, box + (0.0005, 0, 0), box + (0, 0.0005, 0), box + (0.0005, 0.0005, 0)])
     found = gather_obstacles((chain(0, line(), r=0.0015),), fine, 0.0005)

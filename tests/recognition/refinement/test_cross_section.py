@@ -51,7 +51,7 @@ def test_a_bar_is_square(straight: Callable) -> None:
     found = measured(bar(0.1), straight((0, 0, R), (0.1, 0, R), STEP))
     # Its faces are exactly what is fitted.
     assert found.squareness[0] == pytest.approx(1.0, abs=0.02)
-    assert found.out_of_round_m[0] > 0.05 * R
+    assert found.roundness_error_m[0] > 0.05 * R
 
 
 @pytest.mark.parametrize("noise", [0.05, 0.2])
@@ -71,7 +71,7 @@ def test_each_line_is_measured_by_itself(seen: Callable, straight: Callable) -> 
     points, normals = (np.vstack(parts) for parts in zip(seen([string]), bar(0.1), strict=True))
     found = measured((points, normals), string[::3], straight((0, 0, R), (0.1, 0, R), STEP))
     np.testing.assert_allclose(found.squareness, (0, 1), rtol=0, atol=0.02)
-    assert found.out_of_round_m[0] < 0.01 * R
+    assert found.roundness_error_m[0] < 0.01 * R
 
 
 def test_too_little_surface_gives_no_measure(seen: Callable, straight: Callable) -> None:
@@ -83,7 +83,7 @@ def test_too_little_surface_gives_no_measure(seen: Callable, straight: Callable)
     points, normals = bar(0.1)
     one_side = (normals[:, 1] > 0) | (points[:, 1] > 0.8 * R)
     found = measured((points[one_side], normals[one_side]), straight((0, 0, R), (0.1, 0, R), STEP))
-    assert found.out_of_round_m[0] == R
+    assert found.roundness_error_m[0] == R
 
 
 def test_a_square_bar_seen_from_afar_is_no_string() -> None:

@@ -51,7 +51,7 @@ def test_a_line_that_is_off_lands_on_the_axis_of_a_clean_tube(
     assert end_errors(fitted, axis).max() < 0.1 * R
     assert not fitted.bridged.any()
     # Its profile is a circle but for the noise.
-    assert fitted.out_of_round_m < 0.01 * R
+    assert fitted.roundness_error_m < 0.01 * R
     assert abs(fitted.squareness) < 0.05
 
 
@@ -182,9 +182,9 @@ def test_other_objects_and_flying_points_have_no_weight(seen: Callable, off_line
     (fitted,) = found.strands
     assert off_line(fitted.points, [curve]).max() < 0.12 * R
     assert fitted.measured_radius_m == pytest.approx(R, rel=0.04)
-    owner = found.owner
-    assert (owner[: len(surface)] == 0).mean() > 0.99
-    assert (owner[-len(wall) :] == -1).mean() > 0.97
+    strand_of_point = found.strand_of_point
+    assert (strand_of_point[: len(surface)] == 0).mean() > 0.99
+    assert (strand_of_point[-len(wall) :] == -1).mean() > 0.97
     # The scatter is that of the string, whatever lies beside it.
     assert found.scatter_m == pytest.approx(NOISE, rel=0.25)
 
@@ -210,7 +210,7 @@ def test_a_square_bar_is_out_of_round(straight: Callable) -> None:
     surface, normals = (np.array(values, dtype=np.float64) for values in zip(*(top + sides), strict=True))
     # From 1 r at the middle of its sides to 1.41 r at its edges.
     fitted = only(axis[::4], (surface, normals))
-    assert fitted.out_of_round_m > 0.05 * R
+    assert fitted.roundness_error_m > 0.05 * R
     assert fitted.squareness == pytest.approx(1.0, abs=0.1)
     assert fitted.squareness_sigma < 0.1
 
@@ -220,10 +220,10 @@ def test_nothing_to_fit_or_to_fit_to(seen: Callable, straight: Callable) -> None
     surface, normals = seen([axis])
     nothing = refine([], surface, normals, PARAMETERS)
     assert (nothing.strands, nothing.scatter_m) == ([], 0.0)
-    np.testing.assert_array_equal(nothing.owner, np.full(len(surface), -1))
+    np.testing.assert_array_equal(nothing.strand_of_point, np.full(len(surface), -1))
     assert refine([strand(axis[:1])], surface, normals, PARAMETERS).strands == []
     unseen = refine([strand(axis)], np.empty((0, 3)), np.empty((0, 3)), PARAMETERS)
-    assert (unseen.strands, len(unseen.owner)) == ([], 0)
+    assert (unseen.strands, len(unseen.strand_of_point)) == ([], 0)
 
 
 @pytest.mark.parametrize("count", [1, 3, 500])
@@ -232,7 +232,7 @@ def test_equal_points_give_finite_lines(straight: Callable, count: int) -> None:
     found = refine([strand(straight((0, 0, R), (0.1, 0, R))[::4])], points, up, PARAMETERS)
     for fitted in found.strands:
         assert np.isfinite(fitted.points).all()
-        assert np.isfinite([fitted.radius_m, fitted.measured_radius_m, fitted.out_of_round_m]).all()
+        assert np.isfinite([fitted.radius_m, fitted.measured_radius_m, fitted.roundness_error_m]).all()
     assert np.isfinite(found.scatter_m)
 
 
@@ -258,7 +258,7 @@ def test_the_fit_moves_and_grows_with_the_string(
         np.testing.assert_allclose(other.points, moved(one.points), rtol=0, atol=0.01 * scale * R)
         np.testing.assert_array_equal(other.bridged, one.bridged)
         assert other.measured_radius_m == pytest.approx(scale * one.measured_radius_m, rel=0.005)
-    assert (after.owner == before.owner).mean() > 0.999
+    assert (after.strand_of_point == before.strand_of_point).mean() > 0.999
 
 
 def test_the_order_of_the_surface_points_hardly_matters(seen: Callable, heap: Callable, off_line: Callable) -> None:

@@ -23,7 +23,7 @@ def fitted(points: np.ndarray) -> FittedStrand:
         support=np.full(n, 40.0),
         radius_m=R,
         measured_radius_m=R,
-        out_of_round_m=0.0,
+        roundness_error_m=0.0,
         squareness=0.0,
         squareness_sigma=0.05,
     )
@@ -59,8 +59,8 @@ def test_a_string_has_its_surface_to_itself(seen: Callable, straight: Callable) 
 def test_a_strand_with_a_profile_that_is_no_circle_is_no_string(seen: Callable, straight: Callable) -> None:
     line = straight((0, 0, R), (0.1, 0, R), 0.003)
     surface, _ = seen([line])
-    assert len(selected(surface, replace(fitted(line), out_of_round_m=0.03 * R))[0]) == 1
-    assert selected(surface, replace(fitted(line), out_of_round_m=0.05 * R)) == ([], NOT_ROUND)
+    assert len(selected(surface, replace(fitted(line), roundness_error_m=0.03 * R))[0]) == 1
+    assert selected(surface, replace(fitted(line), roundness_error_m=0.05 * R)) == ([], NOT_ROUND)
 
 
 def test_a_strand_with_the_profile_of_a_square_bar_is_no_string_unless_it_may_be_either(

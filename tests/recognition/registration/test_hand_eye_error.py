@@ -9,7 +9,7 @@ import pytest
 
 from calibration.geometry.se3 import twist_from_pose
 from calibration.geometry.transforms import from_rotation_vector, inverse
-from calibration.verification.drift import ScanError, judge_drift
+from calibration.verification.drift import ScanLikelihood, judge_drift
 from cell.devices import View
 from cell.settings import CellSettings
 from cell.simulation.frames import FrameSource
@@ -74,7 +74,7 @@ TURNED = (0.0, float(np.radians(0.5)), 0.0, 0.0, 0.0, 0.0)
 @pytest.mark.parametrize("moved", [STILL, SHIFTED, TURNED], ids=["still", "shifted", "turned"])
 def test_scans_show_a_camera_that_has_moved_and_no_other(moved: tuple[float, ...]) -> None:
     errors = [estimate(ingested(scene, moved)) for scene in SCENES]
-    drift = judge_drift([ScanError(error.information, error.vector) for error in errors], PRIOR_COVARIANCE)
+    drift = judge_drift([ScanLikelihood(error.information, error.vector) for error in errors], PRIOR_COVARIANCE)
     assert drift.drifted == (moved != STILL)
     # The 3D sigmas of the mean over these scans are 0.9 mm and 0.17 degrees.
     off = drift.error - true_error(moved)

@@ -18,7 +18,7 @@ def on_line(straight: Callable, tube: Callable, z: float, y: float = 0.0, x0: fl
 def occlusion(surface: np.ndarray, points: np.ndarray = MIDDLE) -> list[tuple[bool, bool]]:
     """Return for each point whether it is occluded, and whether it is bare."""
     found = HeightMap(surface).occlusion(points, R)
-    return list(zip(found.is_occluded.tolist(), found.is_bare.tolist(), strict=True))
+    return list(zip(found.is_occluded.tolist(), found.is_uncovered.tolist(), strict=True))
 
 
 def test_a_strand_does_not_occlude_itself(straight: Callable, tube: Callable) -> None:
