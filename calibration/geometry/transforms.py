@@ -12,7 +12,7 @@ from calibration.geometry.se3 import nearest_rotation
 
 ROTATION_TOLERANCE = 1e-4
 """Maximum deviation of R^T R from the identity. It is 0.1 mm at one metre, above the rounding of any file format."""
-EXACT_ROTATION_TOLERANCE = 1e-12
+EXACT_ROTATION_TOLERANCE = 1e-13
 """Maximum deviation of R^T R from the identity in a rotation that is exact except for the rounding of float64."""
 
 
