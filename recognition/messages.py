@@ -5,7 +5,7 @@ from numpy.typing import NDArray
 
 
 def format_position(point: NDArray[np.float64]) -> str:
-    """Return a position in whole millimetres, as in "(12, -40, 4) mm".
+    """Format a position in whole millimetres, for example "(12, -40, 4) mm".
 
     Args:
         point: (3,) position, metres.

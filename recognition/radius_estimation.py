@@ -1,4 +1,4 @@
-"""Estimation of the string radius from the views, for scans without a given radius."""
+"""Estimate the string radius from the views if no radius is given."""
 
 from collections.abc import Sequence
 
@@ -19,47 +19,45 @@ from recognition.tracing.trace import trace_strands
 from recognition.view_ingestion import ingest_views
 
 PROBE_R = 0.0015
-"""Radius for the first preprocessing, metres: points below the height threshold z_t of this radius are ignored."""
+"""Radius of the first preprocessing, metres. It gives the height threshold z_t, below which points are ignored."""
 PAPER_R = 0.0042
-"""Radius of the paper's string, metres. It is used for an empty table, where no radius can be measured."""
+"""Radius of the string in the paper, metres. It is used for an empty table, where no radius can be measured."""
 MIN_POINTS = 50
-"""With fewer points above the table in all views together, the points are noise and there is no string."""
+"""Minimum number of points above the table, over all views, in a scene with a string. Fewer points are noise."""
 CELL_M = 0.001
 """Edge of the grid cells for widths and heights, seen from above, metres."""
 MAX_CELLS = 4_000_000
 """Maximum number of grid cells: 2 m by 2 m."""
 MAX_HEIGHT_M = 4 * R_MAX
-"""Maximum height above the table, metres. Higher points are neither a string nor two strings on each other."""
+"""Maximum height above the table, metres. Higher points belong neither to a string nor to a crossing."""
 BIN_M = 0.0004
 """Width of the bins in the histogram of heights, metres."""
 MAX_HEIGHT_WIDTH_RATIO = 2.0
-"""A ridge cell belongs to a string if half its height and half its width differ by at most this factor."""
+"""Maximum ratio of half the height to half the width of a string at a ridge cell, and of half the width to half the
+height."""
 MIN_LENGTH_M = 0.02
 """Minimum length of a piece, metres. Shorter pieces are noise."""
 MIN_RIDGE_CELLS = 20
-"""Minimum number of ridge cells. Fewer cells are not a string."""
+"""Minimum number of ridge cells for a measurement of the radius."""
 
 
 def estimate_parameters(views: Sequence[DepthView], scene: Scene) -> ChainParameters:
-    """Return the parameters for the length-weighted median radius of the strings.
+    """Estimate the string radius from the views, and return the method parameters for this radius.
 
-    A rough radius from the heights above the table is enough to find the strings. Tubes that are fitted to these
-    strings then give the radius. Strings with a radius below about 1.5 mm do not stand out of the table enough.
+    A rough radius from the heights above the table suffices to find the strings. Tube fits to these strings then give
+    the radius. Strings with a radius below about 1.5 mm are too low above the table to be measured.
 
     Args:
         views: Depth images with their camera poses.
         scene: Height of the table and workspace.
 
     Returns:
-        Parameters for the median of the fitted radii, weighted by length. For the rough radius if no string is found,
-        and for `PAPER_R` if the table is empty.
+        Parameters for the length-weighted median of the fitted radii. If no string is found, the parameters are for the
+        rough radius. If the table is empty, they are for `PAPER_R`.
 
     Raises:
-        RadiusUnknownError: Something is above the table, but no radius of a string can be measured on it.
+        RadiusUnknownError: Points above the table exist, but they do not allow a radius to be measured.
         RecognitionError: The views cannot be used, as for `recognition.pipeline.recognise`.
-
-    Source:
-        Ours.
     """
     probe = ChainParameters.for_radius(PROBE_R)
     targets = [preprocess(view, probe, scene) for view in views]
@@ -83,24 +81,21 @@ def estimate_parameters(views: Sequence[DepthView], scene: Scene) -> ChainParame
 
 
 def estimate_rough_radius(clouds: Sequence[NDArray[np.float64]], table_z_m: float) -> float:
-    """Return a first estimate of the string radius, to about a quarter of its value.
+    """Estimate the string radius roughly, with an error of up to about a quarter.
 
-    Seen from above, a string is a band. On the ridge, the cells farthest from both sides, its height above the table
-    is 2 r and its distance to either side is r. Cells where the two values disagree are other objects. At a crossing
-    the height is doubled, but most of a string lies on the table.
+    Seen from above, a string is a band. The ridge of the band is the cells farthest from both sides. On the ridge, the
+    height above the table is 2 r, and the distance from either side is r. Cells with other proportions belong to other
+    objects. The height is doubled at crossings, but most of a string lies on the table.
 
     Args:
-        clouds: (N, 3) points above the table of each view, metres, base frame.
+        clouds: Points (N, 3) above the table of each view, metres, base frame.
         table_z_m: Height of the table, metres.
 
     Returns:
-        The radius, metres: the median of half the height over all ridge cells of strings.
+        The radius, metres. It is the median of half the height over all ridge cells of strings.
 
     Raises:
-        RadiusUnknownError: There is no such band.
-
-    Source:
-        Ours.
+        RadiusUnknownError: No band has the proportions of a string.
     """
     points = np.vstack([np.empty((0, 3)), *clouds])
     points = points[points[:, 2] - table_z_m < MAX_HEIGHT_M]
@@ -123,7 +118,7 @@ def estimate_rough_radius(clouds: Sequence[NDArray[np.float64]], table_z_m: floa
 
 
 def _grid_heights(points: NDArray[np.float64], table_z_m: float) -> tuple[NDArray[np.intp], NDArray[np.float64]]:
-    """Return the number of points and the height above the table, for each cell of a grid seen from above."""
+    """Return the point counts (A, B) and the heights (A, B) above the table of the cells of a horizontal grid."""
     cells = np.floor((points[:, :2] - points[:, :2].min(axis=0)) / CELL_M).astype(np.int64) + 2
     rows, columns = (int(size) for size in cells.max(axis=0) + 3)
     if rows * columns > MAX_CELLS:
@@ -134,7 +129,7 @@ def _grid_heights(points: NDArray[np.float64], table_z_m: float) -> tuple[NDArra
     index = cells[:, 0] * columns + cells[:, 1]
     n_points = np.bincount(index, minlength=rows * columns)
     order = np.lexsort((points[:, 2], index))
-    # The third highest point of a cell is above most noise and below flying pixels.
+    # The third highest point of a cell is robust: higher than most noise, and lower than flying pixels.
     last = np.cumsum(n_points) - 1
     third = order[np.maximum(last - np.minimum(2, np.maximum(n_points - 1, 0)), 0)]
     height = np.where(n_points > 0, points[third, 2] - table_z_m, 0.0)
@@ -142,7 +137,7 @@ def _grid_heights(points: NDArray[np.float64], table_z_m: float) -> tuple[NDArra
 
 
 def _bands(occupied: NDArray[np.bool_]) -> tuple[NDArray[np.bool_], NDArray[np.float64]]:
-    """Return the cells of all pieces of at least `MIN_LENGTH_M`, and each cell's distance from the sides, metres."""
+    """Return the mask (A, B) of pieces longer than `MIN_LENGTH_M`, and the distances (A, B) from the sides, metres."""
     band = ndimage.binary_closing(occupied, iterations=2)
     half_width = np.asarray(ndimage.distance_transform_edt(band)) * CELL_M
     piece = np.zeros(occupied.shape, dtype=np.int32)
@@ -153,7 +148,7 @@ def _bands(occupied: NDArray[np.bool_]) -> tuple[NDArray[np.bool_], NDArray[np.f
 
 
 def _noise_height(heights: NDArray[np.float64]) -> float:
-    """Return the height up to which the `heights` (N,) are noise of the table: where their count stops falling."""
+    """Return the upper limit of the table noise, at which the histogram of `heights` (N,) stops falling, metres."""
     counts, edges = np.histogram(heights, np.arange(float(heights.min()), MAX_HEIGHT_M + 2 * BIN_M, BIN_M))
     smooth = np.convolve(counts, np.ones(3), "valid")
     rising = np.flatnonzero(np.diff(smooth) >= 0)

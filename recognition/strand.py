@@ -1,4 +1,4 @@
-"""Strands, their ends, and joining of strands by smooth bridges across the gaps."""
+"""Strands and their ends. Strands are joined by smooth bridges across the gaps."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -20,7 +20,7 @@ class Strand:
     points: Points
     """(N, 3) points in order, metres, base frame."""
     bridged: NDArray[np.bool_]
-    """(N,) mask of the points that were interpolated across a gap and not measured."""
+    """(N,) mask, True for points that were interpolated across a gap, not measured."""
     closed: bool = False
     """Whether the last point connects to the first."""
 
@@ -32,17 +32,17 @@ class End:
     strand: int
     """Index of the strand."""
     at_start: bool
-    """Whether the end is the first point of the strand; otherwise it is the last point."""
+    """True if the end is the first point of the strand, False if it is the last point."""
     point: Points
-    """(3,) position, metres, base frame."""
+    """(3,) position of the end, metres, base frame."""
     direction: Points
     """(3,) unit vector pointing out of the strand; zero for a strand of one point."""
 
 
 def strand_ends(strands: Sequence[Strand], parameters: ChainParameters) -> list[End]:
-    """Return both ends of every open strand, the first point before the last.
+    """Return both ends of every open strand, first point before last point.
 
-    The direction of an end is measured over about r_f, so that it does not depend on a single link.
+    The direction of an end is measured over a length of about r_f. It does not depend on a single link.
     """
     ends = []
     for index, strand in enumerate(strands):
@@ -63,17 +63,17 @@ def join_strands(
     pairs: Sequence[tuple[int, int]],
     parameters: ChainParameters,
 ) -> list[Strand]:
-    """Join strands at pairs of ends by smooth bridges.
+    """Join strands by smooth bridges at pairs of ends.
 
     Args:
         strands: The strands.
-        ends: The ends of these strands, as `strand_ends` returns them.
-        pairs: Pairs of indices into `ends`. Each end is in one pair at most. If both ends of a strand are a pair, the
-            strand becomes closed.
-        parameters: Parameters of the method; r_n is the spacing of the bridges.
+        ends: Ends of the strands, from `strand_ends`.
+        pairs: Pairs of indices into `ends`. Each end is in at most one pair. A pair of both ends of one strand closes
+            the strand.
+        parameters: Method parameters; uses the bridge spacing r_n and the end length r_f.
 
     Returns:
-        The strands after joining, in the order of their first members.
+        The joined strands. Each has the position of its first member in the order of `strands`.
     """
     partner = {a: b for pair in pairs for a, b in (pair, pair[::-1])}
     end_index = {(end.strand, end.at_start): number for number, end in enumerate(ends)}
@@ -81,7 +81,7 @@ def join_strands(
     joined = []
 
     def walk(strand: int, leave_at_start: bool) -> tuple[list[tuple[int, bool]], bool]:
-        """Follow the pairs from one end of `strand`. Return (strand, left at its start) for each, and if they close."""
+        """Follow the pairs from one end of a strand. Return (strand, leaves at start) per step, and closure."""
         path = [(strand, leave_at_start)]
         while (following := partner.get(end_index.get((strand, leave_at_start), -1))) is not None:
             strand, leave_at_start = ends[following].strand, not ends[following].at_start
@@ -94,7 +94,7 @@ def join_strands(
         if first in done:
             continue
         backwards, closed = walk(first, True)
-        # Start from the far end, so that the walk passes every strand once.
+        # Start from the far end, because the walk must pass every strand once.
         start, left_at_start = backwards[-1]
         path, closed = (backwards, True) if closed else walk(start, not left_at_start)
         done |= {strand for strand, _ in path}
@@ -103,20 +103,20 @@ def join_strands(
 
 
 def bridge_gap(a: End, b: End, spacing: float) -> Points:
-    """Return points between two ends, on the cubic that leaves and arrives in the directions of the ends.
+    """Return points between two ends, on a cubic curve with the directions of the ends.
 
-    The paper links the ends by a straight line, but a string does not bend in corners.
+    The paper connects the ends by a straight line, but a string has no corners.
 
     Args:
-        a: The end where the bridge begins.
-        b: The end where the bridge stops.
+        a: End where the bridge begins.
+        b: End where the bridge stops.
         spacing: Approximate distance of the points, metres.
 
     Returns:
-        (N, 3) points, metres, without the ends themselves.
+        Points (N, 3) of the bridge, metres, without the two ends.
 
     Source:
-        Section III.E. The cubic is ours.
+        Section III.E. The cubic curve is not in the paper.
     """
     gap = float(np.linalg.norm(b.point - a.point))
     inner = max(round(gap / spacing), 1) - 1
@@ -125,7 +125,7 @@ def bridge_gap(a: End, b: End, spacing: float) -> Points:
 
 
 def _concatenate(path: list[tuple[Strand, bool]], closed: bool, parameters: ChainParameters) -> Strand:
-    """Concatenate the (strand, is reversed) pairs of `path`, with a bridge in every gap."""
+    """Concatenate the strands of `path`, pairs (strand, is reversed), with a bridge in every gap."""
     oriented = [Strand(s.points[::-1], s.bridged[::-1], s.closed) if reverse else s for s, reverse in path]
     if len(oriented) == 1 and not closed:
         return oriented[0]

@@ -1,4 +1,4 @@
-"""Ingestion of views: all work that a single view allows is done when it arrives, while the arm moves on."""
+"""Process each view when it arrives, while the arm moves to the next viewpoint."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -14,36 +14,36 @@ from recognition.registration.correspondences import Correspondences, find_corre
 
 @dataclass(frozen=True, eq=False)
 class IngestedViews:
-    """The preprocessed views before registration."""
+    """Preprocessed views, ready for registration."""
 
     targets: Sequence[TargetCloud]
     """Target clouds of all views."""
     clouds: Sequence[NormalCloud]
-    """Clouds with normals of the views that see a string; none if there is no string."""
+    """Points with normals of the views that show a string; empty if no view shows a string."""
     correspondences: Sequence[Correspondences]
-    """Corresponding points of each of these views and those before it."""
+    """Correspondences of each view in `clouds` with the earlier views in `clouds`."""
     excluded: tuple[ViewQuality, ...]
-    """The other views, each with the reason."""
+    """Excluded views, each with the reason."""
     no_string_reason: str | None
-    """Why there is no string. None if there is one."""
+    """Why the scene has no string; None if a string is visible."""
 
 
 def ingest_views(views: Iterable[DepthView], parameters: ChainParameters, scene: Scene) -> IngestedViews:
-    """Preprocess each view when it arrives and find its correspondences with the views before it.
+    """Preprocess each view when it arrives, and find its correspondences with the earlier views.
 
     Args:
         views: Depth images with their camera poses. They may arrive one by one.
-        parameters: Radii and thresholds.
-        scene: Height of the table and workspace in the base frame.
+        parameters: Method parameters; uses the radius r and the height threshold z_t.
+        scene: Table height and workspace.
 
     Returns:
         The preprocessed views.
 
     Raises:
         DuplicateViewError: Two views have the same index.
-        InsufficientViewsError: Fewer than two views were given, or fewer can be used.
+        InsufficientViewsError: Fewer than two views were given, or fewer than two views can be used.
         NoDepthError: No view measured anything in the workspace.
-        TooCrowdedError: In most views, much more than strings is above the table.
+        TooCrowdedError: Most views have too many points above the table for a scene of strings.
     """
     targets: list[TargetCloud] = []
     clouds: list[NormalCloud] = []

@@ -1,5 +1,5 @@
 """Geometry that several stages share.
 
-Points, polylines or graphs go in, as arrays.
-Arc lengths, neighbourhoods, voxels, planar intersections or matched pairs come out, as arrays.
+The input is points, polylines or graphs, as arrays. The output is arc lengths, neighbourhoods, voxels, planar
+intersections or matched pairs, as arrays.
 """

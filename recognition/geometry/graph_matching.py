@@ -1,4 +1,4 @@
-"""Maximum weight matching of ends, and how certain each matched pair is."""
+"""Maximum weight matching of ends, and the margin of each matched pair."""
 
 import numpy as np
 import rustworkx
@@ -7,22 +7,22 @@ from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components
 
 GAIN_STEP = 1e-9
-"""Gains are rounded to whole multiples of this, because the matching is exact only on integers."""
+"""Resolution of the gains. The gains are rounded to multiples of it, because the matching is exact only on integers."""
 MAX_COMPETING_ENDS = 300
-"""Largest number of competing ends for which margins are computed. Each pair of them takes one more matching. Real
-scenes have tens of competing ends."""
+"""Maximum number of competing ends for which margins are computed, because each of their pairs takes one more matching.
+Real scenes have tens of competing ends."""
 
 
 def maximum_weight_matching(a: NDArray[np.int64], b: NDArray[np.int64], gain: NDArray[np.float64]) -> NDArray[np.int64]:
-    """Return the pairs with the largest sum of gains, with each end in one pair at most.
+    """Return the pairs with the largest sum of gains. Each end is in at most one pair.
 
     Args:
-        a: (M,) first end of each candidate pair. No pair may occur twice.
+        a: (M,) first end of each candidate pair. Each pair may occur only once.
         b: (M,) second end of each candidate pair.
         gain: (M,) gain of each candidate pair, finite.
 
     Returns:
-        (K,) indices of the matched pairs, ascending.
+        Indices (K,) of the matched pairs, ascending.
     """
     ends, nodes = np.unique(np.concatenate([a, b]), return_inverse=True)
     graph = rustworkx.PyGraph(multigraph=False)
@@ -36,9 +36,10 @@ def maximum_weight_matching(a: NDArray[np.int64], b: NDArray[np.int64], gain: ND
 def matching_margins(
     matched: NDArray[np.int64], a: NDArray[np.int64], b: NDArray[np.int64], gain: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return for each matched pair how much less the best matching without it gains.
+    """Return the margin of each matched pair: the loss of total gain in the best matching without the pair.
 
-    Two ends compete if pairs link them directly or through other ends. Each group of competing ends is computed alone.
+    Two ends compete if candidate pairs connect them, directly or through other ends. Each group of competing ends is
+    matched separately.
 
     Args:
         matched: (K,) result of `maximum_weight_matching` for the same `a`, `b` and `gain`.
@@ -47,7 +48,7 @@ def matching_margins(
         gain: (M,) gain of each candidate pair, finite.
 
     Returns:
-        (K,) margins, not negative. 0 for the pairs of a group of more than `MAX_COMPETING_ENDS` ends.
+        Margins (K,), not negative. The margin is 0 in a group of more than `MAX_COMPETING_ENDS` ends.
     """
     if len(matched) == 0:
         return np.empty(0)

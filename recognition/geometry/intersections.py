@@ -1,4 +1,4 @@
-"""Intersections of polylines with each other and with themselves, in the projection onto the table."""
+"""Intersections of polylines, including self-intersections, in the projection onto the table."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -11,15 +11,15 @@ from scipy.spatial import KDTree
 from recognition.geometry.polyline import arc_length, close_polyline
 
 PARALLEL_SINE = 1e-6
-"""Links are parallel if the sine of the angle between them is at most this. Their intersection would be rounding."""
+"""Maximum sine of the angle between parallel links. The intersection of such links would depend on rounding."""
 ROUNDING_SHARE = 1e-9
-"""Share of the length of a link by which rounding may put an intersection beyond the end of the link."""
+"""Distance by which an intersection may lie beyond the end of a link due to rounding, as a share of the link length."""
 SAME_POINT_M = 1e-6
-"""Intersections closer than this along both strands are one, found on two links. Metres."""
+"""Intersections closer than this along both strands are the same intersection, found on two links, metres."""
 
 
 class Polyline(Protocol):
-    """Protocol of what can intersect: strands and chains."""
+    """Protocol of an object that can intersect others: a strand or a chain."""
 
     @property
     def points(self) -> NDArray[np.float64]:
@@ -34,38 +34,38 @@ class Polyline(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Intersection:
-    """An intersection of two strands in the projection onto the table."""
+    """Intersection of two strands in the projection onto the table."""
 
     strands: tuple[int, int]
-    """Indices of the strands. The same index twice if the strand crosses itself."""
+    """Indices of the two strands. They are equal if a strand intersects itself."""
     s_m: tuple[float, float]
-    """Arc length along each strand, metres."""
+    """Arc length from the first point of each strand to the intersection, metres."""
     heights_m: tuple[float, float]
-    """z of each polyline at the intersection, metres."""
+    """z of each strand at the intersection, metres, base frame."""
     directions: tuple[NDArray[np.float64], NDArray[np.float64]]
-    """(2,) unit vector of each strand in the table plane."""
+    """(2,) direction of each strand in the table plane, unit vector."""
     xy: NDArray[np.float64]
-    """(2,) position of the intersection, metres."""
+    """(2,) position of the intersection in the table plane, metres, base frame."""
 
 
 @dataclass(frozen=True, eq=False)
 class _Links:
-    """All links of all strands, one strand after the other."""
+    """Links of all strands, strand by strand. A link connects two successive points."""
 
     start: NDArray[np.float64]
-    """(N, 3) first point, metres."""
+    """(N, 3) first point of each link, metres."""
     vector: NDArray[np.float64]
-    """(N, 3) vector from the first point to the last, metres."""
+    """(N, 3) vector from the first to the second point of each link, metres."""
     s: NDArray[np.float64]
-    """(N,) arc length at the first point, metres."""
+    """(N,) arc length of the strand at the first point of each link, metres."""
     strand: NDArray[np.intp]
-    """(N,) index of the strand."""
+    """(N,) index of the strand of each link."""
     number: NDArray[np.intp]
-    """(N,) number of the link within its strand."""
+    """(N,) index of each link within its strand."""
 
 
 def find_intersections(strands: Sequence[Polyline]) -> list[Intersection]:
-    """Return the intersections of the strands, in the order of the strands and along them."""
+    """Return the intersections of the strands, sorted by strand and then along the strand."""
     lines = [close_polyline(strand.points, strand.closed) for strand in strands]
     links = _collect_links(lines)
     m, n = _nearby_pairs(links)
@@ -74,13 +74,13 @@ def find_intersections(strands: Sequence[Polyline]) -> list[Intersection]:
     parallel = np.abs(determinant) <= PARALLEL_SINE * np.linalg.norm(u, axis=1) * np.linalg.norm(v, axis=1)
     with np.errstate(divide="ignore", invalid="ignore"):
         a, b = planar_cross(w, v) / determinant, planar_cross(w, u) / determinant
-        # A small margin beyond both ends of a link, so that no intersection falls between two links.
+        # A small margin beyond both ends of a link finds intersections that rounding puts between two links.
         hit = ~parallel & (np.abs(a - 0.5) <= 0.5 + ROUNDING_SHARE) & (np.abs(b - 0.5) <= 0.5 + ROUNDING_SHARE)
     count = np.bincount(links.strand, minlength=len(lines))
     closed = np.array([strand.closed for strand in strands], dtype=bool)
     strand_of_m = links.strand[m]
     distance = links.number[n] - links.number[m]
-    # Neighbouring links share a point and do not intersect. In a closed strand, the last and the first are neighbours.
+    # Neighbouring links share a point and do not intersect. In a closed strand, the last link is next to the first.
     neighbours = (distance == 1) | (closed[strand_of_m] & (distance == count[strand_of_m] - 1))
     hit &= (strand_of_m != links.strand[n]) | ~neighbours
     periods = [
@@ -112,19 +112,19 @@ def _collect_links(lines: Sequence[NDArray[np.float64]]) -> _Links:
 
 
 def _nearby_pairs(links: _Links) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Return (P,) and (P,) pairs of links near enough to intersect, in the order of the strands and along them."""
+    """Return the indices (P,) and (P,) of the pairs of links that may intersect, sorted by strand, then along it."""
     if len(links.start) == 0:
         return np.empty(0, dtype=np.intp), np.empty(0, dtype=np.intp)
     middle = links.start[:, :2] + links.vector[:, :2] / 2
     max_length = float(np.linalg.norm(links.vector[:, :2], axis=1).max())
-    # The middles of two links that intersect are at most half the sum of their lengths apart.
+    # The distance between the middles of two intersecting links is at most half the sum of their lengths.
     m, n = np.sort(KDTree(middle).query_pairs(max_length * (1 + 2 * ROUNDING_SHARE), output_type="ndarray"), axis=1).T
     order = np.lexsort((n, m, links.strand[n], links.strand[m]))
     return m[order], n[order]
 
 
 def _intersect_links(links: _Links, m: int, n: int, a: float, b: float) -> Intersection:
-    """Return the intersection of link m, at the share a of its length, with link n, at the share b."""
+    """Return the intersection of links m and n. It lies at the share a of link m and at the share b of link n."""
     points = [links.start[k] + share * links.vector[k] for k, share in ((m, a), (n, b))]
     first, second = (links.vector[k, :2] / np.linalg.norm(links.vector[k, :2]) for k in (m, n))
     s = [float(links.s[k] + share * np.linalg.norm(links.vector[k])) for k, share in ((m, a), (n, b))]
@@ -138,10 +138,10 @@ def _intersect_links(links: _Links, m: int, n: int, a: float, b: float) -> Inter
 
 
 def _is_same(one: Intersection, other: Intersection, periods: Sequence[float]) -> bool:
-    """Return whether both are the same point of the same strands. `periods`: lengths of the strands, inf if open."""
+    """Return whether two intersections are equal. `periods` has the strand lengths, infinite for an open strand."""
     if one.strands != other.strands:
         return False
-    # A strand that crosses itself passes the point twice, in either order if the strand is closed.
+    # A strand passes a self-intersection twice. In a closed strand, either pass may be the first.
     orders = ((0, 1), (1, 0)) if one.strands[0] == one.strands[1] else ((0, 1),)
     distances = [[abs(one.s_m[k] - other.s_m[order[k]]) for k in (0, 1)] for order in orders]
     return any(

@@ -1,4 +1,4 @@
-"""Sums and means over neighbourhoods and groups of points, for all of them at once."""
+"""Sums and means over neighbourhoods and groups of points, vectorised."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -7,14 +7,14 @@ from scipy.spatial import KDTree
 
 
 def neighbour_pairs(points: NDArray[np.float64], radius: float) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Return all pairs of points within `radius` of each other, in both orders, and each point with itself.
+    """Return all pairs of points closer than `radius`, in both orders, and the pair of each point with itself.
 
     Args:
         points: (N, 3) points, metres.
-        radius: Largest distance of a pair, metres.
+        radius: Maximum distance of a pair, metres.
 
     Returns:
-        (P,) and (P,) indices of the first and of the second point of each pair.
+        Indices (P,) of the first point and indices (P,) of the second point of each pair.
     """
     if len(points) == 0:
         return np.empty(0, dtype=np.intp), np.empty(0, dtype=np.intp)
@@ -24,7 +24,7 @@ def neighbour_pairs(points: NDArray[np.float64], radius: float) -> tuple[NDArray
 
 
 def neighbour_matrix(centres: NDArray[np.float64], points: NDArray[np.float64], radius: float) -> csr_array:
-    """Return the sparse matrix A that marks which points lie within `radius` of which centre.
+    """Return the sparse matrix A with A[i, j] = 1 if point j lies within `radius` of centre i.
 
     `A @ values` sums over the neighbourhoods, and `A.sum(axis=1)` counts their points. If `centres` is `points`, each
     point is its own neighbour.
@@ -35,15 +35,15 @@ def neighbour_matrix(centres: NDArray[np.float64], points: NDArray[np.float64], 
         radius: Radius of the neighbourhoods, metres.
 
     Returns:
-        (M, N) matrix of ones and zeros.
+        Matrix (M, N) of ones and zeros.
     """
     if centres is points:
-        # This search finds each pair once and without its distance, which takes half the time.
+        # This search finds each pair once and computes no distance. It takes half the time.
         i, j = neighbour_pairs(points, radius)
     else:
         pairs = KDTree(centres).sparse_distance_matrix(KDTree(points), radius, output_type="ndarray")
         i, j = pairs["i"], pairs["j"]
-    # Indices of half the size are converted to rows faster.
+    # The conversion to rows is faster with 32-bit indices.
     i, j = i.astype(np.int32), j.astype(np.int32)
     return csr_array((np.ones(len(i)), (i, j)), shape=(len(centres), len(points)))
 
@@ -60,7 +60,7 @@ def neighbourhood_means(
         radius: Radius of the neighbourhoods, metres.
 
     Returns:
-        (M, K) means; NaN for a centre without a point within the radius.
+        Means (M, K); NaN for a centre without points.
     """
     A = neighbour_matrix(centres, points, radius)
     with np.errstate(invalid="ignore"):
@@ -76,7 +76,7 @@ def group_sums(group: NDArray[np.int64], values: NDArray[np.float64], count: int
         count: Number of groups.
 
     Returns:
-        (count,) or (count, K) sums; 0 for a group without rows.
+        Sums (count,) or (count, K); 0 for a group without rows.
     """
     if values.ndim == 1:
         return np.bincount(group, values, count).astype(np.float64)

@@ -1,18 +1,18 @@
-"""Polylines: arc lengths, resampling, unit vectors, and the direction and the parabola of an end."""
+"""Polylines: arc lengths, resampling, unit vectors, and the direction and parabola of an end."""
 
 import numpy as np
 from numpy.typing import NDArray
 
 DISTURBED_RADII = 0.55
-"""Points within this distance of the end, in radii, are displaced by objects beside the end."""
+"""Distance from the end, in radii, within which objects beside the end may displace the points."""
 DISTURBED_WEIGHT = 0.25
-"""Weight of the displaced points in the fit of the parabola; the other points have weight 1."""
+"""Weight of points within `DISTURBED_RADII` in the fit of the parabola. Other points have the weight 1."""
 MIN_BENT_RADII = 3.0
-"""Minimum length of a line that shows a bend, in radii."""
+"""Minimum length of a line for the fit of a bend, in radii."""
 
 
 def arc_length(points: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the arc length (N,) of each point of the polyline `points` (N, D), from the first point."""
+    """Return the arc length (N,) from the first point of the polyline `points` (N, D) to each point."""
     return np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
 
 
@@ -21,30 +21,30 @@ def points_at(points: NDArray[np.float64], s: NDArray[np.float64]) -> NDArray[np
 
     Args:
         points: (N, D) points of the polyline, metres.
-        s: (M,) arc lengths, metres. Arc lengths beyond the ends give the ends.
+        s: (M,) arc lengths, metres. An arc length beyond an end gives the end.
 
     Returns:
-        (M, D) points, metres.
+        Points (M, D), metres.
     """
     along = arc_length(points)
     return np.column_stack([np.interp(s, along, coordinate) for coordinate in points.T])
 
 
 def resample(points: NDArray[np.float64], step: float) -> NDArray[np.float64]:
-    """Return points on a polyline from end to end, in two or more equal steps.
+    """Return equally spaced points on a polyline, from end to end, in at least two steps.
 
     Args:
         points: (N, D) points of the polyline, metres.
-        step: Largest step, metres.
+        step: Maximum step, metres.
 
     Returns:
-        (M, D) points, metres.
+        Points (M, D), metres.
     """
     return points_at(points, resampled_lengths(points, step))
 
 
 def resampled_lengths(points: NDArray[np.float64], step: float) -> NDArray[np.float64]:
-    """Return the arc lengths (M,) of the points that `resample` returns for the same arguments, metres."""
+    """Return the arc lengths (M,) of the points that `resample` returns, metres."""
     length = float(arc_length(points)[-1])
     return np.linspace(0.0, length, max(int(np.ceil(length / step - 1e-9)), 2) + 1)
 
@@ -55,19 +55,19 @@ def close_polyline(points: NDArray[np.float64], closed: bool) -> NDArray[np.floa
 
 
 def unit_vectors(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the vectors (..., D) divided by their lengths. A zero vector stays zero."""
+    """Normalise the vectors (..., D). A zero vector stays zero."""
     return vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-12)
 
 
 def end_direction(points: NDArray[np.float64], length: float) -> NDArray[np.float64]:
-    """Return the direction in which a polyline ends at its first point.
+    """Return the outward direction of a polyline at its first point.
 
     Args:
         points: (N, D) points of the polyline, metres.
         length: Distance from the first point over which the direction is measured, metres.
 
     Returns:
-        (D,) unit vector pointing out of the polyline; zero if all points coincide.
+        Unit vector (D,) pointing out of the polyline; zero if all points coincide.
     """
     is_far = np.linalg.norm(points - points[0], axis=1) > length
     offset = points[0] - points[np.argmax(is_far) if is_far.any() else -1]
@@ -75,23 +75,23 @@ def end_direction(points: NDArray[np.float64], length: float) -> NDArray[np.floa
 
 
 def fit_end_parabola(line: NDArray[np.float64], length: float, r: float) -> NDArray[np.float64]:
-    """Return the parabola that fits the first part of a polyline: position, direction and bend of its end.
+    """Fit a parabola to the first part of a polyline. Its terms are the position, direction and bend of the end.
 
-    A point at arc length s from the first point is near `terms[0] + s * terms[1] + s**2 * terms[2]`.
+    The parabola is `terms[0] + s * terms[1] + s**2 * terms[2]` at the arc length s from the first point.
 
     Args:
-        line: (N, 3) points of the polyline, metres, with N at least 2.
-        length: Length of the part to fit, metres.
+        line: (N, 3) points of the polyline, metres, N >= 2.
+        length: Length of the fitted part, metres.
         r: String radius, metres.
 
     Returns:
-        (3, 3) terms of the parabola. The third term is zero if the part is too short for a bend or has too few points.
+        Terms (3, 3). The third term is zero if the part is too short or has too few points for a bend.
     """
     s = arc_length(line)
     n = max(int(np.searchsorted(s, length)) + 1, 2)
     s, points = s[:n], line[:n]
     weight = np.where((s < DISTURBED_RADII * r) & (len(s) > 4), DISTURBED_WEIGHT, 1.0)
     degree = 2 if len(s) > 4 and s[-1] > MIN_BENT_RADII * r else 1
-    # If all points coincide, least squares returns the parabola that stays at this point.
+    # If all points coincide, the parabola stays at this point.
     terms, *_ = np.linalg.lstsq(weight[:, None] * np.vander(s, degree + 1, increasing=True), weight[:, None] * points)
     return np.vstack([terms, np.zeros((2 - degree, 3))]).astype(np.float64)

@@ -7,16 +7,16 @@ from recognition.geometry.neighbours import group_sums
 
 
 def voxel_indices(points: NDArray[np.float64], size: float) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Return the number of the voxel of each point, and the number of points in each voxel.
+    """Return the voxel index of each point, and the number of points in each voxel.
 
-    The grid begins at the lowest corner of the cloud. Only voxels with points are numbered, in the order of x, y, z.
+    The grid begins at the minimum corner of the cloud. Only voxels with points have an index, in the order of x, y, z.
 
     Args:
         points: (N, 3) points, metres.
         size: Edge length of a voxel, metres.
 
     Returns:
-        (N,) voxel of each point, and (M,) number of points in each voxel.
+        Voxel indices (N,) of the points, and numbers (M,) of points in each voxel.
     """
     if len(points) == 0:
         return np.empty(0, dtype=np.intp), np.empty(0, dtype=np.intp)
@@ -38,7 +38,7 @@ def voxel_means(
         values: (N, K) values of the points; None for no values (K = 0).
 
     Returns:
-        (M, 3) mean points, metres, and (M, K) mean values, for the M voxels that have points.
+        Mean points (M, 3), metres, and mean values (M, K), for the M voxels that have points.
     """
     values = np.empty((len(points), 0)) if values is None else values
     voxel, count = voxel_indices(points, size)

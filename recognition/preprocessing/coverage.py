@@ -1,4 +1,4 @@
-"""Coverage of the table by the views: strings on a part of the table that too few views show may be missed."""
+"""Coverage of the table by the views. Strings may be missed where fewer than `MIN_VIEWS` views show the table."""
 
 from collections.abc import Collection, Iterable
 from dataclasses import dataclass
@@ -14,17 +14,17 @@ Interval = tuple[float, float]
 MAX_SQUARE_M = 0.01
 """Maximum side of the squares of the table for which coverage is computed, metres. `MAX_SQUARES` has priority."""
 MAX_SQUARES = 120
-"""Maximum number of squares along x and along y. In a large workspace the squares are therefore larger."""
+"""Maximum number of squares along x and along y. In a large workspace, the squares are larger than `MAX_SQUARE_M`."""
 MIN_REPORTED_SHARE = 0.02
-"""Share of the workspace. A smaller uncovered part is a sliver at the border. It is within the accuracy of the poses
-and of squares of a centimetre."""
+"""Minimum uncovered share of the table that is reported. A smaller share is a sliver at the border, within the accuracy
+of the poses and the size of the squares."""
 RECTANGLE_STEPS = 20
-"""The search for a covered rectangle divides the workspace into this number of steps along x and y."""
+"""Number of steps along x and along y in the search for the largest covered rectangle."""
 
 
 @dataclass(frozen=True, eq=False)
 class CameraFrustum:
-    """The part of space that one view shows, given by the camera model and the camera pose."""
+    """Viewing volume of one view, given by the camera model and the camera pose."""
 
     K: NDArray[np.float64]
     """(3, 3) pinhole matrix, pixels."""
@@ -49,7 +49,7 @@ class Coverage:
 
     @property
     def is_covered(self) -> NDArray[np.bool_]:
-        """(M, N) mask of the squares that are in at least `MIN_VIEWS` views."""
+        """(M, N) mask, True for squares that at least `MIN_VIEWS` views show."""
         return self.view_count >= MIN_VIEWS
 
     @property
@@ -76,7 +76,7 @@ def table_coverage(frustums: Iterable[CameraFrustum], x_m: Interval, y_m: Interv
     x, y = _square_centres(x_m), _square_centres(y_m)
     view_count = np.zeros((len(x), len(y)), dtype=np.int64)
     for frustum in frustums:
-        # The image of a plane is a homography. Each homogeneous coordinate is a term in x plus a term in y.
+        # A homography maps the table plane to the image. Each homogeneous coordinate is a term in x plus a term in y.
         R, t = frustum.T_base_camera[:3, :3], frustum.T_base_camera[:3, 3]
         H = frustum.K @ R.T @ np.column_stack([np.eye(3, 2), np.array([0.0, 0.0, table_z_m]) - t])
         H_x, H_y, H_1 = H.T
@@ -86,7 +86,7 @@ def table_coverage(frustums: Iterable[CameraFrustum], x_m: Interval, y_m: Interv
 
 
 def coverage_message(coverage: Coverage) -> str | None:
-    """Return a message that names the part of the table that too few views show.
+    """Return a message about the part of the table that fewer than `MIN_VIEWS` views show.
 
     Args:
         coverage: Coverage of the table in the workspace.
@@ -105,14 +105,14 @@ def coverage_message(coverage: Coverage) -> str | None:
 
 
 def coverage_warnings(targets: Iterable[TargetCloud], used: Collection[int], scene: Scene) -> list[str]:
-    """Return the warning about the part of the table that too few views of a scan show.
+    """Return the warning about the part of the table that fewer than `MIN_VIEWS` views of a scan show.
 
-    A view that measured the table but saw no string counts as well, because it would have shown a string.
+    Views that measured the table but no string are counted too, because they would have shown a string.
 
     Args:
         targets: Target clouds of all views.
-        used: Indices of the views that made the model.
-        scene: Height of the table and workspace in the base frame.
+        used: Indices of the views in the model.
+        scene: Table height and workspace.
 
     Returns:
         One message, or none if the table is covered or the scene has no workspace.
@@ -140,7 +140,7 @@ def _square_count(extent_m: Interval) -> int:
 
 
 def _describe_extent(coverage: Coverage) -> str:
-    """Name the box around the uncovered part if it is small, else the largest covered rectangle."""
+    """Describe the bounding box of the uncovered part if the box is small, else the largest covered rectangle."""
     is_covered = coverage.is_covered
     if not is_covered.any():
         return "this part is the whole table in the workspace"
@@ -155,8 +155,8 @@ def _describe_extent(coverage: Coverage) -> str:
 
 
 def _largest_covered_rectangle(is_covered: NDArray[np.bool_]) -> tuple[tuple[int, int], tuple[int, int]] | None:
-    """Return first and end indices along x and y of about the largest rectangle in which all squares are covered."""
-    # Summed-area table: four of its entries give the sum over any rectangle.
+    """Return the (start, stop) indices along x and y of the largest covered rectangle, in coarse steps, or None."""
+    # Summed-area table: the sum over a rectangle needs four entries of the table.
     sums = np.zeros((is_covered.shape[0] + 1, is_covered.shape[1] + 1), dtype=np.int64)
     sums[1:, 1:] = is_covered.cumsum(axis=0).cumsum(axis=1)
     (x0, x1), (y0, y1) = (_intervals(size) for size in is_covered.shape)
@@ -169,7 +169,7 @@ def _largest_covered_rectangle(is_covered: NDArray[np.bool_]) -> tuple[tuple[int
 
 
 def _intervals(size: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return the first and end indices of all intervals of `size` squares, in coarse steps."""
+    """Return the start and stop indices of all coarse intervals on an axis of `size` squares."""
     steps = np.unique(np.linspace(0, size, RECTANGLE_STEPS + 1).astype(np.int64))
     first, last = np.triu_indices(len(steps), 1)
     return steps[first], steps[last]

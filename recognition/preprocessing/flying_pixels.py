@@ -1,4 +1,4 @@
-"""Filter of flying pixels: at a depth discontinuity, a camera measures depths between foreground and background."""
+"""Filter of flying pixels, whose measured depth lies between foreground and background at a depth discontinuity."""
 
 from typing import Protocol
 
@@ -8,13 +8,15 @@ from numpy.typing import NDArray
 from recognition.parameters import ChainParameters
 
 MIN_NEIGHBOURS = 5
-"""Number of the eight neighbours that must lie on the surface of a pixel. A pixel at a straight edge has five; fewer
-mean a spike of the edge or a flying pixel. On simulated scans this halves the mean outward bias of the surface and
-removes a tenth of the points."""
+"""Minimum number of the eight neighbours that lie on the same surface as the pixel.
+
+A pixel at a straight edge has five such neighbours. A pixel with fewer neighbours is a spike of the edge or a flying
+pixel. On simulated scans, the filter halves the mean outward bias of the surface and removes a tenth of the points.
+"""
 THIN_PX = 4.0
-"""A string that is narrower than this in the image does not have such neighbourhoods."""
+"""Width of a string in the image, pixels, below which `MIN_NEIGHBOURS_THIN` is used."""
 MIN_NEIGHBOURS_THIN = 2
-"""Number of neighbours for such a thin string: the pixels before and after."""
+"""Minimum number of neighbours for a thin string: the pixels before and after along the string."""
 
 
 class DepthImage(Protocol):
@@ -39,19 +41,17 @@ class DepthImage(Protocol):
 def is_on_surface(
     image: DepthImage, rows: NDArray[np.intp], columns: NDArray[np.intp], parameters: ChainParameters
 ) -> NDArray[np.bool_]:
-    """Return which pixels have enough neighbours on the same surface. The others are flying pixels.
+    """Return which pixels have enough neighbours on the same surface. All other pixels are flying pixels.
 
     Args:
         image: Depth image.
         rows: (N,) rows of measured pixels.
         columns: (N,) columns of measured pixels.
-        parameters: Radii and thresholds. Neighbours whose depth differs by less than r / 2 lie on the same surface.
+        parameters: Method parameters; uses the radius r. Neighbours with a depth difference below r / 2 lie on the same
+            surface.
 
     Returns:
-        (N,) mask.
-
-    Source:
-        Ours.
+        Mask (N,), True for pixels on a surface.
     """
     height, width = image.depth.shape
     depth = image.depth[rows, columns].astype(np.int32)

@@ -1,4 +1,4 @@
-"""Estimation of normal vectors and outlier filter (sections II.C and II.D)."""
+"""Estimate normal vectors and remove outliers (sections II.C and II.D)."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -14,20 +14,23 @@ from recognition.parameters import ChainParameters
 from recognition.preprocessing.target_cloud import DepthView, TargetCloud
 
 NEIGHBOURHOOD_RADII = 0.55
-"""Radius of the neighbourhood for the PCA, in units of r. The paper gives none. On simulated scans, the centre line of
-eqs. (1) and (2) is off by 0.37 mm with 0.4 to 0.5 r, by 0.43 mm with 0.6 r and by 0.57 mm with 0.9 r, because the
-curvature of the string flattens the normals. With less, noise dominates the single centres of eq. (1)."""
+"""Radius of the PCA neighbourhood, in radii r. The paper gives no value.
+
+A larger neighbourhood flattens the normals, because the string is curved. On simulated scans, the error of the centre
+line of eqs. (1) and (2) is 0.37 mm with 0.4 to 0.5 r, 0.43 mm with 0.6 r, and 0.57 mm with 0.9 r. In a smaller
+neighbourhood, noise dominates the single centre points of eq. (1).
+"""
 GROWTH_FACTORS = (1.0, 1.5, 2.25)
-"""Factors of the neighbourhood radius. The first one that gives `MIN_NEIGHBOURS` is used: sparse pixels need more."""
+"""Factors of the neighbourhood radius. The first factor that gives `MIN_NEIGHBOURS` is used, for sparse pixels too."""
 MIN_NEIGHBOURS = 6
-"""Minimum of the median number of neighbours."""
+"""Minimum median number of neighbours over the points of a view."""
 OUTLIER_NEIGHBOUR_SHARE = 0.5
-"""A point with less than this share of the median number of neighbours is an outlier. It is a flying pixel, a speck, or
-at an edge, where the neighbours do not determine a plane."""
+"""Minimum number of neighbours of an inlier, as a share of the median number. Outliers are flying pixels, specks, and
+points at edges, where the neighbours do not determine a plane."""
 MAX_POINTS = 100_000
-"""Number of points after voxel averaging that one view may have. A metre of string has about 8,000."""
+"""Maximum number of points of one view after voxel averaging. A metre of string has about 8,000 points."""
 VOXEL_RADII = 1 / 4
-"""Edge length of the voxels that points are averaged in, in units of r. Pixels that are closer share their error."""
+"""Edge length of the averaging voxels, in radii r. The depth errors of closer pixels are correlated."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,11 +44,11 @@ class NormalCloud:
     normals: NDArray[np.float64]
     """(N, 3) unit normal vectors, oriented towards the camera."""
     T_correction: NDArray[np.float64]
-    """(4, 4) transform in the base frame that moved the view from its hand-eye pose, metres."""
+    """(4, 4) correction that was applied to the view since its hand-eye pose, base to base, metres."""
     T_base_camera: NDArray[np.float64] | None = None
-    """(4, 4) camera pose after the correction, metres. None if not known."""
+    """(4, 4) camera pose after the correction, metres; None if unknown."""
     image: DepthView | None = None
-    """The view itself. None if not known."""
+    """View that the points come from; None if unknown."""
 
     @cached_property
     def tree(self) -> KDTree:
@@ -58,16 +61,16 @@ def estimate_normals(target: TargetCloud, parameters: ChainParameters) -> Normal
 
     Args:
         target: Points of one view above the height threshold.
-        parameters: Radii and thresholds.
+        parameters: Method parameters; uses the radius r.
 
     Returns:
         The points with unit normal vectors that are oriented towards the camera.
 
     Raises:
-        TooCrowdedError: The view has more points than strings have.
+        TooCrowdedError: The view has more than `MAX_POINTS` points.
 
     Source:
-        Sections II.C and II.D. The sizes of the voxels and of the neighbourhood are ours.
+        Sections II.C and II.D. The paper does not give the sizes of voxels and neighbourhood.
     """
     points, _ = voxel_means(target.points, parameters.r * VOXEL_RADII)
     if len(points) > MAX_POINTS:
@@ -83,9 +86,9 @@ def estimate_normals(target: TargetCloud, parameters: ChainParameters) -> Normal
 
 
 def _inliers_and_normals(points: NDArray[np.float64], radius: float) -> tuple[NDArray[np.bool_], NDArray[np.float64]]:
-    """Return which points (N, 3) are inliers (N,), and their normal vectors (M, 3) of either sign.
+    """Return the inlier mask (N,) of the points (N, 3), and the normals (M, 3) of the inliers, of either sign.
 
-    One search for neighbours serves both.
+    The outlier test and the normals use the same neighbour search.
     """
     count = len(points)
     if count <= MIN_NEIGHBOURS:
@@ -104,7 +107,7 @@ def _inliers_and_normals(points: NDArray[np.float64], radius: float) -> tuple[ND
 def _find_neighbours(
     points: NDArray[np.float64], radius: float
 ) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.intp]]:
-    """Return the pairs (M,), (M,) of neighbouring points and the number of neighbours of each point (N,)."""
+    """Return the indices (M,) and (M,) of the neighbouring point pairs, and the number of neighbours (N,) per point."""
     tree = KDTree(points)
     pairs, n_neighbours = np.empty((0, 2), dtype=np.intp), np.zeros(len(points), dtype=np.intp)
     for factor in GROWTH_FACTORS:
@@ -118,13 +121,13 @@ def _find_neighbours(
 def smallest_eigenvectors(A: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the eigenvectors of the smallest eigenvalues of symmetric matrices.
 
-    The closed form (trigonometric solution of the cubic) is five times as fast as LAPACK matrix by matrix.
+    The closed form (trigonometric solution of the cubic) is five times faster than LAPACK.
 
     Args:
         A: (N, 3, 3) symmetric matrices.
 
     Returns:
-        (N, 3) unit vectors of either sign; (0, 0, 1) where the smallest eigenvalue is not simple.
+        Unit vectors (N, 3) of either sign; (0, 0, 1) where the smallest eigenvalue is a multiple eigenvalue.
     """
     a, b, c, d, e, f = (A[:, i, j] for i, j in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)))
     mean = (a + b + c) / 3
@@ -134,7 +137,7 @@ def smallest_eigenvectors(A: NDArray[np.float64]) -> NDArray[np.float64]:
     cosine = np.clip(determinant / np.maximum(2 * p**3, 1e-300), -1, 1)
     smallest = 2 * p * np.cos((np.arccos(cosine) + 2 * np.pi) / 3)
     a, b, c = a - smallest, b - smallest, c - smallest
-    # The eigenvector is normal to the rows of A - smallest I. The longest of their cross products is the most exact.
+    # The eigenvector is normal to the rows of A - smallest I. The longest cross product of two rows is most exact.
     products = np.stack(
         [
             np.column_stack([d * f - e * b, e * d - a * f, a * b - d**2]),

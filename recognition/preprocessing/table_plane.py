@@ -1,4 +1,4 @@
-"""Alignment of a view to the table plane: corrects the height and the tilt of its camera pose."""
+"""Align a view to the table plane: correct the height and the tilt of its camera pose."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -7,39 +7,36 @@ from calibration.geometry.transforms import from_rotation_vector
 from recognition.parameters import ChainParameters
 
 INLIER_DISTANCES_M = (0.006, 0.003, 0.002)
-"""Maximum distance of inliers from the plane, for each pass of the fit."""
+"""Maximum distance of inliers from the plane in each pass of the fit, metres."""
 MAX_HEIGHT_ERROR_M = 0.004
-"""Maximum height error of a camera pose. A plane with a larger offset is not the table."""
+"""Maximum height error of a camera pose, metres. A plane with a larger offset is not the table."""
 MAX_TILT_RAD = 0.02
-"""Maximum tilt error of a camera pose. A plane with a larger slope is not the table."""
+"""Maximum tilt error of a camera pose, radians. A plane with a larger tilt is not the table."""
 MIN_INLIER_SHARE = 0.2
-"""Share of the points of the view in the workspace that must be inliers of the plane."""
+"""Minimum number of inliers of the plane, as a share of the points of the view in the workspace."""
 MIN_INLIERS = 100
-"""Number of inliers that the plane needs."""
+"""Minimum number of inliers of the plane."""
 MIN_SPREAD_M = 0.02
-"""Standard deviation that the inliers need in each direction. A narrow strip does not determine the tilt."""
+"""Minimum standard deviation of the inliers in each direction, metres. A narrow strip does not determine the tilt."""
 SAMPLE_SIZE = 10_000
-"""Points are subsampled evenly to about this number, which is enough for a plane."""
+"""Approximate number of points after even subsampling. It is enough for a plane."""
 
 
 def table_alignment(points: NDArray[np.float64], table_z_m: float, parameters: ChainParameters) -> NDArray[np.float64]:
-    """Return the correction that moves the table plane seen in one view to its nominal height and tilt.
+    """Return the correction that moves the table plane of one view to the nominal height and tilt.
 
-    Each view sees the table before the height threshold removes it. The nominal height and tilt of the table give three
-    of the six degrees of freedom of the pose error without any other view. The height threshold of the paper needs this
-    correction: only 3.4 mm of a string of radius 4.2 mm are above the threshold of 5 mm, and pose errors reach 1 mm.
+    The plane is fitted before the height threshold removes the table. It determines three of the six degrees of freedom
+    of the pose error from one view alone. The height threshold of the paper needs this correction: a string of radius
+    4.2 mm rises only 3.4 mm above the threshold of 5 mm, and pose errors reach 1 mm.
 
     Args:
         points: (N, 3) points of the view in the workspace, base frame, metres.
         table_z_m: Nominal height of the table plane in the base frame, metres.
-        parameters: Radii and thresholds; z_t is used.
+        parameters: Method parameters; uses the height threshold z_t.
 
     Returns:
-        (4, 4) transform in the base frame, metres. The identity if too little of the table is visible, or if the
-        correction exceeds what a pose error can be.
-
-    Source:
-        Ours.
+        Correction (4, 4), base to base, metres. It is the identity if too little of the table is visible, or if the
+        correction exceeds the maximum pose error.
     """
     points = points[:: max(len(points) // SAMPLE_SIZE, 1)]
     near = points[np.abs(points[:, 2] - table_z_m) < MAX_HEIGHT_ERROR_M + INLIER_DISTANCES_M[0]]

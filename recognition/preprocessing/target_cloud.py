@@ -13,9 +13,9 @@ from recognition.preprocessing.flying_pixels import is_on_surface
 from recognition.preprocessing.table_plane import SAMPLE_SIZE, table_alignment
 
 FLOOR_MARGIN_M = 0.01
-"""Points of the table scatter by noise. Down to this depth below the floor of the workspace they count as inside."""
+"""Depth below the floor of the workspace at which points are still inside, metres, because table points are noisy."""
 MAX_REACH_M = 100.0
-"""Limit of a scene without a workspace, on each axis of the base frame. No arm reaches farther."""
+"""Limit of a scene without a workspace along each axis of the base frame, metres. No arm reaches farther."""
 
 
 class DepthView(Protocol):
@@ -56,9 +56,9 @@ class Scene:
     """
 
     table_z_m: float = 0.0
-    """Height of the table plane, metres. The z_w of the paper is measured from it."""
+    """Height of the table plane, metres. The paper measures z_w from this plane."""
     workspace_m: tuple[tuple[float, float], tuple[float, float], tuple[float, float]] | None = None
-    """Box ((x0, x1), (y0, y1), (z0, z1)), metres. Points outside are ignored. None means no limit."""
+    """Box ((x0, x1), (y0, y1), (z0, z1)), metres. Points outside the box are ignored. None means no limit."""
 
     def __post_init__(self) -> None:
         if not np.isfinite(self.table_z_m):
@@ -72,14 +72,14 @@ class Scene:
             )
 
     def is_near_border(self, point: NDArray[np.float64], margin_m: float) -> bool:
-        """Return whether a point is outside the workspace or near its border. The floor does not count as border.
+        """Return whether a point is outside the workspace or near its sides or top. The floor is not checked.
 
         Args:
             point: (3,) position in the base frame, metres.
-            margin_m: Distance to the sides or the top of the workspace, metres, within which a point is near.
+            margin_m: Maximum distance of a near point from the sides or the top, metres.
 
         Returns:
-            True if the point is near. Always False in a scene without a workspace.
+            True if the point is near or outside. Always False in a scene without a workspace.
         """
         if self.workspace_m is None:
             return False
@@ -89,7 +89,7 @@ class Scene:
 
 @dataclass(frozen=True, eq=False)
 class TargetCloud:
-    """The target point cloud of one view: points in the workspace that are higher than z_t above the table."""
+    """Target point cloud of one view: points in the workspace at more than z_t above the table."""
 
     view: int
     """Index of the view."""
@@ -98,34 +98,34 @@ class TargetCloud:
     T_base_camera: NDArray[np.float64]
     """(4, 4) camera pose after the alignment to the table plane, metres."""
     T_table_alignment: NDArray[np.float64]
-    """(4, 4) correction in the base frame that aligns the view to the table plane, metres."""
+    """(4, 4) correction that aligns the view to the table plane, base to base, metres."""
     n_measured: int
     """Number of pixels with a depth."""
     n_in_workspace: int
-    """Number of measured pixels in the workspace, including the table. Large images are counted by a sample."""
+    """Number of measured pixels in the workspace, including the table, estimated from a sample in a large image."""
     constant_depth: bool
-    """Whether all measured pixels, at least two, have the same depth. A defective sensor reports such images."""
+    """True if all measured pixels (at least two) have the same depth, as in the images of a defective sensor."""
     image: DepthView | None = None
-    """The view itself. None if not known."""
+    """View that the points come from; None if unknown."""
 
 
 def preprocess(view: DepthView, parameters: ChainParameters, scene: Scene) -> TargetCloud:
-    """Return the points of one view that are in the workspace and higher than z_t above the table.
+    """Return the points of one view in the workspace at more than z_t above the table.
 
-    A sample of the points aligns the view to the table plane first. Then the height threshold selects pixels, and the
-    filter of flying pixels removes those at depth discontinuities.
+    First, a sample of the points aligns the view to the table plane. Then the height threshold selects pixels. Last, a
+    filter removes flying pixels at depth discontinuities.
 
     Args:
         view: Depth image with its camera pose.
-        parameters: Radii and thresholds.
-        scene: Height of the table and workspace in the base frame.
+        parameters: Method parameters; uses the radius r and the height threshold z_t.
+        scene: Table height and workspace.
 
     Returns:
         The target cloud. It may be empty.
 
     Source:
-        Sections II.A and II.B. The paper removes "floor and experimental equipment" by the threshold on z_w alone; the
-        alignment to the table plane and the filter of flying pixels are ours.
+        Sections II.A and II.B. The paper removes "floor and experimental equipment" by the threshold on z_w alone.
+        The alignment to the table plane and the filter of flying pixels are not in the paper.
     """
     depth = view.depth
     step = int(np.ceil(np.sqrt(max(depth.size / SAMPLE_SIZE, 1.0))))
@@ -154,7 +154,7 @@ def preprocess(view: DepthView, parameters: ChainParameters, scene: Scene) -> Ta
 
 
 def deproject(view: DepthView, rows: NDArray[np.intp], columns: NDArray[np.intp]) -> NDArray[np.float64]:
-    """Return the base coordinates of pixels by the pinhole model: `depth (R K^-1) (u, v, 1) + t`.
+    """Deproject pixels to the base frame by the pinhole model: `depth (R K^-1) (u, v, 1) + t`.
 
     Args:
         view: Depth image with its camera pose `T_base_camera = (R, t)`.
@@ -162,7 +162,7 @@ def deproject(view: DepthView, rows: NDArray[np.intp], columns: NDArray[np.intp]
         columns: (N,) columns u of the pixels.
 
     Returns:
-        (N, 3) points in the base frame, metres. A pixel without a depth gives the position of the camera.
+        Points (N, 3), metres, base frame. A pixel without a depth gives the position of the camera.
 
     Source:
         Section II.A.
@@ -176,7 +176,7 @@ def deproject(view: DepthView, rows: NDArray[np.intp], columns: NDArray[np.intp]
 def _pixels_above(
     view: DepthView, T_base_camera: NDArray[np.float64], height_m: float
 ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Return the rows and columns (N,) of the measured pixels that are higher than `height_m` in the base frame."""
+    """Return the rows (N,) and columns (N,) of the measured pixels with a base z above `height_m`, metres."""
     rows, columns = (np.arange(n) for n in view.depth.shape)
     a, b, c = (T_base_camera[2, :3] @ np.linalg.inv(view.K)) * view.depth_unit_m
     # Single precision rounds heights by a tenth of a micrometre and halves the time for a megapixel.
@@ -189,7 +189,7 @@ def _pixels_above(
 
 
 def _is_in_workspace(points: NDArray[np.float64], scene: Scene) -> NDArray[np.bool_]:
-    """Return which points (N, 3) are in the workspace, which begins `FLOOR_MARGIN_M` below its floor."""
+    """Return the mask (N,) of the points (N, 3) in the workspace, with a margin of `FLOOR_MARGIN_M` below the floor."""
     box = np.array([[-MAX_REACH_M, MAX_REACH_M]] * 3 if scene.workspace_m is None else scene.workspace_m)
     box[2, 0] -= FLOOR_MARGIN_M
     return np.all((points >= box[:, 0]) & (points <= box[:, 1]), axis=1)

@@ -8,27 +8,27 @@ from recognition.model.quality import ViewQuality
 from recognition.preprocessing.target_cloud import TargetCloud
 
 MIN_VIEWS = 2
-"""Number of views that recognition needs. One view shows one side of a string and nothing under a crossing."""
+"""Minimum number of views. A single view shows only one side of a string, and nothing under a crossing."""
 CROWDED_SHARE = 0.8
-"""If a larger share of the points of a view is above the table, the nominal height of the table is too low."""
+"""Maximum share of the points of a view that are above the table. With a larger share, the table height is too low."""
 MIN_POINTS = 50
-"""Fewer points above the height threshold are noise."""
+"""Minimum number of points above the height threshold in a view that shows a string. Fewer points are noise."""
 
 
 @dataclass(frozen=True, eq=False)
 class ViewSelection:
-    """The views that recognition uses and those that it excludes."""
+    """Views that recognition uses, and views that it excludes."""
 
     used: Sequence[TargetCloud]
-    """Views that see a string; none if there is no string."""
+    """Views that show a string; empty if no view shows a string."""
     excluded: tuple[ViewQuality, ...]
-    """The other views, each with the reason."""
+    """All other views, each with the reason."""
     no_string_reason: str | None
-    """Why there is no string. None if there is one."""
+    """Why the scene has no string; None if a string is visible."""
 
 
 def select_views(targets: Sequence[TargetCloud]) -> ViewSelection:
-    """Select the views that see a string.
+    """Select the views that show a string.
 
     Args:
         targets: Target clouds of all views.
@@ -37,8 +37,8 @@ def select_views(targets: Sequence[TargetCloud]) -> ViewSelection:
         The used views, the excluded views, and the reason if there is no string.
 
     Raises:
-        InsufficientViewsError: Fewer than two views were given, fewer than two measured anything in the workspace, or
-            only one view sees a string.
+        InsufficientViewsError: Fewer than two views were given, fewer than two views measured anything in the
+            workspace, or only one view shows a string.
         NoDepthError: No view measured anything in the workspace.
         TooCrowdedError: In most views, nearly all points are above the table.
     """
@@ -86,7 +86,7 @@ def select_views(targets: Sequence[TargetCloud]) -> ViewSelection:
 
 
 def exclusion_reason(target: TargetCloud) -> str | None:
-    """Return why a view cannot be used, independently of the other views.
+    """Return the reason why a view cannot be used, independent of the other views.
 
     Args:
         target: Target cloud of the view.
@@ -106,5 +106,5 @@ def exclusion_reason(target: TargetCloud) -> str | None:
 
 
 def _is_sensor_stuck(target: TargetCloud) -> bool:
-    """Return whether all pixels have the same depth. An empty table seen from straight above does not count."""
+    """Return whether all pixels have the same depth, except for an empty table seen from straight above."""
     return target.constant_depth and len(target.points) >= MIN_POINTS

@@ -1,8 +1,9 @@
 """Registration of all views (section II.E of the paper).
 
-The normal clouds of the views with their given camera poses go in. One merged cloud, the corrected clouds with the
-covariance of their poses, the reasons of excluded views and an estimate of the hand-eye error come out. The paper
-registers one cloud after the other by ICP; the joint least squares with a pose prior and both checks are ours.
+The input is the points with normals of each view, and the camera poses. The output is one merged cloud, the corrected
+view clouds with the covariance of their poses, the reasons of excluded views, and an estimate of the hand-eye error.
+The paper registers one cloud after the other by ICP. The joint least squares with a pose prior, the free-space check
+and the check of the robot errors are not in the paper.
 """
 
 from recognition.registration.correspondences import Correspondences

@@ -10,18 +10,18 @@ from recognition.parameters import ChainParameters
 from recognition.preprocessing.normals import NormalCloud
 
 MAX_ANCHORS = 400
-"""Number of points of a view that are searched in each other view. It suffices for strings of any length."""
+"""Maximum number of source points for which a match is searched in a target view. It suffices for any string length."""
 MAX_DISTANCE_RADII = 1.0
 """Maximum distance between two corresponding points, in radii r."""
 MIN_COSINE = 0.7
 """Minimum cosine of the angle between the two normals. Surfaces that lie back to back are not the same surface."""
 MAX_FULL_SEARCHES = 7
-"""With more other views than this, fewer points are searched in each of them. Time then grows with the number of views
-and not with its square."""
+"""Maximum number of target views that are searched with all source points. With more target views, fewer source points
+are searched in each target view, so the time grows with the number of views and not with its square."""
 MIN_ANCHORS = 60
-"""Minimum number of points that are searched in each other view if there are many views."""
+"""Minimum number of source points for which a match is searched in a target view, however many views exist."""
 MIN_PAIRS = 20
-"""Two views with fewer pairs of points than this do not overlap enough to constrain their poses."""
+"""Minimum number of point pairs of two overlapping views. Fewer pairs do not constrain the poses of the two views."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,25 +29,25 @@ class Correspondences:
     """Pairs of points of two views that lie on the same piece of surface."""
 
     source_view: int
-    """Index of the view whose points were searched."""
+    """Index of the view whose points are the source points."""
     target_view: int
-    """Index of the view in which they were searched."""
+    """Index of the view in which a match of each source point was searched."""
     source_indices: NDArray[np.intp]
-    """(M,) indices into the points of the source view's cloud."""
+    """(M,) indices of the source points in the cloud of the source view."""
     target_indices: NDArray[np.intp]
-    """(M,) indices into the points of the target view's cloud."""
+    """(M,) indices of the matching points in the cloud of the target view."""
     distances: NDArray[np.float64]
     """(M,) distance between the two points of each pair, metres."""
     cosines: NDArray[np.float64]
     """(M,) cosine of the angle between the two normals of each pair."""
     n_searched: int
-    """Number of source points that were searched, with or without success."""
+    """Number of source points for which a match was searched, with or without success."""
 
 
 def anchor_points(cloud: NormalCloud, max_anchors: int = MAX_ANCHORS) -> NDArray[np.intp]:
-    """Return the indices (M,) of at most `max_anchors` points of the cloud, evenly spread.
+    """Return the indices (M,) of at most `max_anchors` points that are evenly spread over the cloud.
 
-    Points come in the order of their voxels, so that a constant stride spreads them over the surface.
+    The cloud is sorted by voxel. A constant stride therefore spreads the points over the surface.
     """
     return np.arange(0, len(cloud.points), max(-(-len(cloud.points) // max_anchors), 1))
 
@@ -62,17 +62,17 @@ def find_correspondences(
     T: NDArray[np.float64] | None = None,
     T_others: Sequence[NDArray[np.float64]] | None = None,
 ) -> list[Correspondences]:
-    """Return the correspondences of `cloud` with each of the other views that it overlaps.
+    """Return the correspondences of `cloud` with each view that it overlaps.
 
     Args:
         cloud: The source view.
         others: The target views.
-        parameters: Parameters of the method, for the radius r.
+        parameters: Method parameters; uses the radius r.
         max_distance_radii: Maximum distance between two corresponding points, in radii r.
-        min_cosine: Minimum cosine of the angle between their normals.
-        max_anchors: Maximum number of points that are searched in each other view.
-        T: (4, 4) moves the source view, base to base. None leaves it where it is.
-        T_others: A transform (4, 4) for each target view. None leaves them where they are.
+        min_cosine: Minimum cosine of the angle between the normals of two corresponding points.
+        max_anchors: Maximum number of source points for which a match is searched in a target view.
+        T: (4, 4) motion of the source view, base to base. None: the source view does not move.
+        T_others: One motion (4, 4) for each target view, base to base. None: the target views do not move.
 
     Returns:
         One item for each target view with at least `MIN_PAIRS` pairs, in the order of `others`.
@@ -84,7 +84,7 @@ def find_correspondences(
     points, normals = cloud.points[chosen] @ T[:3, :3].T + T[:3, 3], cloud.normals[chosen] @ T[:3, :3].T
     found = []
     for k, other in enumerate(others):
-        # The points are moved to the other view's tree: moving that view would need a new tree.
+        # Move the source points into the frame of the tree, because a moved target cloud would need a new tree.
         R, t = (np.eye(3), np.zeros(3)) if T_others is None else (T_others[k][:3, :3], T_others[k][:3, 3])
         distances, nearest = other.tree.query((points - t) @ R, distance_upper_bound=max_distance_radii * parameters.r)
         nearest, near = np.asarray(nearest), np.flatnonzero(distances < np.inf)

@@ -1,4 +1,8 @@
-"""Free-space check: no view may see the table where other views see the string."""
+"""Find views that contradict the other views: by measured free space, and by the robot error that they need.
+
+The free space of a view is the space between its camera and the surface that it measured. Surface of another view must
+not lie in it.
+"""
 
 from collections.abc import Sequence
 
@@ -11,27 +15,28 @@ from recognition.preprocessing.normals import NormalCloud
 from recognition.registration.correspondences import anchor_points
 
 MAX_FREE_SPACE_VIOLATION = 0.025
-"""Maximum share of another view's surface that may lie in the free space of a view, as the median over all partners.
-Views that agree have 0. A view that is 20 mm off along a straight string of 0.4 m has 0.035, and any other wrong view
-0.2 or more."""
+"""Maximum share of the surface of one view in the free space of another view, as the median over the other views.
+
+Consistent views have a share of 0. A view with an error of 20 mm along a straight string of 0.4 m has 0.035.
+Other wrong views have 0.2 or more.
+"""
 MIN_FACING_COSINE = 0.5
-"""Minimum cosine between a surface's normal and the direction to the camera. Surface seen at a grazing angle is
-measured worst and is not checked."""
+"""Minimum cosine between the surface normal and the direction to the camera. Surface at a grazing angle is not checked,
+because its depth is the least accurate."""
 RING_DIRECTIONS = tuple((np.cos(k * np.pi / 4), np.sin(k * np.pi / 4)) for k in range(8))
-"""Directions of the samples in a ring of radius r around a point. The point lies in free space only if all samples
-were measured behind it, so that a pose error of a millimetre decides nothing."""
+"""Directions of the samples on a ring around a point. The point lies in free space only if the view measured surface
+behind all samples. A pose error of a millimetre therefore causes no violation."""
 MIN_RING_PIXELS = 2.0
-"""Minimum radius of the ring in pixels. It applies where r is smaller than this in the image."""
+"""Minimum radius of the ring, pixels. The radius of the ring is r if r is larger than this in the image."""
 MIN_MEASURED = 5
-"""Minimum number of measured samples, of the nine that are the point and its ring."""
+"""Minimum number of samples with a depth, among the nine samples: the point and its ring."""
 MAX_ROBOT_SIGMA = 10.0
-"""Maximum robot error of a view (Mahalanobis norm). A view that needs a larger correction was not captured at the pose
-that the arm reported."""
+"""Maximum robot error of a view (Mahalanobis norm). A larger error shows that the reported pose was wrong."""
 MAX_ROBOT_RATIO = 3.0
-"""Maximum ratio of a view's robot error to the median of all views. A view is excluded only if it exceeds both limits:
-if the arm is worse than assumed in all views, no single view is at fault."""
+"""Maximum ratio of the robot error of a view to the median over all views. A view is excluded only if it exceeds this
+limit and `MAX_ROBOT_SIGMA`. If all views have large errors, the arm is inaccurate, and no single view is wrong."""
 MIN_DEPTH_M = 0.01
-"""Minimum distance from the camera of a point that is checked."""
+"""Minimum depth of a point that is checked, metres."""
 MAX_CHECKED_POINTS = 600
 """Maximum number of points of each view that are checked, evenly spread."""
 
@@ -39,24 +44,21 @@ MAX_CHECKED_POINTS = 600
 def find_inconsistent_views(
     clouds: Sequence[NormalCloud], robot_errors: NDArray[np.float64], parameters: ChainParameters
 ) -> dict[int, str]:
-    """Return the views that do not fit the others, each with the reason.
+    """Return the views that contradict the other views, each with the reason.
 
-    The view that contradicts the others most is removed first, and the others are then compared again. A single wrong
-    view therefore does not make the others inconsistent.
+    The most contradicting view is removed first, and the remaining views are then compared again. A single wrong view
+    therefore does not exclude correct views.
 
     Args:
-        clouds: The views as registered.
-        robot_errors: (V,) Mahalanobis norm of the robot error of each view that registration found.
-        parameters: Parameters of the method, for the radius r.
+        clouds: Registered views, base frame.
+        robot_errors: (V,) Mahalanobis norm of the robot error of each view, from registration.
+        parameters: Method parameters; uses the radius r.
 
     Returns:
-        Reason by index of the view; empty if all views are consistent.
+        Reasons by view index; empty if all views are consistent.
 
     Raises:
-        ContradictingViewsError: Half of the views or more would have to be excluded.
-
-    Source:
-        Ours.
+        ContradictingViewsError: At least half of the views would have to be excluded.
     """
     violations = free_space_violations(clouds, parameters)
     contradictions = np.maximum(violations, violations.T)
@@ -97,17 +99,17 @@ def find_inconsistent_views(
 
 
 def free_space_violations(clouds: Sequence[NormalCloud], parameters: ChainParameters) -> NDArray[np.float64]:
-    """Return the share of each view's surface that lies in the free space of each other view.
+    """Return the share of the surface of each view that lies in the free space of each other view.
 
-    A point lies in the free space of a view if that view measured something more than r behind it.
+    A point lies in the free space of a view if the view measured surface more than r behind the point.
 
     Args:
-        clouds: The V views as registered.
-        parameters: Parameters of the method, for the radius r.
+        clouds: The V registered views, base frame.
+        parameters: Method parameters; uses the radius r.
 
     Returns:
-        (V, V) share, 0 to 1: row i is the view that sees through, column j the view whose surface is checked. Zero if
-        view i has no depth image or sees nothing of that surface.
+        Shares (V, V), 0 to 1. Entry (i, j) is the share of the checked surface of view j in the free space of view i.
+        It is zero if view i has no depth image, or if view i does not see the surface of view j.
     """
     n_views = len(clouds)
     anchors = [anchor_points(cloud, MAX_CHECKED_POINTS) for cloud in clouds]
@@ -126,7 +128,7 @@ def free_space_violations(clouds: Sequence[NormalCloud], parameters: ChainParame
 def _check_points(
     cloud: NormalCloud, points: NDArray[np.float64], normals: NDArray[np.float64], radius: float
 ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Return the indices of the points (N, 3) that the view can check, and of those in its free space."""
+    """Return the indices of the points (N, 3) that the view can check, and of the points in its free space."""
     if cloud.image is None or cloud.T_base_camera is None:
         return np.empty(0, dtype=np.intp), np.empty(0, dtype=np.intp)
     T, K, depth = cloud.T_base_camera, cloud.image.K, cloud.image.depth
@@ -135,7 +137,7 @@ def _check_points(
     in_camera = rays @ T[:3, :3]
     visible = np.flatnonzero(is_facing & (in_camera[:, 2] > MIN_DEPTH_M))
     x, y, z = in_camera[visible].T
-    # Where r spans few pixels, flying pixels narrow the string in the depth image: a pixel beside it counts as string.
+    # If r spans few pixels, flying pixels narrow the string in the depth image. The ring is then larger.
     ring_radius = np.maximum(radius, MIN_RING_PIXELS * z / K[0, 0])
     dx, dy = np.array([(0.0, 0.0), *RING_DIRECTIONS]).T[:, :, None] * ring_radius
     u = (x + dx) / z * K[0, 0] + K[0, 2] + 0.5

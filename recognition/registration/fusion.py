@@ -1,4 +1,4 @@
-"""Merging of all registered views into one cloud (section II.E)."""
+"""Merge all registered views into one cloud (section II.E)."""
 
 from collections.abc import Sequence
 
@@ -12,28 +12,29 @@ from recognition.parameters import ChainParameters
 from recognition.preprocessing.normals import NormalCloud
 
 MAX_POINTS = 150_000
-"""Maximum number of merged points. A metre of string has about 10,000; the later stages slow down with the number of
-neighbours of a point."""
+"""Maximum number of points of the merged cloud. A metre of string has about 10,000 points. More points slow down the
+later stages."""
 VOXEL_RADII = 1 / 3
 """Edge length of the voxels, in radii r. Eight views overlap and measure the same surface many times."""
 MIN_NORMAL_LENGTH = 0.1
-"""Minimum length of the mean normal of a voxel. Opposite normals cancel, and such a point has no known side."""
+"""Minimum length of the mean normal of a voxel. In a shorter mean normal, opposite normals have cancelled, so the side
+of the surface is unknown."""
 
 
 def merge_clouds(
     clouds: Sequence[NormalCloud], parameters: ChainParameters
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return one cloud of all views, averaged in voxels and without outliers.
+    """Merge the views into one cloud: average the points in each voxel, then remove outliers.
 
     Args:
-        clouds: The views as registered.
-        parameters: Parameters of the method, for the radius r.
+        clouds: Registered views, base frame.
+        parameters: Method parameters; uses the radius r.
 
     Returns:
         Points (N, 3), metres, base frame, and unit normals (N, 3).
 
     Raises:
-        TooCrowdedError: There are more points than strings have.
+        TooCrowdedError: The merged cloud has more than `MAX_POINTS` points.
 
     Source:
         Section II.E.

@@ -1,4 +1,4 @@
-"""Estimate of the hand-eye error from one scan. All views of the scan share this error."""
+"""Estimate the hand-eye error, which all views share, from one scan."""
 
 from dataclasses import dataclass
 
@@ -13,27 +13,27 @@ from recognition.registration.pose_prior import PoseSigmas
 class HandEyeErrorEstimate:
     """Gaussian likelihood of the hand-eye error `c` (6,), in information form.
 
-    `c` is a rotation vector and a translation in the camera frame, radians and metres:
-    `T_flange_camera_true = T_flange_camera @ from_rotation_vector(c[3:], c[:3])`.
+    `c` is a rotation vector (rad), then a translation (m), in the camera frame:
+    `T_flange_camera_true = T_flange_camera @ from_rotation_vector(translation=c[3:], rotation_vector=c[:3])`.
 
-    The prior is not included, so that the estimates of several scans can be added. Strings constrain the error weakly:
-    in some directions there may be almost no information.
+    The likelihood does not include the prior, so the estimates of several scans can be added. A scan of strings
+    constrains the error weakly: some directions may have almost no information.
     """
 
     information: NDArray[np.float64]
-    """(6, 6) inverse covariance of c, marginalised over the robot errors and the disparity offset."""
+    """(6, 6) information matrix (inverse covariance) of `c`, marginalised over robot errors and disparity offset."""
     vector: NDArray[np.float64]
-    """(6,) information vector: `information @ c` at the most likely c."""
+    """(6,) information vector, the product of `information` and the maximum likelihood estimate of `c`."""
     posterior_mean: NDArray[np.float64]
-    """(6,) the most probable c with the prior included. The registered poses were corrected by it."""
+    """(6,) maximum a posteriori estimate of `c`, which includes the prior. The registered poses are corrected by it."""
 
 
 def estimate_hand_eye_error(alignment: Alignment, sigmas: PoseSigmas) -> HandEyeErrorEstimate | None:
-    """Return the hand-eye error that the surfaces of the views show, without the prior.
+    """Estimate the hand-eye error from the surfaces of the views, without the prior.
 
     Args:
-        alignment: The solution for all poses.
-        sigmas: The prior with which `alignment` was computed.
+        alignment: Aligned poses of all views.
+        sigmas: Prior standard deviations with which `alignment` was computed.
 
     Returns:
         The estimate; None if no surface constrained the poses.
@@ -41,7 +41,7 @@ def estimate_hand_eye_error(alignment: Alignment, sigmas: PoseSigmas) -> HandEye
     posterior_information = alignment.hand_eye_information
     if posterior_information is None:
         return None
-    # The prior's mean is zero, so that the whole information vector is from the views.
+    # The prior has zero mean, so it adds nothing to the information vector.
     vector = posterior_information @ alignment.hand_eye_error
     information = posterior_information - sigmas.shared_information[:-1, :-1]
     return HandEyeErrorEstimate(

@@ -1,4 +1,4 @@
-"""Joint ICP of all views: least squares over all overlapping surfaces, with a prior of the poses."""
+"""Joint ICP of all views: least squares over all overlapping surfaces, with a prior on the poses."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -15,63 +15,63 @@ from recognition.registration.pose_prior import N_SHARED, PosePrior
 
 
 class SearchSettings(NamedTuple):
-    """How correspondences are searched in a pass, as in `find_correspondences`."""
+    """Settings of the correspondence search in one ICP pass. `find_correspondences` explains them."""
 
     max_distance_radii: float
     """Maximum distance between two corresponding points, in radii r."""
     min_cosine: float
-    """Minimum cosine of the angle between their normals."""
+    """Minimum cosine of the angle between the normals of two corresponding points."""
     max_anchors: int
-    """Maximum number of points of a view that are searched in each other view."""
+    """Maximum number of source points for which a match is searched in a target view."""
 
 
 TUKEY_CONSTANT = 4.685
-"""Residuals beyond this number of sigmas have no weight (95 % efficiency for normal errors)."""
+"""Constant of the Tukey weight, in sigmas: larger residuals have no weight (95 % efficiency for Gaussian errors)."""
 MIN_SIGMA_M = 0.0001
-"""Minimum standard deviation of the residuals."""
+"""Minimum standard deviation of the residuals, metres."""
 INDEPENDENT_SHARE = 0.05
-"""Share of a view's points whose errors count as independent, because depth errors are correlated over neighbouring
-pixels. On simulated scans, this share makes the errors of registered poses spread as their covariance predicts."""
+"""Assumed share of independent points in a view, because depth errors of neighbouring pixels are correlated. With this
+share, the covariance of the registered poses predicts their errors on simulated scans."""
 COARSE_SEARCH = SearchSettings(max_distance_radii=0.7, min_cosine=0.7, max_anchors=150)
-"""Search while the views still move. The first pass uses the correspondences found as the views arrived."""
+"""Search of the coarse passes, in which the views still move. The first pass uses the given correspondences."""
 MAX_COARSE_PASSES = 6
-"""Maximum number of coarse passes after the first."""
+"""Maximum number of coarse passes after the first pass."""
 FINE_SEARCH = SearchSettings(max_distance_radii=0.35, min_cosine=0.8, max_anchors=MAX_ANCHORS)
-"""Search of the last pass. Points that are still far apart after convergence are not on the same surface."""
+"""Search of the last pass. Points that remain far apart after convergence are not on the same surface."""
 CONVERGED_M = 0.0004
 """The poses have converged if a pass moves the points by less than this on average."""
 N_REWEIGHTINGS = 2
-"""Iterations of reweighted least squares in a pass."""
+"""Number of iterations of reweighted least squares in a pass."""
 
 
 @dataclass(frozen=True, eq=False)
 class Alignment:
-    """The most probable poses of V views."""
+    """Maximum a posteriori poses of V views."""
 
     twists: NDArray[np.float64]
-    """(V, 6) correction of each view about the centre: rotation vector and translation, radians and metres."""
+    """(V, 6) correction of each view, rotation (rad) about the centre, then translation (m)."""
     covariance: NDArray[np.float64]
     """(6 V, 6 V) covariance of the twists."""
     hand_eye_error: NDArray[np.float64]
-    """(6,) hand-eye error that all views share, a twist in the camera frame, radians and metres."""
+    """(6,) hand-eye error that all views share, rotation (rad), then translation (m), camera frame."""
     hand_eye_information: NDArray[np.float64] | None
-    """(6, 6) inverse covariance of the hand-eye error, prior included; None if the poses are the given poses."""
+    """(6, 6) information matrix of the hand-eye error, including the prior; None if the given poses were kept."""
     robot_errors: NDArray[np.float64]
     """(V,) Mahalanobis norm of the 6D robot error of each view."""
 
 
 @dataclass(frozen=True, eq=False)
 class _LinearResiduals:
-    """Linearised distances `residual + J (x_source - x_target)` of all pairs of points, one overlap after the other."""
+    """Linearised distances `residual + J (x_source - x_target)` of M point pairs, where x is the twist of a view."""
 
     overlaps: tuple[tuple[int, int, slice], ...]
-    """Position of source and target view of each overlap in the list of clouds, and its rows."""
+    """List index of the source view, list index of the target view, and rows of the point pairs, for each overlap."""
     J: NDArray[np.float64]
-    """(M, 6) derivative with respect to the twist of the source view."""
+    """(M, 6) Jacobian with respect to the twist of the source view."""
     residual: NDArray[np.float64]
-    """(M,) distances at a state of zero, metres."""
+    """(M,) signed distances at the zero state, metres."""
     share: NDArray[np.float64]
-    """(M,) share of a row's information that counts."""
+    """(M,) factor of the information of each row, because depth errors are correlated."""
 
     def evaluate(self, state: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the signed distances (M,) at `state`, metres."""
@@ -87,24 +87,25 @@ def align_views(
     prior: PosePrior,
     parameters: ChainParameters,
 ) -> Alignment:
-    """Return the poses that minimise the distances between all overlapping views and the prior.
+    """Estimate the poses that minimise the distances between all overlapping views and the cost of the prior.
 
-    Distances are measured along the mean normal of a pair of points. This is exact on a cylinder, however far the
-    points have slid along it or around it. Weights are Tukey's. Where no surface constrains a view (along a straight
-    string), the prior does. The result is discarded if it does not bring the surfaces closer than the given poses.
+    The distance of a point pair is measured along the mean of the two normals. On a cylinder, this distance does not
+    depend on where the two points lie along or around the cylinder. Tukey weights reduce the effect of outliers. The
+    prior determines motions that no surface constrains, for example along a straight string. If the surfaces are not
+    closer than at the given poses, the given poses are kept.
 
     Args:
-        clouds: The V views at their given poses.
-        correspondences: The overlaps with which the first pass begins.
+        clouds: The V views at the given poses, base frame.
+        correspondences: Correspondences of the first pass.
         centre: (3,) point about which the corrections rotate, metres, base frame.
-        prior: Prior of the poses, about the same centre.
-        parameters: Parameters of the method, for the radius r.
+        prior: Prior of the state, about the same centre.
+        parameters: Method parameters; uses the radius r.
 
     Returns:
-        The corrections with their covariance.
+        The pose corrections with their covariance.
 
     Source:
-        Ours, in place of the pairwise ICP of section II.E.
+        Replaces the pairwise ICP of section II.E.
     """
     given_state = np.zeros(len(prior.gradient))
     state = np.asarray(-np.linalg.solve(prior.information, prior.gradient), dtype=np.float64)
@@ -139,11 +140,11 @@ def align_views(
 
 
 def correction_transforms(twists: NDArray[np.float64], centre: NDArray[np.float64]) -> list[NDArray[np.float64]]:
-    """Return the corrections of V views as transforms.
+    """Convert the twists of V views to transforms.
 
     Args:
-        twists: (V, 6) rotation vectors about the centre and translations, radians and metres.
-        centre: (3,) metres, base frame.
+        twists: (V, 6) rotation (rad) about the centre, then translation (m).
+        centre: (3,) point about which the corrections rotate, metres, base frame.
 
     Returns:
         V transforms (4, 4), base to base.
@@ -154,12 +155,12 @@ def correction_transforms(twists: NDArray[np.float64], centre: NDArray[np.float6
 
 
 def _view_twists(state: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the twists (V, 6) of the views in the state."""
+    """Return the twists (V, 6) of the views from the state (6 V + 7,)."""
     return state[:-N_SHARED].reshape(-1, 6)
 
 
 def _marginal_hand_eye_information(information: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the information (6, 6) of the hand-eye error, marginalised over the rest of the state."""
+    """Return the information matrix (6, 6) of the hand-eye error, marginalised over the rest of the state."""
     own = np.arange(len(information) - N_SHARED, len(information) - 1)
     rest = np.delete(np.arange(len(information)), own)
     between = information[np.ix_(rest, own)]
@@ -173,7 +174,7 @@ def _search_all(
     parameters: ChainParameters,
     search: SearchSettings,
 ) -> list[Correspondences]:
-    """Return the correspondences of each view with all views before it, at `state`."""
+    """Return the correspondences of each view with all earlier views, at the poses of `state`."""
     T = correction_transforms(_view_twists(state), centre)
     return [
         overlap
@@ -188,7 +189,7 @@ def _linearise(
     state: NDArray[np.float64],
     centre: NDArray[np.float64],
 ) -> _LinearResiduals:
-    """Return the distances of all pairs of points, linearised at `state`."""
+    """Linearise the distances of all point pairs at `state`."""
     T = correction_transforms(_view_twists(state), centre)
     moved = [
         np.hstack([cloud.points @ A[:3, :3].T + (A[:3, 3] - centre), cloud.normals @ A[:3, :3].T])
@@ -207,7 +208,7 @@ def _linearise(
     normal /= np.linalg.norm(normal, axis=1, keepdims=True)
     (x, y, z), (n_x, n_y, n_z) = (source[:, :3] + target[:, :3]).T / 2, normal.T
     J = np.column_stack([y * n_z - z * n_y, z * n_x - x * n_z, x * n_y - y * n_x, normal])
-    # A view's errors enter its overlaps with each of the V - 1 other views, so that each overlap counts 2 / V.
+    # The errors of a view enter its overlaps with all V - 1 other views. Each overlap therefore has the weight 2 / V.
     shares = [
         min(INDEPENDENT_SHARE * len(clouds[i].points) / overlap.n_searched, 1.0) * 2 / len(clouds)
         for (i, _, _), overlap in paired
@@ -221,7 +222,7 @@ def _linearise(
 def _solve_reweighted(
     residuals: _LinearResiduals, state: NDArray[np.float64], prior: PosePrior
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the state and its information by iteratively reweighted least squares on fixed pairs."""
+    """Return the state and its information matrix by iteratively reweighted least squares on fixed point pairs."""
     information = prior.information
     for _ in range(N_REWEIGHTINGS):
         distance = residuals.evaluate(state)
@@ -252,8 +253,9 @@ def _mean_surface_distance(
 ) -> float:
     """Return the mean distance between the surfaces over `n_searched` points, metres.
 
-    A point without a pair counts with the maximum distance of the fine search, and only pairs that the fine search
-    accepts count as pairs. `n_searched` is that of the first overlaps, so that a view gains nothing by moving away.
+    Only pairs that the fine search accepts are used. A point without such a pair has the maximum distance of the fine
+    search. `n_searched` is the number of source points in the first pass, so a view cannot reduce the mean by moving
+    away from the others.
     """
     max_distance = FINE_SEARCH.max_distance_radii * parameters.r
     is_accepted = np.concatenate(
@@ -266,7 +268,7 @@ def _mean_surface_distance(
 def _mean_displacement(
     clouds: Sequence[NormalCloud], change: NDArray[np.float64], centre: NDArray[np.float64]
 ) -> float:
-    """Return the mean distance by which a change of the state moves the points of the views, metres."""
+    """Return the mean displacement of the points of all views by a change of the state, metres."""
     distances = []
     for k, cloud in enumerate(clouds):
         offsets = cloud.points[anchor_points(cloud, 50)] - centre

@@ -1,12 +1,11 @@
-"""Gaussian prior of the camera poses, before the surfaces of the views are compared.
+"""Gaussian prior of the camera poses.
 
-The true pose of view k is `E_k T_base_flange T_flange_camera E_h`. The robot error E_k differs from view to view. The
-hand-eye error E_h (in the camera frame) is the same in all views, and so is the disparity offset of a stereo camera.
-Each view was also aligned to the table plane (`recognition.preprocessing.table_plane`), which measured three of its six
-directions.
+The true camera pose of view k is `E_k T_base_flange T_flange_camera E_h`. Each view has its own robot error E_k. All
+views share the hand-eye error E_h (camera frame) and the disparity offset of the stereo camera. The alignment of a view
+to the table plane (`recognition.preprocessing.table_plane`) has measured three of the six directions of its pose.
 
-The state of V views has 6 V + 7 entries: a twist of each view (rotation vector and translation about one centre, 6 V),
-the twist of the hand-eye error in the camera frame (6), and the disparity offset (1).
+The state of V views has 6 V + 7 entries: one twist for each view about a common centre (6 V), the twist of the hand-eye
+error in the camera frame (6), and the disparity offset (1). A twist has the order rotation (rad), then translation (m).
 """
 
 from collections.abc import Sequence
@@ -21,64 +20,61 @@ from calibration.geometry.transforms import from_rotation_vector
 from recognition.preprocessing.normals import NormalCloud
 
 N_SHARED = 7
-"""Number of state entries that all views share: the hand-eye error and the disparity offset."""
+"""Number of state entries that all views share: hand-eye error (6) and disparity offset (1)."""
 OFFSET_FIT_POINTS = 50
-"""Approximate number of points to which the effect of a disparity offset is fitted."""
+"""Approximate number of points in the fit of a twist to the effect of a disparity offset."""
 
 
 @dataclass(frozen=True)
 class PoseSigmas:
-    """Standard deviations of the pose errors, per axis. The 3D rms error is sqrt(3) times this."""
+    """Standard deviations of the pose errors, per axis. The 3D rms error is sqrt(3) times larger."""
 
     robot_m: float = 0.0003
-    """Position error of the flange, independent in each view (0.5 mm rms in 3D)."""
+    """Position error of the flange, metres, independent in each view (0.5 mm rms in 3D)."""
     robot_rad: float = 0.001
-    """Rotation error of the flange, independent in each view (0.1 degrees rms in 3D)."""
+    """Rotation error of the flange, radians, independent in each view (0.1 degrees rms in 3D)."""
     hand_eye_m: float = 0.0004
-    """Position error of the camera on the flange, the same in all views (0.7 mm rms in 3D)."""
+    """Position error of the camera on the flange, metres, equal in all views (0.7 mm rms in 3D)."""
     hand_eye_rad: float = 0.0015
-    """Rotation error of the camera on the flange, the same in all views (0.15 degrees rms in 3D)."""
+    """Rotation error of the camera on the flange, radians, equal in all views (0.15 degrees rms in 3D)."""
     disparity_per_m: float = 0.002
-    """Depth error over depth squared, the same in all views: a disparity offset of 0.1 pixels at a baseline of 75 mm
-    and a focal length of 800 pixels."""
+    """Depth error divided by the squared depth, 1/m, equal in all views. The default is a disparity offset of 0.1
+    pixels at a baseline of 75 mm and a focal length of 800 pixels."""
     table_m: float = 0.00015
-    """Error of the table height of a view that was aligned to the table plane."""
+    """Height error of a view that was aligned to the table plane, metres."""
     table_rad: float = 0.0015
-    """Error of the table tilt of such a view. Stereo errors that repeat with the disparity bend a plane."""
+    """Tilt error of a view that was aligned to the table plane, radians. Stereo errors bend the measured plane."""
 
     @property
     def shared_information(self) -> NDArray[np.float64]:
-        """(7, 7) prior inverse covariance of the shared entries: hand-eye error, then disparity offset."""
+        """(7, 7) prior information matrix of hand-eye error (rotation, then translation) and disparity offset."""
         shared = np.repeat([self.hand_eye_rad, self.hand_eye_m], 3)
         return np.diag(np.append(shared, self.disparity_per_m) ** -2.0)
 
 
 @dataclass(frozen=True, eq=False)
 class PosePrior:
-    """Gaussian prior of the state, in information form."""
+    """Gaussian prior of the state (6 V + 7 entries), in information form."""
 
     information: NDArray[np.float64]
-    """(6 V + 7, 6 V + 7) inverse covariance."""
+    """(6 V + 7, 6 V + 7) information matrix (inverse covariance)."""
     gradient: NDArray[np.float64]
-    """(6 V + 7,): the most probable state x solves `information x = -gradient`."""
+    """(6 V + 7,) gradient of the cost at the zero state. The mean x of the prior solves `information x = -gradient`."""
     robot_errors: tuple[tuple[NDArray[np.float64], NDArray[np.float64]], ...]
-    """(D, d) for each view: `D x + d` (6,) is its robot error, each entry in sigmas."""
+    """(D, d) for each view. Its robot error at the state x is `D x + d` (6,), in sigmas."""
 
 
 def pose_prior(clouds: Sequence[NormalCloud], centre: NDArray[np.float64], sigmas: PoseSigmas) -> PosePrior:
-    """Return the prior of the corrections to the current poses of the views.
+    """Return the Gaussian prior of the pose corrections of all views.
 
     Args:
-        clouds: The V views. `T_correction` is the correction that each pose already has. The errors of a view without
-            `T_base_camera` are about `centre`.
-        centre: (3,) point about which the twists of the state rotate, metres, base frame.
-        sigmas: Standard deviations of the errors.
+        clouds: The V views. `NormalCloud.T_correction` is the correction that was already applied to its pose. The
+            errors of a view without `T_base_camera` rotate about `centre`.
+        centre: (3,) rotation centre of the twists of the views, metres, base frame.
+        sigmas: Standard deviations of the pose errors.
 
     Returns:
         The prior of the state with 6 V + 7 entries.
-
-    Source:
-        Ours.
     """
     size = 6 * len(clouds) + N_SHARED
     information = np.zeros((size, size))
@@ -90,7 +86,7 @@ def pose_prior(clouds: Sequence[NormalCloud], centre: NDArray[np.float64], sigma
         own = slice(6 * k, 6 * k + 6)
         T = from_rotation_vector(centre, np.zeros(3)) if cloud.T_base_camera is None else cloud.T_base_camera
         rotation = np.kron(np.eye(2), T[:3, :3])
-        # From a twist about the centre to one about the camera, where robot and hand-eye errors are defined.
+        # Convert a twist about the centre to a twist about the camera, because the errors are defined at the camera.
         to_camera = adjoint(from_rotation_vector(centre - T[:3, 3], np.zeros(3)))
         D = np.zeros((6, size))
         D[:, own] = to_camera
@@ -109,21 +105,21 @@ def pose_prior(clouds: Sequence[NormalCloud], centre: NDArray[np.float64], sigma
 
 
 def twist_about(T: NDArray[np.float64], centre: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the rotation vector of `T` (4, 4) and the displacement of the centre (3,), as one twist (6,)."""
+    """Return the twist (6,) of `T` (4, 4): its rotation vector, and its displacement of the point `centre` (3,)."""
     return np.concatenate([Rotation.from_matrix(T[:3, :3]).as_rotvec(), T[:3, :3] @ centre + T[:3, 3] - centre])
 
 
 def _disparity_offset_twist(
     points: NDArray[np.float64], T: NDArray[np.float64], centre: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return the twist (6,) that best approximates how a disparity offset of one moves the points (N, 3) seen from `T`.
+    """Return the twist (6,) that best approximates the effect of a unit disparity offset on points (N, 3).
 
-    The offset moves a point at depth z by z times its vector from the camera.
+    The offset moves a point at depth z by z times its vector from the camera. `T` (4, 4) is the camera pose.
     """
     p = points[:: max(len(points) // OFFSET_FIT_POINTS, 1)]
     rays = p - T[:3, 3]
     displacement = (rays @ T[:3, 2])[:, None] * rays
-    # Rows of [-(p - centre) x, I]: how a twist moves each point along x, y and z.
+    # Rows of the Jacobian [-(p - centre) x, I] of each point with respect to the twist.
     by_rotation = -cross_matrix(p - centre)
     A = np.concatenate([by_rotation, np.broadcast_to(np.eye(3), by_rotation.shape)], axis=2).reshape(-1, 6)
     return np.asarray(np.linalg.lstsq(A.T @ A, A.T @ displacement.ravel(), rcond=None)[0], dtype=np.float64)

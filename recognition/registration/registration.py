@@ -1,7 +1,7 @@
-"""Joint registration of all views at once, with the hand-eye poses as start and prior (section II.E).
+"""Joint registration of all views, with the hand-eye poses as initial poses and as prior (section II.E).
 
-The paper registers one cloud after the other by ICP. This method slides along the string, accumulates errors and passes
-the pose error of the first view on to all others.
+The paper registers one cloud after the other by ICP. Pairwise ICP slides along the string, accumulates errors, and
+applies the pose error of the first view to all other views.
 """
 
 from collections.abc import Mapping, Sequence
@@ -23,36 +23,36 @@ from recognition.registration.pose_prior import PoseSigmas, pose_prior
 from recognition.registration.view_fitness import evaluate_fitness
 
 MAX_HAND_EYE_ERROR_SIGMA = 5.0
-"""Maximum Mahalanobis norm of the 6D hand-eye error. A larger error means that the calibration has drifted. It
-occurs by chance once in three thousand scans."""
+"""Maximum Mahalanobis norm of the 6D hand-eye error. A larger error means that the calibration has drifted. A
+good calibration exceeds the limit in one of three thousand scans."""
 EXPECTED_ROBOT_RMS = 1.6
-"""Expected rms over the views of the Mahalanobis norm of the 6D robot errors, if the sigmas are right. It is less than
-sqrt(6) because the data do not constrain part of each error, which stays zero."""
+"""Expected rms of the Mahalanobis norms of the 6D robot errors, if the sigmas are right. It is less than sqrt(6),
+because the data do not constrain all directions, and the estimate is zero in the other directions."""
 MAX_ROBOT_RMS_RATIO = 1.3
-"""Maximum ratio of the rms to `EXPECTED_ROBOT_RMS`. Above it, the sigmas are too small for this robot."""
+"""Maximum ratio of the rms of the robot errors to `EXPECTED_ROBOT_RMS`. Above it, the sigmas are increased."""
 
 
 @dataclass(frozen=True, eq=False)
 class Registration:
-    """The merged cloud of all views, with the corrected poses and their covariance."""
+    """Merged cloud of all views, with the corrected views and the covariance of their poses."""
 
     points: NDArray[np.float64]
-    """(N, 3) metres, base frame, without outliers, at most one point in each voxel."""
+    """(N, 3) points of the merged cloud, metres, base frame, at most one point in each voxel."""
     normals: NDArray[np.float64]
-    """(N, 3), unit length."""
+    """(N, 3) unit normals of the points."""
     clouds: tuple[NormalCloud, ...]
-    """The points of each used view as registered."""
+    """Registered cloud of each used view."""
     views: tuple[ViewQuality, ...]
-    """Fitness and correction of each used view, and the reason of each excluded view, by index."""
+    """Fitness and correction of each used view, and the reason for each excluded view, sorted by view index."""
     centre: NDArray[np.float64]
     """(3,) point about which the corrections rotate, metres, base frame."""
     covariance: NDArray[np.float64]
-    """(6 V, 6 V) covariance of the remaining pose errors of `clouds`: a rotation vector and a translation about
-    `centre` for each, radians and metres."""
+    """(6 V, 6 V) covariance of the remaining pose errors of `clouds`. Each view has a rotation (rad) about `centre`,
+    then a translation (m)."""
     warnings: tuple[str, ...] = ()
     """Warnings about the calibration."""
     hand_eye_error: HandEyeErrorEstimate | None = None
-    """The hand-eye error that the views show; None if their surfaces do not constrain it."""
+    """Hand-eye error estimated from the views; None if the surfaces do not constrain the poses."""
 
 
 def register(
@@ -63,24 +63,24 @@ def register(
 ) -> Registration:
     """Align all views to each other and to the given poses, and merge them into one cloud.
 
-    A view that contradicts the others is excluded, and the others are aligned again.
+    Views that contradict the other views are excluded, and the remaining views are aligned again.
 
     Args:
-        clouds: Points with normals of each view, in the base frame at its given pose.
-        parameters: Parameters of the method, for the radius r.
-        correspondences: Overlaps of each view with those before it, as `find_correspondences` found them when the views
-            arrived. None searches them here.
-        sigmas: Standard deviations of the pose errors. None takes the defaults.
+        clouds: Points with normals of each view, at the given pose, base frame.
+        parameters: Method parameters; uses the radius r.
+        correspondences: Correspondences of each view with the earlier views, from `find_correspondences`. None: they
+            are searched here.
+        sigmas: Standard deviations of the pose errors. None: the defaults of `PoseSigmas`.
 
     Returns:
-        The merged cloud, the views as registered and their quality.
+        The merged cloud, the registered views and the quality of each view.
 
     Raises:
-        ContradictingViewsError: No majority of the views shows the same scene.
-        TooCrowdedError: The views together have more points than strings have.
+        ContradictingViewsError: At least half of the views would have to be excluded.
+        TooCrowdedError: The merged cloud has too many points for a scene of strings.
 
     Source:
-        Section II.E; the joint least squares, the prior and the checks are ours.
+        Section II.E. The joint least squares, the prior and the checks are not in the paper.
     """
     sigmas = sigmas or PoseSigmas()
     clouds = sorted(clouds, key=lambda cloud: cloud.view)
@@ -117,7 +117,7 @@ def register(
 
 
 def transform_cloud(cloud: NormalCloud, T: NDArray[np.float64]) -> NormalCloud:
-    """Return `cloud` with its points, normals and poses moved by `T` (4, 4), base to base."""
+    """Apply the motion `T` (4, 4), base to base, to the points, normals and poses of a cloud."""
     return replace(
         cloud,
         points=transform_points(T, cloud.points),
@@ -128,7 +128,7 @@ def transform_cloud(cloud: NormalCloud, T: NDArray[np.float64]) -> NormalCloud:
 
 
 def _find_all_correspondences(clouds: Sequence[NormalCloud], parameters: ChainParameters) -> list[Correspondences]:
-    """Return the correspondences of each view with the views before it."""
+    """Return the correspondences of each view with the earlier views."""
     return [
         overlap for k, cloud in enumerate(clouds) for overlap in find_correspondences(cloud, clouds[:k], parameters)
     ]
@@ -141,7 +141,7 @@ def _align(
     parameters: ChainParameters,
     sigmas: PoseSigmas,
 ) -> tuple[Alignment, list[NormalCloud]]:
-    """Return the most probable poses, and the clouds moved to them."""
+    """Return the alignment of the views, and the clouds at their aligned poses."""
     alignment = align_views(clouds, correspondences, centre, pose_prior(clouds, centre, sigmas), parameters)
     corrections = correction_transforms(alignment.twists, centre)
     return alignment, [transform_cloud(cloud, T) for cloud, T in zip(clouds, corrections, strict=True)]
@@ -157,9 +157,9 @@ def _exclude_views(correspondences: Sequence[Correspondences], reasons: Mapping[
 
 
 def _loosen_sigmas(sigmas: PoseSigmas, robot_errors: NDArray[np.float64]) -> PoseSigmas | None:
-    """Return larger sigmas if the views show a robot that is worse than assumed, else None.
+    """Return larger sigmas if the robot errors (V,) of the views exceed the assumed errors, else None.
 
-    All sigmas grow by the same factor, so that the whole prior has less weight relative to the surfaces.
+    All sigmas grow by the same factor, which reduces the weight of the prior relative to the surfaces.
     """
     ratio = float(np.sqrt(np.mean(robot_errors**2))) / EXPECTED_ROBOT_RMS
     if ratio <= MAX_ROBOT_RMS_RATIO:
@@ -177,7 +177,7 @@ def _excluded_qualities(clouds: Sequence[NormalCloud], reasons: Mapping[int, str
 
 
 def _drift_warnings(hand_eye_error: NDArray[np.float64], sigmas: PoseSigmas) -> list[str]:
-    """Return a warning if the hand-eye error is larger than that of a good calibration."""
+    """Return a warning if the hand-eye error (6,) is larger than a good calibration allows."""
     rotation, translation = hand_eye_error[:3], hand_eye_error[3:]
     length = float(
         np.hypot(np.linalg.norm(rotation) / sigmas.hand_eye_rad, np.linalg.norm(translation) / sigmas.hand_eye_m)

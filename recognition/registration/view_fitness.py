@@ -1,4 +1,4 @@
-"""Fitness of each registered view: how well its points lie on the surfaces of the other views."""
+"""Fitness of registered views: the share of points that lie on the surface of another view."""
 
 from collections.abc import Sequence
 
@@ -12,10 +12,10 @@ from recognition.preprocessing.normals import NormalCloud
 from recognition.registration.correspondences import MIN_COSINE, anchor_points
 
 MAX_FITNESS_POINTS = 60
-"""Maximum number of points of each view that measure its fitness, evenly spread."""
+"""Maximum number of anchor points of each view, evenly spread."""
 MAX_PARTNERS = 7
-"""Maximum number of other views with which a view is compared, evenly spread over all. Time then grows with the number
-of views and not with its square."""
+"""Maximum number of other views with which a view is compared. The limit keeps the time proportional to the number of
+views."""
 
 
 def evaluate_fitness(
@@ -23,18 +23,18 @@ def evaluate_fitness(
 ) -> list[ViewQuality]:
     """Return the fitness of each registered view and the size of its correction.
 
-    An anchor point fits if another view has a point within r of it, with a similar normal. Its distance from the
-    nearest such point is measured along the mean of both normals.
+    An anchor point fits if another view has a point with a similar normal within r. The residual is the distance from
+    the nearest such point, along the mean of the two normals.
 
     Args:
-        clouds: The views before registration.
-        registered: The same views as registered.
-        parameters: Parameters of the method, for the radius r.
+        clouds: Views before registration, base frame.
+        registered: The same views after registration, base frame.
+        parameters: Method parameters; uses the radius r.
 
     Returns:
         One item for each view, in the order of `registered`.
     """
-    # Anchor points are moved to the trees of the unregistered clouds: these trees exist already.
+    # Move the anchor points to the unregistered clouds, because the search trees of these clouds exist already.
     T_unregistered = [
         cloud.T_correction @ inverse(moved.T_correction) for cloud, moved in zip(clouds, registered, strict=True)
     ]
@@ -61,7 +61,7 @@ def evaluate_fitness(
 
 
 def _partners(view: int, n_views: int) -> list[int]:
-    """Return up to `MAX_PARTNERS` of the other views, evenly spread."""
+    """Return the list indices of up to `MAX_PARTNERS` other views, evenly spread."""
     others = [k for k in range(n_views) if k != view]
     return [others[int(k)] for k in np.linspace(0, len(others) - 1, min(MAX_PARTNERS, len(others)))]
 
