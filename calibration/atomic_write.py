@@ -1,4 +1,4 @@
-"""Read files up to a size limit, and write files so that they survive a loss of power."""
+"""Read files up to a size limit, and write files so that they survive a power failure."""
 
 import os
 from contextlib import suppress
@@ -17,13 +17,13 @@ def read_limited(path: str | os.PathLike[str], max_bytes: int) -> bytes:
 
     Args:
         path: The file.
-        max_bytes: Maximum size of the content.
+        max_bytes: Maximum size of the file, bytes.
 
     Raises:
-        FileNotFoundError: There is no such file.
-        IsADirectoryError: It is not a regular file, for example a folder, or a pipe that would block.
-        TooLargeError: It has more than `max_bytes`.
-        OSError: It cannot be read.
+        FileNotFoundError: The file does not exist.
+        IsADirectoryError: The path is not a regular file, for example a folder or a pipe.
+        TooLargeError: The file is larger than `max_bytes`.
+        OSError: The file cannot be read.
     """
     path = Path(path)
     if not path.is_file():
@@ -36,12 +36,12 @@ def read_limited(path: str | os.PathLike[str], max_bytes: int) -> bytes:
 
 
 def read_calibration_file(path: str | os.PathLike[str], max_bytes: int, remedy: str) -> bytes:
-    """Return the content of a file in the folder of a calibration.
+    """Return the content of a file in a calibration folder.
 
     Args:
         path: The file.
-        max_bytes: Maximum size of the content.
-        remedy: What to do if there is no such file, for the message.
+        max_bytes: Maximum size of the file, bytes.
+        remedy: Advice in the error message if the file does not exist.
 
     Raises:
         CalibrationFolderError: The file is missing, too large or not readable.
@@ -58,15 +58,17 @@ def read_calibration_file(path: str | os.PathLike[str], max_bytes: int, remedy: 
 
 
 def write_synced(path: str | os.PathLike[str], content: bytes, mode: int = 0o666) -> None:
-    """Write a new file and sync its content to the disk. `sync_folder` syncs its name.
+    """Write a new file and sync its content to the disk.
+
+    Call `sync_folder` afterwards to sync the name of the file too.
 
     Args:
         path: The file.
-        content: The content.
-        mode: Permissions, which the umask of the process restricts.
+        content: Content of the file.
+        mode: Permissions of the file, before the umask is applied.
 
     Raises:
-        OSError: The file exists, or cannot be written.
+        OSError: The file exists already, or cannot be written.
     """
     with open(path, "xb", opener=partial(os.open, mode=mode)) as file:
         file.write(content)
@@ -75,37 +77,38 @@ def write_synced(path: str | os.PathLike[str], content: bytes, mode: int = 0o666
 
 
 def replace_synced(path: str | os.PathLike[str], content: bytes, mode: int = 0o666) -> None:
-    """Write or replace a file in one step, and sync its content and name to the disk.
+    """Write or replace a file atomically, and sync its content and name to the disk.
 
     Args:
         path: The file.
-        content: The content.
-        mode: Permissions, which the umask of the process restricts.
+        content: New content of the file.
+        mode: Permissions of the file, before the umask is applied.
 
     Raises:
-        OSError: The file cannot be written. An existing file is unchanged.
+        OSError: The file cannot be written; an existing file is then unchanged. Also raised if the folder cannot be
+            synced; the file is then already replaced.
     """
     path = Path(path)
     part = path.with_name(f".{path.name}.{os.getpid()}.part")
     try:
-        part.unlink(missing_ok=True)  # Left by a killed process with the same process id.
+        part.unlink(missing_ok=True)  # A killed process with the same process id may have left it.
         write_synced(part, content, mode)
         part.replace(path)
     except OSError as error:
         with suppress(OSError):
             part.unlink()
-        # The errno gives an error of the same class, and the caller knows only the name of the final file.
+        # Report the name of the final file instead of the temporary file. The errno keeps the subclass of OSError.
         raise OSError(error.errno, error.strerror, str(path)) from error
     sync_folder(path.parent)
 
 
 def sync_folder(folder: str | os.PathLike[str]) -> None:
-    """Sync the names in a folder to the disk, so that they survive a loss of power.
+    """Sync the file names in a folder to the disk, so that they survive a power failure.
 
     Raises:
         OSError: The folder cannot be opened or synced.
     """
-    if os.name == "nt":  # Windows syncs names itself and cannot open a folder.
+    if os.name == "nt":  # Windows cannot open a folder, and syncs the names itself.
         return
     descriptor = os.open(folder, os.O_RDONLY)
     try:

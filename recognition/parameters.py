@@ -22,24 +22,25 @@ USED_BY: Mapping[str, tuple[str, ...]] = {
     "r_cn": ("graph", "enhanced", "matching"),
     "r_cf": ("enhanced",),
 }
-"""Methods that read each parameter, except the radius `r`, which every method reads and which has its own option."""
+"""Names of the methods that use each parameter. The radius `r`, which every method uses, is not listed."""
 
 
 @dataclass(frozen=True)
 class ChainParameters:
-    """Radii and thresholds of the method. `for_radius` returns the values of the paper at r = 4.2 mm.
+    """Radii and thresholds of the method. `for_radius(0.0042)` returns the values of the paper.
 
     Raises:
-        InvalidParametersError: A value is not finite, or the values break a condition of Table I.
+        InvalidParametersError: A value is not finite, the radius is not from `R_MIN` to `R_MAX`, or the values break a
+            condition of Table I.
 
     Source:
-        Table I, and sections II.B, III.B and III.C.
+        Table I, and sections II.B, II.G and III.B to III.D.
     """
 
     r: float
     """String radius."""
     z_t: float
-    """Height above the table; lower points are removed (II.B)."""
+    """Height threshold above the table; lower points are removed (II.B)."""
     r_c: float
     """Radius of the neighbourhood of thinning (III.B, eq. 3)."""
     r_s: float
@@ -47,15 +48,15 @@ class ChainParameters:
     rho_t: float
     """Threshold of the contribution rate; points with a smaller rate belong to an intersection (III.C)."""
     R_t: float
-    """Threshold of the rate of intersection points (III.D, eq. 7); a search above it is in an intersection."""
+    """Threshold of the intersection ratio R_c (III.D, eq. 7); an intersection begins where R_c exceeds it."""
     r_n: float
-    """Inner search sphere of the matching method (II.G), about the distance of the chain points."""
+    """Radius of the inner search sphere of the matching method (II.G), about the spacing of the chain points."""
     r_f: float
-    """Outer search sphere of the matching method (II.G)."""
+    """Radius of the outer search sphere of the matching method (II.G)."""
     r_cn: float
-    """Inner sphere of the bifurcated restart (III.D), the extent of an intersection."""
+    """Radius of the inner sphere of the bifurcated restart (III.D), about the extent of an intersection."""
     r_cf: float
-    """Outer sphere of the bifurcated restart (III.D)."""
+    """Radius of the outer sphere of the bifurcated restart (III.D)."""
 
     def __post_init__(self) -> None:
         values = asdict(self)
@@ -86,13 +87,13 @@ class ChainParameters:
 
     @classmethod
     def for_radius(cls, r: float) -> "ChainParameters":
-        """Return the parameters for a string of radius `r`, in the ratios of Table I.
+        """Return the parameters for the string radius `r`, with the ratios of Table I.
 
         Args:
             r: String radius, metres, from 0.0005 to 0.02. 0.0042 gives the values of Table I.
 
         Raises:
-            InvalidParametersError: The radius is not a number, or not in this range.
+            InvalidParametersError: The radius is not a number, or it is out of this range.
         """
         if not (isinstance(r, float | int) and math.isfinite(r)):
             raise InvalidParametersError(f"the string radius is {r!r}; a length in metres is needed")
@@ -110,26 +111,26 @@ class ChainParameters:
         )
 
     def with_settings(self, settings: Mapping[str, float]) -> "ChainParameters":
-        """Return the parameters with the values of `settings` in place of their own.
+        """Return a copy of the parameters with the values of `settings`.
 
         Args:
-            settings: Values by parameter name, as in `USED_BY`. Lengths are in metres.
+            settings: Values by parameter name. The names are the keys of `USED_BY`. Lengths are in metres.
 
         Raises:
-            InvalidParametersError: A name is unknown, or the values break a condition of Table I.
+            InvalidParametersError: A name is unknown, a name is the radius, or the values break a condition of Table I.
         """
         check_names(settings)
         return replace(self, **settings) if settings else self
 
 
 def check_names(names: Iterable[str]) -> None:
-    """Check that each name is a parameter that may be set.
+    """Check that each name is the name of a parameter other than the radius.
 
     Args:
         names: Names of parameters.
 
     Raises:
-        InvalidParametersError: A name is unknown, or it is the radius.
+        InvalidParametersError: A name is unknown, or a name is the radius.
     """
     for name in names:
         if name == "r":
@@ -141,14 +142,14 @@ def check_names(names: Iterable[str]) -> None:
 
 
 def check_settings(settings: Mapping[str, float], method: str) -> None:
-    """Check that `method` reads each of the parameters that are set.
+    """Check that the method uses each parameter in `settings`.
 
     Args:
         settings: Values by parameter name.
-        method: Name of the method.
+        method: Name of the method, as in `USED_BY`.
 
     Raises:
-        InvalidParametersError: A name is unknown or the radius, or the method does not read the parameter.
+        InvalidParametersError: A name is unknown, a name is the radius, or the method does not use a parameter.
     """
     check_names(settings)
     for name in settings:

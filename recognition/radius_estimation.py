@@ -33,10 +33,9 @@ MAX_HEIGHT_M = 4 * R_MAX
 BIN_M = 0.0004
 """Width of the bins in the histogram of heights, metres."""
 MAX_HEIGHT_WIDTH_RATIO = 2.0
-"""Maximum ratio of half the height to half the width of a string at a ridge cell, and of half the width to half the
-height."""
+"""Maximum ratio of height to width, and of width to height, at a ridge cell of a string."""
 MIN_LENGTH_M = 0.02
-"""Minimum length of a piece, metres. Shorter pieces are noise."""
+"""Minimum extent of a connected piece of cells along x or y, metres. Smaller pieces are noise."""
 MIN_RIDGE_CELLS = 20
 """Minimum number of ridge cells for a measurement of the radius."""
 
@@ -49,7 +48,7 @@ def estimate_parameters(views: Sequence[DepthView], scene: Scene) -> ChainParame
 
     Args:
         views: Depth images with their camera poses.
-        scene: Height of the table and workspace.
+        scene: Table height and workspace.
 
     Returns:
         Parameters for the length-weighted median of the fitted radii. If no string is found, the parameters are for the
@@ -83,9 +82,9 @@ def estimate_parameters(views: Sequence[DepthView], scene: Scene) -> ChainParame
 def estimate_rough_radius(clouds: Sequence[NDArray[np.float64]], table_z_m: float) -> float:
     """Estimate the string radius roughly, with an error of up to about a quarter.
 
-    Seen from above, a string is a band. The ridge of the band is the cells farthest from both sides. On the ridge, the
-    height above the table is 2 r, and the distance from either side is r. Cells with other proportions belong to other
-    objects. The height is doubled at crossings, but most of a string lies on the table.
+    Seen from above, a string is a band. The ridge of the band consists of the cells farthest from both sides. On the
+    ridge, the height above the table is 2 r, and the distance from either side is r. Cells with other proportions
+    belong to other objects. The height is doubled at crossings, but most of a string lies on the table.
 
     Args:
         clouds: Points (N, 3) above the table of each view, metres, base frame.
@@ -137,7 +136,7 @@ def _grid_heights(points: NDArray[np.float64], table_z_m: float) -> tuple[NDArra
 
 
 def _bands(occupied: NDArray[np.bool_]) -> tuple[NDArray[np.bool_], NDArray[np.float64]]:
-    """Return the mask (A, B) of pieces longer than `MIN_LENGTH_M`, and the distances (A, B) from the sides, metres."""
+    """Return the mask (A, B) of pieces of `MIN_LENGTH_M` or more, and the distances (A, B) from the sides, metres."""
     band = ndimage.binary_closing(occupied, iterations=2)
     half_width = np.asarray(ndimage.distance_transform_edt(band)) * CELL_M
     piece = np.zeros(occupied.shape, dtype=np.int32)

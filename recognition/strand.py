@@ -22,7 +22,7 @@ class Strand:
     bridged: NDArray[np.bool_]
     """(N,) mask, True for points that were interpolated across a gap, not measured."""
     closed: bool = False
-    """Whether the last point connects to the first."""
+    """True if the last point connects to the first."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,7 +73,7 @@ def join_strands(
         parameters: Method parameters; uses the bridge spacing r_n and the end length r_f.
 
     Returns:
-        The joined strands. Each has the position of its first member in the order of `strands`.
+        The joined strands, in the order of their first members in `strands`.
     """
     partner = {a: b for pair in pairs for a, b in (pair, pair[::-1])}
     end_index = {(end.strand, end.at_start): number for number, end in enumerate(ends)}
@@ -81,7 +81,7 @@ def join_strands(
     joined = []
 
     def walk(strand: int, leave_at_start: bool) -> tuple[list[tuple[int, bool]], bool]:
-        """Follow the pairs from one end of a strand. Return (strand, leaves at start) per step, and closure."""
+        """Return the path from one end, as (strand, leaves at start) per strand, and whether the path is closed."""
         path = [(strand, leave_at_start)]
         while (following := partner.get(end_index.get((strand, leave_at_start), -1))) is not None:
             strand, leave_at_start = ends[following].strand, not ends[following].at_start

@@ -103,7 +103,7 @@ def _reason(
 def _explain_by_other_view(
     k: int, mounting: Mounting, flange, X, Y, T_camera_board, names: tuple[str, ...]
 ) -> str | None:
-    """Return a message if the image or the pose of view `k` fits another view, else None."""
+    """Return a message if the image or the flange pose of view `k` seems to belong to another view, else None."""
     others = np.arange(len(names)) != k
     fitting = np.flatnonzero(_fits(mounting, flange, X, Y, T_camera_board) & others)
     if len(fitting):

@@ -1,7 +1,7 @@
 """Files of a calibration: a folder of images and flange poses goes in, the observations for the solver come out.
 
-`folder` reads and writes the folder, and `view_detection` detects the board in its images. `observations_file` stores
-the detected corners, so that a calibration can be solved again without the images.
+`folder` reads and writes the folder, and `view_detection` detects the board in the images. `observations_file` stores
+the detected corners. A calibration can be solved again from the stored corners, without the images.
 """
 
 from calibration.dataset.folder import FolderContent, FolderView, read_folder, read_setup, write_setup, write_view

@@ -1,12 +1,12 @@
-"""Read and write the folder of a calibration: images of the board, and the flange pose of each.
+"""Read and write a calibration folder: images of the board, and the flange pose of each image.
 
     DIR/setup.json   board, camera and robot, as in `calibration.dataset.setup`
-    DIR/NAME.png     an image of the board (also .jpg, .jpeg, .bmp, .tif, .tiff; grey or colour)
-    DIR/NAME.json    its flange pose: {"T_base_flange": {"xyz_m": [3], "quat_xyzw": [4]}, "held_out": false}
+    DIR/NAME.png     image of the board (also .jpg, .jpeg, .bmp, .tif, .tiff; grey or colour)
+    DIR/NAME.json    flange pose: {"T_base_flange": {"xyz_m": [3], "quat_xyzw": [4]}, "held_out": false}
 
-`T_base_flange` may also be `{"xyz_m": [3], "rotvec_rad": [3]}`, with the rotation as axis times angle, or a 4x4 matrix.
-Views that are `held_out` are used for verification only. After solving, `observations.json` and `hand_eye.json` are in
-the folder too. Files outside DIR are never read, and links are not followed.
+`T_base_flange` may also be a 4x4 matrix, or `{"xyz_m": [3], "rotvec_rad": [3]}` with a rotation vector. Views with
+`held_out` true are used for verification only. The solver adds `observations.json` and `hand_eye.json` to the folder.
+The images and poses in DIR must not be symbolic links.
 """
 
 import os
@@ -51,15 +51,15 @@ SETUP_FILE = "setup.json"
 HAND_EYE_FILE = "hand_eye.json"
 """Name of the file with the solved calibration."""
 RESERVED_FILES = {SETUP_FILE, HAND_EYE_FILE, OBSERVATIONS_FILE, "hand_eye.previous.json"}
-"""JSON files that are no views."""
+"""JSON files that are not the pose of a view."""
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff")
 """Suffixes of image files, in lower case."""
 MAX_JSON_BYTES = 1 << 20
-"""Maximum size of a JSON file."""
+"""Maximum size of a JSON file, bytes."""
 WRITTEN_NAME = re.compile(r"[0-9A-Za-z][0-9A-Za-z._-]{0,99}")
-"""Names of written views, valid in every file system. Views that are read may have other names."""
+"""Pattern of the view names that `write_view` accepts. `read_folder` accepts any name."""
 UNIT_SLUGS = ("degrees", "millimetres")
-"""Errors of one view that affect all views, because the program that wrote the poses used other units."""
+"""Slugs of unit errors. A wrong unit in one view means that all poses were written in this unit."""
 
 
 class _VectorPose(Form):
@@ -82,14 +82,14 @@ class _ViewForm(Form, extra="forbid"):
 
 @dataclass(frozen=True, eq=False)
 class FolderView:
-    """One image and its flange pose."""
+    """One image file and its flange pose."""
 
     name: str
-    """Name of the files without suffix."""
+    """Name of the image file and the pose file, without suffix."""
     image: Path
-    """Image file, not opened yet."""
+    """Path of the image file."""
     T_base_flange: NDArray[np.float64]
-    """(4, 4) flange pose that the robot reported, metres."""
+    """(4, 4) flange pose in the base frame, reported by the robot, metres."""
     held_out: bool
     """Whether the view is used for verification only."""
 
@@ -101,22 +101,22 @@ class FolderContent:
     setup: Setup
     """Board, camera and robot."""
     views: tuple[FolderView, ...]
-    """Usable views in the order of their names; numbers in names are ordered by value."""
+    """Usable views, sorted by name. Numbers in names are sorted by value."""
     excluded: tuple[tuple[str, str], ...]
-    """Views that cannot be used: name and reason."""
+    """(name, reason) of each view or file that cannot be used."""
 
 
 def read_folder(folder: str | os.PathLike[str]) -> FolderContent:
-    """Return the setup, the poses and the names of the images in a folder.
+    """Read the setup and the flange poses of a calibration folder, and list the images.
 
-    Views with an error are excluded and named in the result. The images are not opened.
+    A view with an error is excluded, and the result gives the reason. The images are not opened.
 
     Args:
         folder: The folder with `setup.json`.
 
     Raises:
         CalibrationFolderError: The folder is missing, `setup.json` is not valid, or no view is usable.
-        HandEyeInputError: The poses are in other units. `slug` is "degrees" or "millimetres".
+        HandEyeInputError: A pose is in other units. `slug` is "degrees" or "millimetres".
     """
     folder = Path(folder)
     setup = read_setup(folder)
@@ -141,7 +141,7 @@ def read_folder(folder: str | os.PathLike[str]) -> FolderContent:
 
 
 def read_setup(folder: str | os.PathLike[str]) -> Setup:
-    """Return the setup of a calibration folder.
+    """Read `setup.json` of a calibration folder.
 
     Raises:
         CalibrationFolderError: The folder is missing, or `setup.json` is not valid.
@@ -154,10 +154,10 @@ def read_setup(folder: str | os.PathLike[str]) -> Setup:
 
 
 def write_setup(folder: str | os.PathLike[str], setup: Setup) -> None:
-    """Write `setup.json`, and make the folder if needed.
+    """Write `setup.json`. Create the folder if it does not exist.
 
     Raises:
-        OSError: The file cannot be written.
+        OSError: The folder cannot be created, or the file cannot be written.
     """
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
@@ -171,13 +171,13 @@ def write_view(
     T_base_flange: NDArray[np.float64],
     held_out: bool = False,
 ) -> None:
-    """Write an image as PNG and its flange pose, both synced to the disk.
+    """Write the PNG file and the pose file of a view, and sync the files to the disk.
 
     Args:
         folder: The calibration folder.
-        name: Name of the files without suffix.
+        name: Name of the two files, without suffix.
         image: (H, W) grey or (H, W, 3) BGR image.
-        T_base_flange: (4, 4) flange pose that the robot reported, metres.
+        T_base_flange: (4, 4) flange pose in the base frame, reported by the robot, metres.
         held_out: Whether the view is used for verification only.
 
     Raises:
@@ -198,7 +198,7 @@ def write_view(
 
 
 def _list_files(folder: Path) -> tuple[dict[str, list[Path]], dict[str, Path], list[tuple[str, str]]]:
-    """Return the images and the poses by name of the view, and the excluded files with reasons."""
+    """Return the image files by view name, the pose file by view name, and (name, reason) of each excluded file."""
     images: dict[str, list[Path]] = {}
     poses: dict[str, Path] = {}
     excluded = []
@@ -243,6 +243,6 @@ def _read_form(form: type[FormT], path: Path, remedy: str) -> FormT:
 
 
 def _natural_key(name: str) -> list[tuple[int, int, str]]:
-    """Return a sort key that puts 2 before 10."""
+    """Return a sort key that compares numbers in a name by value, for example 2 before 10."""
     parts = re.split(r"(\d+)", name)
     return [(0, int(part), "") if part.isascii() and part.isdigit() else (1, 0, part) for part in parts]

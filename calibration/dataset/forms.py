@@ -1,4 +1,4 @@
-"""Schemas of the JSON values in calibration files, and messages that name the file and field of an error."""
+"""Schemas of the JSON values in calibration files, and error messages with the file name and the field name."""
 
 import json
 import reprlib
@@ -14,11 +14,11 @@ from calibration.geometry.transforms import from_quaternion, rigid, to_quaternio
 from calibration.target.board import Board
 
 STRICT_CONFIG = ConfigDict(strict=True, allow_inf_nan=False, str_min_length=1)
-"""Strings and booleans are not converted to numbers; NaN, infinity and empty strings are invalid."""
+"""Strict pydantic settings: no conversion of strings and booleans to numbers, no NaN, no infinity, no empty strings."""
 
 
 class Form(BaseModel):
-    """A JSON object with strict types: see `STRICT_CONFIG`."""
+    """Base class of the schemas of JSON objects. The settings are `STRICT_CONFIG`."""
 
     model_config = STRICT_CONFIG
 
@@ -48,7 +48,7 @@ class _QuaternionPose(Form):
 
 
 def transform_from_json(value: object) -> NDArray[np.float64]:
-    """Return the rigid transform of a JSON value.
+    """Convert a JSON value to a rigid transform.
 
     Args:
         value: A 4x4 matrix, or `{"xyz_m": [3], "quat_xyzw": [4]}`.
@@ -57,7 +57,8 @@ def transform_from_json(value: object) -> NDArray[np.float64]:
         (4, 4) rigid transform, metres.
 
     Raises:
-        ValueError: It is neither. The subclasses ValidationError of pydantic and NotRigidError say why.
+        ValueError: The value has another form. The error may be a pydantic.ValidationError, which is a subclass.
+        NotRigidError: The matrix is not a rigid transform, or the length of the quaternion is not 1.
     """
     if isinstance(value, dict):
         pose = _QuaternionPose.model_validate(value)
@@ -99,27 +100,30 @@ _EXPECTED = {
     "too_long": "a list of at most {max_length}",
     "too_short": "a list of at least {min_length}",
 }
-"""What is needed instead, by pydantic's type of the error."""
+"""Description of the expected value in a message, by pydantic error type."""
 
 FormT = TypeVar("FormT", bound=Form)
 
 
 def parse_form(form: type[FormT], content: bytes, source: object, error: type[HandEyeError]) -> FormT:
-    """Return the content of a JSON file as a form.
+    """Parse the content of a JSON file and validate it against a schema.
 
     Args:
         form: The schema.
         content: Content of the file.
-        source: Name of the file for the message.
+        source: Name of the file in the error message.
         error: Class of the exception to raise.
 
+    Returns:
+        The validated JSON object, an instance of `form`.
+
     Raises:
-        HandEyeError: Of the class `error`: the content is not JSON or does not match the schema.
+        HandEyeError: The content is not JSON, or does not match the schema. The exception has the class `error`.
     """
     try:
         document = json.loads(content)
     except (ValueError, RecursionError) as invalid:
-        reason = str(invalid).replace(": ", ", ")  # In messages, the text after a colon says what to do.
+        reason = str(invalid).replace(": ", ", ")  # A colon in a message separates the error from the advice.
         raise error(f"{source} is not JSON ({reason}): write it again, or use the previous file") from invalid
     if not isinstance(document, dict):
         raise error(f"{source} is not a JSON object: write an object, {{...}}")
@@ -130,7 +134,12 @@ def parse_form(form: type[FormT], content: bytes, source: object, error: type[Ha
 
 
 def _describe_first_error(error: ValidationError, parents: tuple[int | str, ...] = ()) -> str:
-    """Return the first error, for example "camera.width is 0; a number of at least 1 is needed"."""
+    """Return the message for the first error, for example "camera.width is 0; a number of at least 1 is needed".
+
+    Args:
+        error: The validation error.
+        parents: Path of field names and list indices from the JSON object to the value with the error.
+    """
     first: Any = error.errors(include_url=False)[0]
     location, kind, context = parents + first["loc"], first["type"], first.get("ctx", {})
     if isinstance(context.get("error"), ValidationError):
@@ -147,15 +156,15 @@ def _describe_first_error(error: ValidationError, parents: tuple[int | str, ...]
 
 
 def document_to_bytes(document: object) -> bytes:
-    """Return a JSON document as the content of a file."""
+    """Serialise a JSON document to the content of a file."""
     return (json.dumps(document, indent=2, allow_nan=False) + "\n").encode()
 
 
 def time_to_json(time: datetime | None) -> str | None:
-    """Return a time as JSON, to the second."""
+    """Convert a time to ISO 8601 text with whole seconds. None stays None."""
     return None if time is None else time.isoformat(timespec="seconds")
 
 
 def transform_to_json(T: NDArray[np.float64]) -> dict[str, list[float]]:
-    """Return a rigid transform (4, 4) as JSON."""
+    """Convert a rigid transform (4, 4), metres, to a JSON object with `xyz_m` and `quat_xyzw`."""
     return {"xyz_m": T[:3, 3].tolist(), "quat_xyzw": to_quaternion(T).tolist()}

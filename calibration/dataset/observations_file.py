@@ -1,9 +1,15 @@
-"""Read and write `observations.json`, the raw observations from which a calibration can be solved again.
+"""Read and write `observations.json`, the observations from which a calibration can be solved again.
 
-It has the members of `setup.json` and `views`. Each view has its name, `T_base_flange` (4x4), the `ids` and `pixels` of
-the corners, `corner_sigma_px`, and `held_out` (used for verification only). Numbers have full precision, so that
-solving again gives the same result. `corner_sigma_px` is the accuracy that the detector reports (null if not known). It
-helps people to find a bad image; the solver estimates the noise itself.
+The file has the members of `setup.json`, and `views`. Each view has the members
+
+    name             name of the view
+    held_out         whether the view is used for verification only
+    T_base_flange    4x4 matrix, metres
+    ids, pixels      numbers and pixels of the detected corners
+    corner_sigma_px  standard deviation of the corner noise reported by the detector, or null if unknown
+
+Numbers have full precision, so that solving again gives the same result. `corner_sigma_px` helps people to find a bad
+image. The solver ignores `corner_sigma_px` and estimates the noise.
 """
 
 import hashlib
@@ -27,7 +33,7 @@ __all__ = ["OBSERVATIONS_FILE", "StoredObservations", "load_observations", "writ
 OBSERVATIONS_FILE = "observations.json"
 """Name of the file in a calibration folder."""
 MAX_BYTES = 64 << 20
-"""Maximum size of the file."""
+"""Maximum size of the file, bytes."""
 MAX_VIEWS = 1000
 """Maximum number of views."""
 
@@ -50,18 +56,18 @@ class StoredObservations:
     """The content of `observations.json`."""
 
     observations: Observations
-    """Views to solve from."""
+    """Observations with the views for the solver."""
     held_out: Observations
-    """Views for verification; often none."""
+    """Observations with the views for verification, which may be empty."""
     sha256: str
-    """SHA-256 of the content of the file, hexadecimal."""
+    """SHA-256 of the file content, hexadecimal."""
 
 
 def load_observations(path: str | os.PathLike[str]) -> StoredObservations:
-    """Return all observations of a calibration.
+    """Read the file `observations.json` of a calibration.
 
     Args:
-        path: The file `observations.json`.
+        path: The file.
 
     Raises:
         CalibrationFolderError: The file is missing or not valid.
@@ -85,15 +91,15 @@ def load_observations(path: str | os.PathLike[str]) -> StoredObservations:
 def write_observations(
     path: str | os.PathLike[str], observations: Observations, held_out: Observations | None = None
 ) -> str:
-    """Write the observations of a calibration in one step, synced to the disk.
+    """Write the file `observations.json` of a calibration atomically, and sync it to the disk.
 
     Args:
-        path: The file `observations.json`.
-        observations: Views to solve from.
-        held_out: Views for verification. None: there are none.
+        path: The file. An existing file is replaced.
+        observations: Observations with the views for the solver.
+        held_out: Observations with the views for verification, or None if no view is held out.
 
     Returns:
-        SHA-256 of the content, hexadecimal.
+        SHA-256 of the file content, hexadecimal.
 
     Raises:
         OSError: The file cannot be written.

@@ -1,9 +1,16 @@
-"""The board, the camera and the robot of a calibration, as in `setup.json` of a calibration folder.
+"""Board, camera and robot of a calibration, and the schema of the file `setup.json`.
 
-`{"schema_version": 1, "mounting": "eye-in-hand" | "eye-to-hand", "board": {"kind", "columns", "rows", "pitch_m",
-"marker_m", "dictionary"}, "camera": {"id": text or null, "width", "height", "K": 3x3, "distortion": []},
-"robot_serial": text or null, "created": time of the images, ISO 8601 with a time zone, or null}`; metres and pixels.
-`K` and the distortion (coefficients of OpenCV, empty for rectified images) are valid for images of this size.
+The members of `setup.json` are
+
+    schema_version  1
+    mounting        "eye-in-hand" or "eye-to-hand"
+    board           kind, columns, rows, pitch_m; for ChArUco also marker_m, dictionary
+    camera          id (or null), width and height (pixels), K (3x3, pixels), distortion (coefficients)
+    robot_serial    serial number, or null
+    created         time of the images, ISO 8601 with a time zone, or null
+
+The distortion coefficients are in OpenCV order; the list is empty for rectified images. `K` and `distortion` must
+belong to images of the given width and height.
 """
 
 from dataclasses import dataclass, field
@@ -24,7 +31,7 @@ __all__ = ["Setup", "SetupForm", "setup_to_json"]
 SCHEMA_VERSION = 1
 """Version of the format of `setup.json`."""
 MAX_SIDE_PX = 16384
-"""Maximum width and height of an image, pixels. No camera has more."""
+"""Maximum width and height of an image, pixels."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,29 +39,29 @@ class Setup:
     """Board, camera and robot of a calibration."""
 
     board: Board
-    """The board, with its size as given."""
+    """The board, with its nominal size."""
     K: NDArray[np.float64]
-    """(3, 3) pinhole matrix that the camera reports, pixels."""
+    """(3, 3) pinhole matrix reported by the camera, pixels."""
     image_size: tuple[int, int]
     """Width and height of the images, pixels."""
     distortion: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
-    """Distortion coefficients in the order of OpenCV; empty for rectified images."""
+    """Distortion coefficients in OpenCV order; empty for rectified images."""
     camera_id: str | None = None
-    """Device id of the camera, or None if not known."""
+    """Device id of the camera; None if unknown."""
     robot_serial: str | None = None
-    """Serial number of the robot, or None if not known."""
+    """Serial number of the robot; None if unknown."""
     mounting: Mounting = "eye-in-hand"
-    """Whether the camera is on the flange or stands in the cell."""
+    """Whether the camera is on the flange or in the cell."""
     created: datetime | None = None
-    """Time of the images, with a time zone, or None if not known."""
+    """Time at which the images were taken, with a time zone; None if unknown."""
 
     @staticmethod
     def from_observations(observations: Observations) -> "Setup":
-        """Return the setup of these observations."""
+        """Return the setup of the given observations."""
         return Setup(**{name: getattr(observations, name) for name in Setup.__dataclass_fields__})
 
     def observations(self, views: tuple[BoardView, ...]) -> Observations:
-        """Return the observations of this setup with these views."""
+        """Combine the setup and the given views into observations."""
         return Observations(views=views, **{name: getattr(self, name) for name in Setup.__dataclass_fields__})
 
 
@@ -89,7 +96,7 @@ class SetupForm(Form, extra="forbid"):
     created: Timestamp | None = None
 
     def to_setup(self) -> Setup:
-        """Return the setup."""
+        """Convert the validated JSON object to a setup."""
         return Setup(
             board=self.board,
             K=np.array(self.camera.K),
@@ -103,7 +110,7 @@ class SetupForm(Form, extra="forbid"):
 
 
 def setup_to_json(setup: Setup) -> dict[str, Any]:
-    """Return the setup as JSON values."""
+    """Convert a setup to the JSON object of `setup.json`."""
     width, height = setup.image_size
     return {
         "schema_version": SCHEMA_VERSION,

@@ -14,38 +14,42 @@ from calibration.dataset.setup import Setup
 from calibration.errors import BoardDetectionError, CalibrationFolderError
 from calibration.observations import BoardView, Observations
 from calibration.pose_estimation.corner_disambiguation import make_numbering_consistent
-from calibration.target.detection import BoardSighting, detect_board
+from calibration.target.detection import DetectedBoard, detect_board
 
 __all__ = ["DetectedViews", "board_view", "detect_views", "make_views_consistent", "read_image"]
 
 MAX_IMAGE_BYTES = 128 << 20
-"""Maximum size of an image file."""
+"""Maximum size of an image file, bytes."""
 
-OnView = Callable[[str, BoardSighting | str], None]
-"""Called with the name of a view, and its detected corners or the reason why there are none."""
+OnView = Callable[[str, DetectedBoard | str], None]
+"""Callback for one view. The arguments are the view name, and its detected corners or the reason for its exclusion."""
 
 
 @dataclass(frozen=True, eq=False)
 class DetectedViews:
-    """The corners in all images of a folder."""
+    """Detected corners in all images of a folder."""
 
     observations: Observations
-    """Views to solve from."""
+    """Observations with the views for the solver."""
     held_out: Observations
-    """Views for verification; often none."""
+    """Observations with the views for verification, which may be empty."""
     excluded: tuple[tuple[str, str], ...]
-    """Views that cannot be used, with those of the folder: name and reason."""
+    """(name, reason) of each view or file that cannot be used, including `FolderContent.excluded`."""
 
 
 def detect_views(content: FolderContent, on_view: OnView | None = None) -> DetectedViews:
-    """Detect the board in every image of a folder. An image without a board is excluded and named in the result.
+    """Detect the board in every image of a folder.
+
+    An image that is not readable or does not show the board is excluded, and the result gives the reason. If no image
+    is readable, the result has no views.
 
     Args:
-        content: The folder, as `read_folder` returns it.
-        on_view: Called after each view, to report progress.
+        content: Content of the folder, from `read_folder`.
+        on_view: Progress callback, called after each view; None for no callback.
 
     Raises:
-        BoardDetectionError: No image shows the board. The message has the reason for the first image.
+        BoardDetectionError: At least one image is readable, and no image shows the board. The message gives the reason
+            for the first readable image.
     """
     setup, excluded = content.setup, list(content.excluded)
     views: list[BoardView] = []
@@ -74,16 +78,16 @@ def detect_views(content: FolderContent, on_view: OnView | None = None) -> Detec
 def make_views_consistent(
     setup: Setup, views: Sequence[BoardView], is_unique: Sequence[bool], held_out: Collection[str]
 ) -> tuple[Observations, Observations]:
-    """Number all views of a symmetric board from the same corner, and separate the held-out views.
+    """Make the corner numbers of a symmetric board consistent in all views, and separate the held-out views.
 
     Args:
         setup: Board, camera and robot.
         views: N views.
-        is_unique: (N,) whether the numbering of a view is unique (`BoardSighting.is_numbering_unique`).
+        is_unique: (N,) True for views with a unique numbering (`DetectedBoard.is_numbering_unique`).
         held_out: Names of the views for verification.
 
     Returns:
-        The views to solve from, and the views for verification.
+        Observations with the views for the solver, and observations with the views for verification.
     """
     consistent = make_numbering_consistent(setup.observations(tuple(views)), is_unique).views
     return (
@@ -92,13 +96,13 @@ def make_views_consistent(
     )
 
 
-def board_view(view: FolderView, sighting: BoardSighting) -> BoardView:
-    """Return the view with its detected corners."""
+def board_view(view: FolderView, sighting: DetectedBoard) -> BoardView:
+    """Combine the name and flange pose of a view with its detected corners."""
     return BoardView(view.name, view.T_base_flange, sighting.ids, sighting.pixels, sighting.corner_sigma_px)
 
 
 def read_image(path: str | os.PathLike[str], size: tuple[int, int]) -> NDArray[np.uint8]:
-    """Return the pixels of an image file as the sensor had them. The orientation in its metadata is ignored.
+    """Read an image file. The orientation in the metadata is ignored, because `K` belongs to the unrotated pixels.
 
     Args:
         path: The image file.
@@ -108,7 +112,7 @@ def read_image(path: str | os.PathLike[str], size: tuple[int, int]) -> NDArray[n
         (H, W) grey or (H, W, 3) BGR image.
 
     Raises:
-        CalibrationFolderError: The file cannot be read, or the image has another size.
+        CalibrationFolderError: The file cannot be read, is not an image, or does not have the expected size.
     """
     import cv2
 

@@ -1,7 +1,7 @@
 """Rigid transforms: rotations, translations and points go in; checked (4, 4) matrices and mapped points come out.
 
-`transforms` handles single transforms, whose functions this package exports, and all packages use it. `se3` handles
-stacks of transforms and their small changes, for the solvers.
+`transforms` handles single transforms; this package exports its functions. `se3` handles stacks of transforms and
+their small changes, for the solvers.
 """
 
 from calibration.geometry.transforms import (

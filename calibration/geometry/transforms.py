@@ -1,8 +1,8 @@
 """Rigid transforms as 4x4 float64 matrices.
 
-`T_base_camera` maps camera points to base: `p_base = T_base_camera @ p_camera`, and chains read from
-left to right: `T_base_camera = T_base_flange @ T_flange_camera`. `calibration.geometry.se3` has the stacked versions,
-which differ from these in the last digit.
+`T_base_camera` maps camera points to the base frame: `p_base = T_base_camera @ p_camera`. Products read from left to
+right: `T_base_camera = T_base_flange @ T_flange_camera`. `calibration.geometry.se3` has functions for stacks of
+transforms. Their results may differ in the last digit.
 """
 
 import numpy as np
@@ -11,22 +11,23 @@ from numpy.typing import ArrayLike, NDArray
 from calibration.geometry.se3 import nearest_rotation
 
 ROTATION_TOLERANCE = 1e-4
-"""Maximum deviation of R^T R from the identity. It is 0.1 mm at one metre, above the rounding of any file format."""
+"""Maximum deviation of an entry of R^T R from the identity. This deviation moves a point at 1 m by about 0.1 mm. The
+rounding of numbers in files causes smaller deviations."""
 EXACT_ROTATION_TOLERANCE = 1e-13
-"""Maximum deviation of R^T R from the identity in a rotation that is exact except for the rounding of float64."""
+"""Maximum deviation of an entry of R^T R from the identity, for a rotation that is exact up to float64 rounding."""
 
 
 class NotRigidError(ValueError):
-    """Raised for a matrix that should be a rigid transform and is not."""
+    """A matrix or pose is not a rigid transform."""
 
     slug = "not-rigid"
 
 
 def rigid(T: ArrayLike, name: str) -> NDArray[np.float64]:
-    """Return `T` as a float64 matrix after checking that it is a rotation and a translation.
+    """Check that a matrix is a rigid transform, and return a float64 copy.
 
     Args:
-        T: (4, 4) matrix, or anything that NumPy converts to one. The translation is in metres.
+        T: (4, 4) array-like. The translation is in metres.
         name: Name of the transform in the error message.
 
     Returns:
@@ -47,7 +48,7 @@ def rigid(T: ArrayLike, name: str) -> NDArray[np.float64]:
     if not np.array_equal(matrix[3], (0.0, 0.0, 0.0, 1.0)):
         raise NotRigidError(f"{name} has the last row {matrix[3].tolist()}; it must be [0, 0, 0, 1]")
     R = matrix[:3, :3]
-    # Entries that overflow give NaN, which fails the comparison below.
+    # An overflow gives infinity or NaN, and fails the comparison below.
     with np.errstate(over="ignore", invalid="ignore"):
         deviation = np.abs(R.T @ R - np.eye(3)).max()
         scale = np.linalg.norm(R) / np.sqrt(3.0)
@@ -62,15 +63,15 @@ def rigid(T: ArrayLike, name: str) -> NDArray[np.float64]:
 
 
 def with_nearest_rotation(T: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return a rigid transform with its rotation replaced by the nearest exact rotation.
+    """Replace the rotation of a rigid transform by the nearest exact rotation.
 
-    A matrix with rounded entries is only approximately a rotation.
+    A rotation with rounded entries, for example from a file, is not exactly orthonormal.
 
     Args:
         T: (4, 4) rigid transform.
 
     Returns:
-        (4, 4) rigid transform. It is `T` itself if the rotation is exact to `EXACT_ROTATION_TOLERANCE`.
+        (4, 4) rigid transform. `T` is returned unchanged if its rotation is exact to `EXACT_ROTATION_TOLERANCE`.
     """
     R = T[:3, :3]
     if np.abs(R.T @ R - np.eye(3)).max() <= EXACT_ROTATION_TOLERANCE:
@@ -83,7 +84,7 @@ def with_nearest_rotation(T: NDArray[np.float64]) -> NDArray[np.float64]:
 def inverse(T: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the inverse (4, 4) of a rigid transform (4, 4): `inverse(T_a_b)` is `T_b_a`.
 
-    `calibration.geometry.se3.invert_poses` inverts a stack.
+    For stacks of transforms, see `calibration.geometry.se3.invert_poses`.
     """
     result = np.eye(4)
     result[:3, :3] = T[:3, :3].T
@@ -92,17 +93,17 @@ def inverse(T: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def transform_points(T: NDArray[np.float64], points: NDArray[np.floating]) -> NDArray[np.float64]:
-    """Return the points (N, 3) mapped by `T` (4, 4). `T_base_camera` maps camera points to the base frame."""
-    # For a million points this is ten times as fast as `points @ R.T`.
+    """Map points (N, 3) by a transform (4, 4). For example, `T_base_camera` maps camera points to the base frame."""
+    # For a million points, this formula is ten times as fast as `points @ R.T`.
     return (T[:3, :3] @ points.T).T + T[:3, 3]
 
 
 def from_quaternion(translation: ArrayLike, quaternion_xyzw: ArrayLike, name: str) -> NDArray[np.float64]:
-    """Return the transform with a given translation and rotation quaternion.
+    """Return the transform of a translation and a rotation quaternion.
 
     Args:
-        translation: (3,) metres.
-        quaternion_xyzw: (4,) x, y, z, w, with the real part last.
+        translation: (3,) translation, metres.
+        quaternion_xyzw: (4,) unit quaternion in the order x, y, z, w.
         name: Name of the transform in the error message.
 
     Returns:
@@ -142,7 +143,15 @@ def rotation_angle(T: NDArray[np.float64]) -> float:
 
 
 def from_rotation_vector(translation: ArrayLike, rotation_vector: ArrayLike) -> NDArray[np.float64]:
-    """Return the transform (4, 4) with a translation (3,), metres, and a rotation vector (3,), radians."""
+    """Return the transform of a translation and a rotation vector.
+
+    Args:
+        translation: (3,) translation, metres.
+        rotation_vector: (3,) rotation vector, radians.
+
+    Returns:
+        (4, 4) rigid transform.
+    """
     from scipy.spatial.transform import Rotation
 
     T = np.eye(4)

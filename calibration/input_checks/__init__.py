@@ -1,7 +1,7 @@
-"""Input checks: observations go in, and a `HandEyeInputError` comes out if no calibration can be solved from them.
+"""Input checks: observations go in, and a `HandEyeInputError` is raised if they do not determine a calibration.
 
-`check_observations` checks the camera, each view and the motion of the robot before anything is solved.
-`check_camera_moved` checks afterwards that the board moved in the images when the robot rotated.
+`check_observations` checks the camera, each view and the robot motion before the board poses are estimated.
+`check_camera_moved` checks the estimated board poses: the board must rotate in the camera frame.
 """
 
 from calibration.input_checks.camera import check_camera

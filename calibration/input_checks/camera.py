@@ -1,4 +1,4 @@
-"""Checks of the camera matrix, the distortion and the mounting."""
+"""Check the camera matrix, the distortion and the mounting."""
 
 from typing import get_args
 
@@ -9,25 +9,27 @@ from calibration.errors import HandEyeInputError
 from calibration.observations import Mounting
 
 AXIS_SHARES = (0.2, 0.8)
-"""Range of the optical axis, as shares of the width and height of the image. Outside, K is of another resolution."""
+"""Range of the principal point, as fractions of the image width and height. A principal point outside this range means
+that K belongs to another resolution."""
 FOCAL_SHARES = (0.1, 20.0)
-"""Range of the focal length, as a share of the width of the image: from a fish-eye lens to a telescope."""
+"""Range of the focal lengths, as fractions of the image width: from a fish-eye lens to a telescope."""
 MAX_SKEW = 1e-6
-"""Maximum skew, as a share of the focal length, for rounding. The cameras in use have rectangular pixels."""
+"""Maximum skew, as a fraction of the focal length. It allows for rounding only."""
 DISTORTION_SIZES = (0, 4, 5, 8, 12, 14)
-"""Numbers of distortion coefficients that OpenCV knows."""
+"""Numbers of distortion coefficients that are valid in OpenCV; 0 for rectified images."""
 
 
 def check_camera(K: NDArray[np.float64], distortion: NDArray[np.float64], image_size: tuple[int, int]) -> None:
-    """Check that the camera matrix and the distortion can belong to images of this size.
+    """Check that the camera matrix and the distortion are plausible for the image size.
 
     Args:
         K: (3, 3) pinhole matrix, pixels.
-        distortion: Distortion coefficients in the order of OpenCV; empty for rectified images.
-        image_size: Width and height, pixels.
+        distortion: Distortion coefficients in OpenCV order; empty for rectified images.
+        image_size: Width and height of the images, pixels.
 
     Raises:
-        HandEyeInputError: They cannot ("not-finite" or "intrinsics").
+        HandEyeInputError: The camera matrix, the distortion or the image size is wrong. `slug` is "not-finite" or
+            "intrinsics".
     """
     width, height = image_size
     K, distortion = (np.asarray(values, dtype=np.float64) for values in (K, distortion))
@@ -63,10 +65,10 @@ def _is_near_middle(position_px: float, size_px: int) -> bool:
 
 
 def check_mounting(mounting: str) -> None:
-    """Check that `mounting` is one of the values of `Mounting`.
+    """Check that `mounting` is "eye-in-hand" or "eye-to-hand".
 
     Raises:
-        HandEyeInputError: It is not ("mounting").
+        HandEyeInputError: `mounting` has another value. `slug` is "mounting".
     """
     if mounting not in get_args(Mounting):
         raise HandEyeInputError(

@@ -1,4 +1,4 @@
-"""Diversity of the robot's rotations between views, on which a hand-eye calibration depends."""
+"""Diversity of the robot rotations between views. A hand-eye calibration needs rotations about two axes."""
 
 from dataclasses import dataclass
 
@@ -6,20 +6,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 MIN_ROTATION_RAD = np.radians(15.0)
-"""Minimum of the largest rotation between two views. With less, the position of the camera on the flange cannot be
-distinguished from that of the board."""
+"""Minimum of `MotionDiversity.max_rotation_rad`, radians. With smaller rotations, the images do not distinguish the
+camera position on the flange from the board position."""
 MIN_SECOND_AXIS_RAD = np.radians(5.0)
-"""Minimum rotation about the second axis. With less, the position of the camera along the first axis is unknown."""
+"""Minimum of `MotionDiversity.second_axis_rad`, radians. With smaller rotations, the camera position along the first
+axis is unknown."""
 
 
 @dataclass(frozen=True)
 class MotionDiversity:
-    """Spread of the rotations of a set of poses."""
+    """Diversity of the rotations in a set of poses."""
 
     max_rotation_rad: float
-    """Largest rotation between two of the poses, radians."""
+    """Largest rotation angle between two poses, radians."""
     second_axis_rad: float
-    """Rotation about the second strongest axis, radians, root mean square of the deviation from the mean."""
+    """Standard deviation of the rotations about the second principal axis, radians."""
 
     def pure_translation_message(self) -> str:
         """Return the message for a `max_rotation_rad` that is too small."""
@@ -39,16 +40,19 @@ class MotionDiversity:
 
 
 def motion_diversity(poses: NDArray[np.float64]) -> MotionDiversity:
-    """Return the spread of the rotations of poses (N, 4, 4), N at least 2.
+    """Compute the diversity of the rotations in a set of poses.
 
-    Poses of the flange and their inverses have the same `max_rotation_rad`.
+    The inverse poses have the same `max_rotation_rad`.
+
+    Args:
+        poses: (N, 4, 4) poses, N >= 2.
     """
     from scipy.spatial.transform import Rotation
 
     first, second = np.triu_indices(len(poses), k=1)
     R = poses[:, :3, :3]
     rotations = Rotation.from_matrix(R[first].transpose(0, 2, 1) @ R[second]).as_rotvec()
-    # The difference of two has twice the variance of the deviation of one from the mean.
+    # The rotation between two poses has twice the variance of the deviation of one pose from the mean.
     variances = np.linalg.eigvalsh(rotations.T @ rotations / (2 * len(rotations)))
     return MotionDiversity(
         max_rotation_rad=float(np.linalg.norm(rotations, axis=1).max()),

@@ -1,26 +1,25 @@
-"""Checks of the observations before solving: invalid numbers, and views that cannot determine the camera pose.
+"""Check the observations before solving: invalid numbers, and views that do not determine the camera pose.
 
-Each refusal is a `HandEyeInputError`. Its `slug` is one of
+Each failed check raises a `HandEyeInputError`. Its `slug` is one of
 
-    not-finite         NaN or infinity
-    not-rigid          a pose is not a rigid transform: mirrored, scaled or sheared
-    millimetres        a pose is too far away to be in metres
-    degrees            a rotation vector is longer than a full rotation
-    intrinsics         the camera matrix or the distortion is wrong, see `calibration.input_checks.camera`
-    corners            the numbers and pixels of the corners do not match, or are not on the board
-    outside-image      a corner is outside the image
-    repeated-names     two views have the same name
-    too-few-views      fewer than eight views
-    too-few-corners    enough views, but too few with enough corners
-    duplicate-views    enough views, but the robot did not move between them
-    pure-translation   the robot hardly rotated
-    parallel-axes      the robot rotated about one axis only
-    mounting           neither eye-in-hand nor eye-to-hand
-    camera-did-not-move
-                       the robot rotated, and the camera saw the board as before
+    not-finite           NaN or infinity
+    not-rigid            a pose is not a rigid transform: mirrored, scaled or sheared
+    millimetres          a flange pose is too far from the base to be in metres
+    degrees              a rotation vector is longer than a full rotation
+    intrinsics           the camera matrix or the distortion is wrong
+    mounting             the mounting is not "eye-in-hand" or "eye-to-hand"
+    corners              the corner numbers are invalid, or do not match the pixels
+    outside-image        a corner is outside the image
+    repeated-names       two views have the same name
+    too-few-views        fewer than `MIN_VIEWS` views
+    too-few-corners      fewer than `MIN_VIEWS` views with enough corners
+    duplicate-views      fewer than `MIN_VIEWS` different flange poses
+    pure-translation     the robot hardly rotated
+    parallel-axes        the robot rotated about one axis only
+    camera-did-not-move  the robot rotated, but the board did not rotate in the camera frame
 
-Those from too-few-views to parallel-axes are decided on all given views. `calibration.assessment.acceptance` decides
-again on the views that agree.
+The checks from too-few-views to parallel-axes use all given views. After the solver has excluded outliers,
+`calibration.assessment.acceptance` repeats too-few-views, pure-translation and parallel-axes with the used views.
 """
 
 from collections.abc import Sequence
@@ -37,19 +36,19 @@ from calibration.pose_estimation.duplicate_poses import group_equal_poses
 from calibration.target.board import MIN_CORNERS, Board
 
 MIN_VIEWS = 8
-"""Minimum number of views. With fewer, an error in one view can be neither detected nor averaged out."""
+"""Minimum number of views. With fewer views, an error in one view cannot be detected or averaged out."""
 MAX_DISTANCE_M = 5.0
-"""Maximum distance of a flange from its base. Larger numbers are millimetres."""
+"""Maximum distance of the flange from the base, metres. A larger number is probably in millimetres."""
 MIN_CAMERA_ROTATION_RAD = MIN_ROTATION_RAD / 3
-"""Rotation of the camera against the board below which the robot, which rotated enough, did not move the camera. Other
-mistakes do not reduce the rotation to a third."""
+"""Minimum of the largest rotation of the board in the camera frame, radians. A smaller rotation means that the robot
+moved neither the camera nor the board. Other mistakes leave a larger rotation."""
 
 
 def check_observations(observations: Observations) -> None:
-    """Check that a calibration can be solved from the observations.
+    """Check that the observations are valid and determine a calibration.
 
     Raises:
-        HandEyeInputError: It cannot. `slug` is that of the first check that failed, and the message names the view.
+        HandEyeInputError: A check failed. `slug` names the first failed check.
     """
     check_each_view(observations)
     if len(observations.views) < MIN_VIEWS:
@@ -69,10 +68,10 @@ def check_observations(observations: Observations) -> None:
 
 
 def check_each_view(observations: Observations) -> None:
-    """Check the camera, and each view by itself, whatever the number of views.
+    """Check the view names, the mounting, the camera and each view. The number of views is not checked.
 
     Raises:
-        HandEyeInputError: One of them is wrong.
+        HandEyeInputError: A check failed. `slug` names the first failed check.
     """
     _check_names([view.name for view in observations.views])
     check_mounting(observations.mounting)
@@ -83,13 +82,15 @@ def check_each_view(observations: Observations) -> None:
 
 
 def check_camera_moved(T_camera_board: NDArray[np.float64]) -> None:
-    """Check that the board rotated in the images of a robot that rotated.
+    """Check that the board rotates in the camera frame.
+
+    Call this function after `check_observations`, which checks that the robot rotated.
 
     Args:
         T_camera_board: (N, 4, 4) board poses in the camera frame.
 
     Raises:
-        HandEyeInputError: The board poses are all alike ("camera-did-not-move").
+        HandEyeInputError: All board rotations are nearly equal. `slug` is "camera-did-not-move".
     """
     max_rotation_rad = motion_diversity(T_camera_board).max_rotation_rad
     if max_rotation_rad < MIN_CAMERA_ROTATION_RAD:
@@ -102,11 +103,11 @@ def check_camera_moved(T_camera_board: NDArray[np.float64]) -> None:
 
 
 def enough_corners(ids: NDArray[np.int64], board: Board) -> bool:
-    """Return whether corners are enough for a pose: at least `MIN_CORNERS`, and not all in one line.
+    """Return whether corners determine a board pose: at least `MIN_CORNERS`, not all on one line.
 
     Args:
         ids: (N,) numbers of the corners.
-        board: The board that they are on.
+        board: The board with the corners.
     """
     if len(ids) < MIN_CORNERS:
         return False
@@ -115,16 +116,19 @@ def enough_corners(ids: NDArray[np.int64], board: Board) -> bool:
 
 
 def pose_from_vector(xyz_m: ArrayLike, rotvec_rad: ArrayLike, name: str = "T_base_flange") -> NDArray[np.float64]:
-    """Return the pose (4, 4) that a controller reports as a position and a rotation vector.
+    """Convert a position and a rotation vector, as reported by a robot controller, to a pose.
 
     Args:
         xyz_m: (3,) position, metres.
         rotvec_rad: (3,) rotation vector, radians.
         name: Name of the pose in the error message.
 
+    Returns:
+        (4, 4) pose, metres.
+
     Raises:
-        HandEyeInputError: They are not three numbers each ("not-rigid"), not finite ("not-finite"), in millimetres
-            ("millimetres"), or in degrees ("degrees").
+        HandEyeInputError: The position or the rotation vector is not valid. `slug` is "not-rigid" (not three numbers),
+            "not-finite", "degrees" or "millimetres".
     """
     position, vector = (_three_numbers(values, name) for values in (xyz_m, rotvec_rad))
     angle = float(np.linalg.norm(vector))
@@ -139,10 +143,14 @@ def pose_from_vector(xyz_m: ArrayLike, rotvec_rad: ArrayLike, name: str = "T_bas
 
 
 def check_in_metres(position: NDArray[np.float64], name: str) -> None:
-    """Check that a position (3,) is near enough to be in metres.
+    """Check that a flange position (3,) in the base frame is plausible in metres.
+
+    Args:
+        position: (3,) position, nominally metres.
+        name: Name of the pose in the error message.
 
     Raises:
-        HandEyeInputError: It is not ("millimetres").
+        HandEyeInputError: The distance from the base exceeds `MAX_DISTANCE_M`. `slug` is "millimetres".
     """
     with np.errstate(over="ignore"):
         distance_m = float(np.linalg.norm(position))
@@ -208,7 +216,7 @@ def _check_corners(view: BoardView, observations: Observations) -> None:
 
 
 def _check_motion(T_base_flange: NDArray[np.float64]) -> None:
-    """Check that the robot stood in enough poses, and rotated enough about more than one axis."""
+    """Check that the flange poses (N, 4, 4) are different enough, and that the rotations have two axes."""
     different = len(np.unique(group_equal_poses(T_base_flange)))
     if different < MIN_VIEWS:
         raise HandEyeInputError(

@@ -89,7 +89,11 @@ def _board_difference(
 
 
 def _leave_one_out_steps(adjusted: Adjustment) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the steps (N, N_SHARED) to the solutions without each view, and covariances (N, N_SHARED, N_SHARED)."""
+    """Return the change of the shared unknowns if one view is excluded, for each of the N views.
+
+    Returns:
+        Changes (N, N_SHARED), and covariances (N, N_SHARED, N_SHARED) of the unknowns without the view.
+    """
     equations, used = adjusted.normal_equations, adjusted.used
     own_H = np.where(used[:, None, None], equations.H_reduced, 0.0)
     own_g = np.where(used[:, None], equations.g_reduced, 0.0)

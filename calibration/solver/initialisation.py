@@ -59,18 +59,23 @@ def estimate_initial_guess(
     robot_rad: float = float(np.radians(0.02)),
     seed: int = 0,
 ) -> InitialGuess:
-    """Estimate X and Y in A X B = Y so that the better half of the views fits best.
+    """Estimate X and Y in A X B = Y robustly, from random subsets of the views.
 
-    The function always returns a solution. If the poses are inconsistent, few views are inliers.
+    The result is the solution with the smallest mean distance over the better half of the views. The function always
+    returns a solution. If the poses are inconsistent, few views are inliers.
 
     Args:
         A: (N, 4, 4) flange poses, N >= 3, metres. The module docstring gives the frames.
         B: (N, 4, 4) board poses in the camera frame, metres.
-        middle: (3,) middle of the board, board frame, metres: the point at which `off_m` is measured. None: the origin.
+        middle: (3,) middle of the board, board frame, metres. Distances between board poses are measured at this point.
+            None: the origin.
         robot_m: Prior standard deviation of the robot position error per axis, metres.
         robot_rad: Prior standard deviation of the robot rotation error per axis, radians. The lever arm
             `robot_m / robot_rad` converts angles to distances.
         seed: Seed of the random subsets.
+
+    Returns:
+        The solution with the inlier views.
     """
     lever_m = robot_m / robot_rad
     subsets = _draw_subsets(len(A), seed)

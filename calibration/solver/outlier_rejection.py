@@ -98,7 +98,11 @@ def _rejection_limits(adjusted: Adjustment) -> tuple[float, float]:
 def _update_used(
     used: NDArray[np.bool_], squares: NDArray[np.float64], exclude_above: float, include_below: float
 ) -> NDArray[np.bool_]:
-    """Return the mask (N,) of the views to use next: include all that fit again, or else exclude the worst view."""
+    """Return the mask (N,) of the views to use next.
+
+    Excluded views with `squares` below `include_below` are included again. If no view is included again, the used view
+    with the largest value is excluded, if the value is above `exclude_above`.
+    """
     returning = ~used & (squares < include_below)
     if returning.any():
         return used | returning

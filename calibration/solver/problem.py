@@ -233,9 +233,10 @@ def implied_robot_errors(
 def _unknowns_jacobian(
     problem: Problem, unknowns: Unknowns, T_camera_board: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return Jacobians (N, 6 + N_CORRECTIONS, 6 + N_SHARED) of the board motion and the corrections.
+    """Return Jacobians (N, 6 + N_CORRECTIONS, 6 + N_SHARED) of the board pose in each view, and of the corrections.
 
-    The derivatives are with respect to the robot error and the shared unknowns.
+    The columns are the robot error of the view (6), then the shared unknowns. The board pose is a twist in the camera
+    frame.
     """
     J = np.zeros((len(T_camera_board), 6 + N_CORRECTIONS, 6 + N_SHARED))
     J_flange = board_motion_jacobian(problem.mounting, unknowns.X, unknowns.Y, T_camera_board)

@@ -28,8 +28,8 @@ class ResidualDistortion:
 def estimate_residual_distortion(problem: Problem, adjusted: Adjustment) -> ResidualDistortion:
     """Estimate the radial distortion that remains in the corner residuals.
 
-    The estimate ignores the part of each view's residuals that board pose, camera matrix and board scale can explain.
-    Errors of these parameters are therefore not mistaken for distortion.
+    In each view, the estimate ignores the part of the residuals that a change of board pose, camera matrix or board
+    scale could explain. Errors of these parameters are therefore not mistaken for distortion.
 
     Args:
         problem: The measurements and priors.

@@ -230,7 +230,7 @@ def _parse(path: Path, content: bytes, max_age_days: float, now: datetime) -> Ha
         camera_id=form.camera_id,
         robot_serial=form.robot_serial,
         sha256=hashlib.sha256(content).hexdigest(),
-        warnings=_looks_back_warnings(form.T_flange_camera)
+        warnings=_faces_arm_warnings(form.T_flange_camera)
         + _missing_field_warnings(form)
         + tuple(finding.message for finding in findings),
         covariance=np.array(form.covariance.matrix) if form.covariance else None,
@@ -260,17 +260,17 @@ def _missing_field_warnings(form: HandEyeForm) -> tuple[str, ...]:
 
 
 def camera_faces_arm_message(T_flange_camera: NDArray[np.float64]) -> str:
-    """Return the warning for a camera that points back at the arm.
+    """Describe a camera that points back at the arm, with the angle between its optical axis and flange z.
 
     Args:
-        T_flange_camera: (4, 4) camera pose on the flange, for the angle between optical axis and flange z.
+        T_flange_camera: (4, 4) pose of this camera on the flange.
     """
     degrees = np.degrees(np.arccos(max(float(T_flange_camera[2, 2]), -1.0)))
     return f"by the hand-eye file the camera looks back at the arm, {degrees:.0f} degrees from the flange's z"
 
 
-def _looks_back_warnings(T_flange_camera: NDArray[np.float64]) -> tuple[str, ...]:
-    """Return a warning if the camera points back at the arm, which indicates an error in the file."""
+def _faces_arm_warnings(T_flange_camera: NDArray[np.float64]) -> tuple[str, ...]:
+    """Return a warning if the camera points back at the arm. Such a pose indicates an error in the file."""
     if T_flange_camera[2, 2] > FACES_ARM_COSINE:
         return ()
     return (f"{camera_faces_arm_message(T_flange_camera)}: {CHECK_ROTATION}",)

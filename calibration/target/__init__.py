@@ -1,12 +1,12 @@
-"""Calibration boards: the sizes of a board and an image go in, the numbers and pixels of its corners come out.
+"""Calibration boards: a board description and an image go in, the numbers and pixels of the corners come out.
 
-`board` defines the boards, and `rendering` and `pdf` draw them. `detection` finds a board in an image with the help of
-the other modules.
+`board` describes boards, `rendering` and `pdf` draw boards, and `detection` detects a board in an image. The other
+modules are steps of the detection.
 """
 
 from calibration.target.board import Board, BoardError, board_with_defaults
 from calibration.target.corner_ordering import symmetric_numberings
-from calibration.target.detection import BoardSighting, detect_board
+from calibration.target.detection import DetectedBoard, detect_board
 from calibration.target.pdf import write_board_pdf
 from calibration.target.rendering import BoardImage, render_board
 
@@ -14,7 +14,7 @@ __all__ = [
     "Board",
     "BoardError",
     "BoardImage",
-    "BoardSighting",
+    "DetectedBoard",
     "board_with_defaults",
     "detect_board",
     "render_board",

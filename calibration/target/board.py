@@ -1,4 +1,4 @@
-"""Calibration boards: their kinds, sizes, and the positions of their corners in the board frame."""
+"""Calibration boards: kinds, sizes and corner positions in the board frame."""
 
 import sys
 from collections.abc import Mapping
@@ -12,7 +12,7 @@ BoardKind = Literal["charuco", "checkerboard", "circles"]
 
 BOARD_KINDS: tuple[BoardKind, ...] = ("charuco", "checkerboard", "circles")
 
-# A table, because importing OpenCV takes long and boards are also made where it is not loaded.
+# A table instead of a query to OpenCV, because importing OpenCV is slow.
 MARKER_COUNTS = {
     **{f"DICT_{bits}X{bits}_{count}": count for bits in (4, 5, 6, 7) for count in (50, 100, 250, 1000)},
     "DICT_ARUCO_ORIGINAL": 1024,
@@ -25,22 +25,21 @@ MARKER_COUNTS = {
 """Number of markers in each marker dictionary of OpenCV."""
 
 MIN_PITCH_M, MAX_PITCH_M = 0.001, 0.5
-"""Range of the pitch and of the marker side, from a board under a microscope to a board as large as a door. A value
-outside this range is a mistake in the unit."""
+"""Range of the pitch and of the marker side, metres. A value outside this range is probably in another unit."""
 MAX_PER_SIDE = 100
 """Maximum number of squares or dots along a side."""
 MIN_PER_SIDE = {"charuco": 3, "checkerboard": 4, "circles": 3}
-"""Minimum number of squares or dots along a side. The detected points (inner corners or dots) must span a plane, and
-OpenCV needs 3 x 3 inner corners of a checkerboard."""
+"""Minimum number of squares or dots along a side. The detected points (inner corners or dots) must not lie on one line.
+OpenCV detects a checkerboard only with at least 3 x 3 inner corners."""
 MIN_MARKER_SHARE = 0.3
-"""Minimum side of a marker, as a share of the square. A smaller marker cannot be read where corners can be seen."""
+"""Minimum ratio of the marker side to the square side. A smaller marker is readable only at a short distance."""
 MIN_CORNERS = 6
-"""Minimum number of corners of a board and of a view. A pose has six unknowns: three points determine it, but leave
-nothing to check it."""
+"""Minimum number of corners of a board, and of visible corners in a view. Three corners determine the six unknowns of a
+pose, but leave no redundancy for a check."""
 
 
 class BoardError(ValueError):
-    """The sizes or counts of a board are not valid."""
+    """The description of a board is not valid."""
 
     slug = "calibration-board"
 
@@ -49,31 +48,32 @@ class BoardError(ValueError):
 class Board:
     """A flat calibration board.
 
-    The origin of its frame is the first corner (or dot), at the top left of the print. x points along a row of corners,
-    y to the next row, and z = x cross y into the paper. The boards of OpenCV have the same axes; the origin of its
-    ChArUco boards is one square up and to the left. Chessboards begin with a black square at the top left. If a circle
-    grid has one larger dot, this dot is the first.
+    The origin of the board frame is the first inner corner (or dot), at the top left of the print. x points along a
+    row, y points to the next row, and z = x cross y points into the paper. OpenCV uses the same axes, but its ChArUco
+    origin is one square further up and to the left. The top left square of a checkerboard or ChArUco board is black.
+    A circle grid may have one larger dot, which is then the first dot.
 
-    The default board fits on A4 and letter paper with its white margin. A camera of 640x400 pixels and 402 px focal
-    length sees all of it from 0.36 m, and finds all corners up to 0.8 m at a tilt of 30 degrees, or up to 0.6 m if
-    slightly out of focus. Smaller squares (25 mm with markers of 18 mm) are hard to read from 0.6 m.
+    The default board fits on A4 and letter paper with its white margin. A camera with 640x400 pixels and a focal length
+    of 402 px sees the whole board at 0.36 m and farther away. At a tilt of 30 degrees, all corners are detected up to
+    0.8 m, or up to 0.6 m if the image is slightly out of focus. Markers of 18 mm on squares of 25 mm are hard to read
+    at 0.6 m.
 
     Raises:
-        BoardError: A size or count is not valid, or the dictionary has too few markers.
+        BoardError: A kind, size or count is not valid, or the dictionary is unknown or has too few markers.
     """
 
     kind: BoardKind = "charuco"
     """`charuco`, `checkerboard` or `circles`."""
     columns: int = 9
-    """Squares in a row of a chessboard or ChArUco board; dots in a row of a circle grid."""
+    """Number of squares in a row (checkerboard, ChArUco), or of dots in a row (circle grid)."""
     rows: int = 7
-    """Rows of squares, or of dots. Odd for ChArUco, because OpenCV has two layouts for an even number."""
+    """Number of rows of squares or dots. It is odd for ChArUco, because OpenCV has two layouts for an even number."""
     pitch_m: float = 0.026
-    """Side of a square, or distance of neighbouring dots, measured on the print, metres."""
+    """Side of a square, or distance between the centres of neighbouring dots, measured on the print, metres."""
     marker_m: float = 0.02
-    """Side of the markers of a ChArUco board, metres."""
+    """Side of a ChArUco marker, metres."""
     dictionary: str = "DICT_4X4_50"
-    """Name of the marker dictionary in OpenCV."""
+    """OpenCV name of the marker dictionary of a ChArUco board."""
 
     def __post_init__(self) -> None:
         if self.kind not in BOARD_KINDS:
@@ -88,7 +88,7 @@ class Board:
         _check_length("pitch_m", self.pitch_m)
         if self.kind == "charuco":
             self._check_markers()
-        else:  # Without markers the two fields mean nothing; equal boards must compare equal.
+        else:  # A board without markers ignores both fields. The defaults make equal boards compare equal.
             object.__setattr__(self, "marker_m", Board.marker_m)
             object.__setattr__(self, "dictionary", Board.dictionary)
         if len(self.points) < MIN_CORNERS:
@@ -122,13 +122,13 @@ class Board:
 
     @property
     def shape(self) -> tuple[int, int]:
-        """Columns and rows of the detected points (inner corners of a chessboard, or dots)."""
+        """Number of columns and number of rows of the detected points (inner corners or dots)."""
         inner = 0 if self.kind == "circles" else 1
         return self.columns - inner, self.rows - inner
 
     @property
     def points(self) -> NDArray[np.float64]:
-        """(N, 3) detected points by number, row by row, board frame, metres. They are inner corners, or dots."""
+        """(N, 3) inner corners or dots, row by row, metres, board frame. The number of a corner is its index here."""
         columns, rows = self.shape
         x, y = np.meshgrid(np.arange(columns, dtype=np.float64), np.arange(rows, dtype=np.float64))
         points = np.zeros((x.size, 3))
@@ -138,12 +138,15 @@ class Board:
 
     @property
     def size_m(self) -> tuple[float, float]:
-        """Width and height of the print without a margin, metres. A circle grid includes half a pitch on each side."""
+        """Width and height of the print without white margin, metres.
+
+        The print of a circle grid ends half a pitch beyond the centres of the outer dots.
+        """
         return self.columns * self.pitch_m, self.rows * self.pitch_m
 
     @property
     def print_corner(self) -> tuple[float, float]:
-        """(x, y) of the top left corner of the print, board frame, metres."""
+        """(x, y) of the top left corner of the print, metres, board frame."""
         before = self.pitch_m / 2 if self.kind == "circles" else self.pitch_m
         return -before, -before
 
@@ -154,7 +157,7 @@ class Board:
         return size
 
     def to_json(self) -> dict[str, Any]:
-        """Return the board as JSON values. Only a ChArUco board has `marker_m` and `dictionary`."""
+        """Return the board as a JSON object. Only a ChArUco board has `marker_m` and `dictionary`."""
         document: dict[str, Any] = {
             "kind": self.kind,
             "columns": self.columns,
@@ -167,13 +170,13 @@ class Board:
 
     @classmethod
     def from_json(cls, document: object) -> "Board":
-        """Return the board of a document that `to_json` made.
+        """Create a board from a JSON object, as returned by `to_json`.
 
         Args:
-            document: The JSON object. Missing members have no defaults.
+            document: The JSON object. Every member is required.
 
         Raises:
-            BoardError: It is not an object, a member is missing or unknown, or the board is not valid.
+            BoardError: The document is not an object, a member is missing or unknown, or the board is not valid.
         """
         if not isinstance(document, Mapping):
             raise BoardError(f"the board is {str(document)[:40]!r}: an object with kind, columns, rows ... is needed")
@@ -198,13 +201,14 @@ def _check_length(name: str, length_m: object) -> None:
 
 
 def board_with_defaults(fields: dict[str, Any]) -> Board:
-    """Return the board with the given fields, and the default board's values for the others.
+    """Create a board from some of its fields. The other fields keep their defaults.
 
     Args:
-        fields: Fields of `Board` by name. Without `marker_m`, the markers keep their proportion to the squares.
+        fields: Values of `Board` fields by field name. If `pitch_m` is given without `marker_m`, the default marker
+            side is scaled with the pitch.
 
     Raises:
-        BoardError: A size or count is not valid.
+        BoardError: The board is not valid.
     """
     if "pitch_m" in fields and "marker_m" not in fields:
         fields = fields | {"marker_m": fields["pitch_m"] * Board.marker_m / Board.pitch_m}

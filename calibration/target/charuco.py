@@ -1,8 +1,8 @@
-"""Detect ChArUco boards: OpenCV reads the markers, and `corner_refinement` locates the corners between them.
+"""Detect ChArUco boards: OpenCV reads the markers, and `corner_refinement` locates the corners between the markers.
 
-OpenCV's own `CharucoDetector` refines with `cornerSubPix`, whose window must end before the markers begin. On squares
-of 17 pixels (640 x 400 at 0.6 m) tilted by 30 degrees it finds 45 % of the corners, with an error of 0.28 px rms. This
-module finds all of them, with an error of 0.02 px.
+OpenCV's `CharucoDetector` refines corners with `cornerSubPix`. The search window of `cornerSubPix` is small, because it
+must not reach a marker. On squares of 17 pixels (640 x 400 at 0.6 m) with a tilt of 30 degrees, `CharucoDetector` finds
+45 % of the corners, with an rms error of 0.28 px. This module finds all corners, with an error of 0.02 px.
 """
 
 import numpy as np
@@ -12,36 +12,38 @@ from calibration.target.board import Board
 from calibration.target.corner_refinement import refine_corners
 
 MAX_UPSCALED_PX = 1_100_000
-"""Images up to this number of pixels are upscaled by two, because a marker cell of two pixels is read badly. Larger
-images would take long, and have more pixels per cell anyway."""
+"""Maximum number of pixels of an image that is upscaled by two. Upscaling helps to read marker cells of two pixels. A
+larger image has more pixels per cell, and upscaling it would be slow."""
 PIXELS_PER_CELL = 8
-"""Pixels per cell of a rectified marker, from which its bits are read."""
+"""Side of a marker cell in the rectified marker image, pixels. OpenCV reads the bits from this image."""
 IGNORED_CELL_MARGIN = 0.2
-"""Share of a cell's side ignored at each edge when its bit is read, because the neighbours blur into it."""
+"""Margin of a marker cell that is ignored when its bit is read, as a fraction of the cell side. Neighbouring cells blur
+into this margin."""
 ERROR_CORRECTION_RATE = 1.0
-"""Share of the bit errors correctable by the dictionary that is corrected. OpenCV's 0.6 protects against false markers;
-here a marker must also be at its position on the board."""
+"""Fraction of the dictionary's correctable bit errors that are corrected. OpenCV's default of 0.6 avoids false markers.
+This module rejects false markers by their position on the board."""
 MIN_MARKERS = 2
-"""Minimum number of markers of a detected board."""
+"""Minimum number of markers that must be read to detect a board."""
 MAX_MARKER_DEVIATION = 0.25
-"""Maximum distance of a marker corner from its position on a flat board, in marker sides. It allows for lens
-distortion."""
+"""Maximum distance of a marker corner from its predicted position on a flat board, in marker sides. The limit allows
+for lens distortion."""
 MIN_CONSISTENT_SHARE = 0.6
-"""Minimum share of the read markers that lie on one flat board. Another board with the same dictionary has some of them
-at the same positions, for example the first row."""
+"""Minimum fraction of the read markers that are consistent with one flat board. The fraction is lower for another board
+with the same dictionary, which has only some markers (for example the first row) at the same positions."""
 MAX_MARKER_DISTANCE_PITCHES = 4.0
-"""Maximum distance of a searched corner from a marker that was read, in pitches."""
+"""Maximum distance of a corner from the nearest corner of a read marker, in pitches. Corners farther away are not
+searched."""
 
 
 def find_charuco(grey: NDArray[np.uint8], board: Board) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    """Return the corners of a ChArUco board in an image.
+    """Detect the inner corners of a ChArUco board in an image.
 
     Args:
         grey: (H, W) grey image.
         board: The board, of the kind `charuco`.
 
     Returns:
-        Numbers (N,) of the detected corners, and their pixels (N, 2). N is 0 if the board is not detected.
+        Numbers (N,) and pixels (N, 2) of the detected corners. N is 0 if the board is not detected.
     """
     on_board, in_image = _select_consistent(*_detect_markers(grey, board))
     if len(on_board) < MIN_MARKERS * 4:
@@ -50,12 +52,12 @@ def find_charuco(grey: NDArray[np.uint8], board: Board) -> tuple[NDArray[np.int6
 
 
 def count_markers(grey: NDArray[np.uint8], board: Board) -> int:
-    """Return the number of markers of the board that are read in a grey image (H, W), at any position."""
+    """Count the markers of the board that are read in a grey image (H, W). Their positions are not checked."""
     return len(_detect_markers(grey, board)[0]) // 4
 
 
 def _detect_markers(grey: NDArray[np.uint8], board: Board) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the corners of the M read markers: (4 M, 2) on the board, metres, and (4 M, 2) in the image, pixels."""
+    """Detect M markers. Return their corners on the board (4 M, 2), metres, and in the image (4 M, 2), pixels."""
     import cv2
 
     dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, board.dictionary))
@@ -69,7 +71,7 @@ def _detect_markers(grey: NDArray[np.uint8], board: Board) -> tuple[NDArray[np.f
     if numbers is None:
         return np.zeros((0, 2)), np.zeros((0, 2))
     layout = cv2.aruco.CharucoBoard((board.columns, board.rows), board.pitch_m, board.marker_m, dictionary)
-    # OpenCV's origin is the outermost corner of the print.
+    # OpenCV's origin is the top left corner of the print.
     positions = np.array(layout.getObjPoints(), dtype=np.float64)[:, :, :2] + np.array(board.print_corner)
     found = np.asarray(numbers, dtype=np.int64).ravel()
     is_on_board = found < len(positions)
@@ -80,7 +82,15 @@ def _detect_markers(grey: NDArray[np.uint8], board: Board) -> tuple[NDArray[np.f
 def _select_consistent(
     on_board: NDArray[np.float64], in_image: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Keep the corners of the markers that lie on one flat board; none if too few do."""
+    """Keep the corners of the markers that are consistent with one flat board.
+
+    Args:
+        on_board: (4 M, 2) marker corners in the board frame, metres.
+        in_image: (4 M, 2) marker corners in the image, pixels.
+
+    Returns:
+        The kept rows of both arrays. They are empty if too few markers are consistent.
+    """
     import cv2
 
     if len(on_board) < MIN_MARKERS * 4:
@@ -90,7 +100,7 @@ def _select_consistent(
     H, mask = cv2.findHomography(on_board, in_image, cv2.RANSAC, max(MAX_MARKER_DEVIATION * side, 1.0))
     if H is None or not np.isfinite(H).all():
         return on_board[:0], in_image[:0]
-    # All four corners of a marker are right or wrong together.
+    # Reject a marker if one of its four corners is an outlier.
     is_consistent = np.asarray(mask, dtype=bool).reshape(-1, 4).all(axis=1)
     if is_consistent.mean() < MIN_CONSISTENT_SHARE:
         return on_board[:0], in_image[:0]

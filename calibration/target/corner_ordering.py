@@ -1,10 +1,13 @@
-"""Decide which corner of a checkerboard, or dot of a circle grid, is the first.
+"""Choose the first corner of a checkerboard, or the first dot of a circle grid.
 
-A plain grid looks the same from more than one side. Two boards do not: a checkerboard with an even number of squares
-along one side and an odd number along the other, because of the colours, and a circle grid whose first dot is larger.
-For the other boards one of the numberings of `symmetric_numberings` is chosen, and
-`calibration.pose_estimation.corner_disambiguation` makes views agree. A mirrored image of a plain grid looks like an
-image of another plain grid, and is not detected.
+A symmetric board looks the same after a rotation. Two kinds of boards have a unique first corner:
+
+- a checkerboard with an even number of squares along one side and an odd number along the other side;
+- a circle grid with a larger first dot.
+
+For a symmetric board, this module chooses one of the `symmetric_numberings`. Then
+`calibration.pose_estimation.corner_disambiguation` makes the numberings of all views consistent. A mirrored image of a
+symmetric board cannot be recognised as mirrored.
 """
 
 import numpy as np
@@ -13,21 +16,20 @@ from numpy.typing import NDArray
 from calibration.target.board import Board
 
 MIN_LARGER_RATIO = 1.25
-"""Minimum diameter of the larger first dot, relative to the dots around it."""
+"""Minimum ratio of the diameter of a larger first dot to the diameter of its neighbours."""
 
 
 def symmetric_numberings(board: Board) -> list[NDArray[np.int64]]:
     """Return all permutations of the corner numbers under which the board looks the same.
 
-    A circle grid is assumed to have no larger first dot. If a view shows one (`BoardSighting.is_numbering_unique`), its
-    numbering is known and needs no permutation.
+    A circle grid is treated as a grid of equal dots, because `Board` does not say whether the first dot is larger.
 
     Args:
         board: The board.
 
     Returns:
-        Permutations `p` (N,): the numbers `ids` of a view may as well be `p[ids]`. The first is the identity, which is
-        the only one of a ChArUco board.
+        Permutations `p`, each (N,): for a symmetric board, the corner numbers `ids` and `p[ids]` are equally possible.
+        The first permutation is the identity. A ChArUco board has only the identity.
     """
     columns, rows = board.shape
     numbers = np.arange(columns * rows).reshape(rows, columns)
@@ -41,9 +43,15 @@ def symmetric_numberings(board: Board) -> list[NDArray[np.int64]]:
 
 
 def make_right_handed(grid: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the pixels (rows, columns, 2) of a grid with each row reversed if the numbering is mirrored.
+    """Reverse every row of a grid if its numbering is mirrored.
 
-    Seen from the front, y is a quarter turn clockwise from x.
+    On a board seen from the front, the y axis is a quarter turn clockwise from the x axis.
+
+    Args:
+        grid: (rows, columns, 2) pixels of the corners or dots.
+
+    Returns:
+        Right-handed grid (rows, columns, 2).
     """
     (xx, xy), (yx, yy) = (grid[:, -1] - grid[:, 0]).mean(axis=0), (grid[-1] - grid[0]).mean(axis=0)
     return grid if xx * yy - xy * yx > 0 else grid[:, ::-1]
@@ -60,7 +68,7 @@ def order_from_black_square(
         board: The checkerboard.
 
     Returns:
-        The rotated grid (rows, columns, 2), and whether it is the only possible numbering.
+        The rotated grid (rows, columns, 2), and whether the image determines the numbering.
     """
     numbers = np.arange(grid.shape[0] * grid.shape[1]).reshape(grid.shape[:2])
     candidates = [grid.reshape(-1, 2)[rotated] for rotated in _rotate_grid(numbers)]
@@ -71,19 +79,18 @@ def order_from_black_square(
 def order_from_larger_dot(
     grid: NDArray[np.float64], diameters: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], bool]:
-    """Rotate the numbering of a circle grid so that its larger dot is the first.
+    """Rotate the numbering of a circle grid so that the larger dot is the first dot.
 
     Args:
         grid: (rows, columns, 2) pixels of the dots.
         diameters: (rows, columns) diameters of the dots, pixels.
 
     Returns:
-        The rotated grid (rows, columns, 2), its diameters (rows, columns), and whether a larger dot was found at a
-        corner where a grid of this shape can begin.
+        The rotated grid (rows, columns, 2), its diameters (rows, columns), and whether a larger first dot was found.
     """
     numbers = np.arange(diameters.size).reshape(diameters.shape)
     candidates = [(grid.reshape(-1, 2)[rotated], diameters.ravel()[rotated]) for rotated in _rotate_grid(numbers)]
-    # Relative to the neighbours, because perspective makes near dots larger.
+    # Compare each first dot with its neighbours only, because perspective makes near dots larger.
     ratios = [_first_dot_ratio(rotated) for _, rotated in candidates]
     best = int(np.argmax(ratios))
     if ratios[best] > MIN_LARGER_RATIO:
@@ -93,30 +100,34 @@ def order_from_larger_dot(
 
 
 def is_larger_dot_misplaced(diameters: NDArray[np.float64]) -> bool:
-    """Return whether the larger dot is at a corner that cannot be the first, given all diameters (rows, columns)."""
+    """Return whether the larger dot is at a corner that cannot be the first.
+
+    Args:
+        diameters: (rows, columns) diameters of the dots, pixels, as `order_from_larger_dot` returns them.
+    """
     return any(_first_dot_ratio(flipped) > MIN_LARGER_RATIO for flipped in (diameters[:, ::-1], diameters[::-1]))
 
 
 def _first_dot_ratio(diameters: NDArray[np.float64]) -> np.float64:
-    """Return the diameter of the first dot relative to its three neighbours."""
+    """Return the diameter of the first dot divided by the median diameter of its three neighbours."""
     return diameters[0, 0] / np.median([diameters[0, 1], diameters[1, 0], diameters[1, 1]])
 
 
 def _rotate_grid(numbers: NDArray[np.int64]) -> list[NDArray[np.int64]]:
-    """Return the grid of numbers and its rotations: by half a turn, or by quarter turns if it is square."""
+    """Return the rotations of a grid (rows, columns) that keep its shape: by half turns, or quarter turns if square."""
     step = 1 if numbers.shape[0] == numbers.shape[1] else 2
     return [np.rot90(numbers, quarters) for quarters in range(0, 4, step)]
 
 
 def _keeps_colours(board: Board, rotated: NDArray[np.int64]) -> bool:
-    """Return whether the first square of a checkerboard with the rotated numbering is still black."""
-    # A square is identified by its upper left corner, which has the lowest number.
+    """Return whether the first inner square is black after the rotation of the corner numbers (rows, columns)."""
+    # The lowest corner number of a square gives its row and column before the rotation.
     row, column = divmod(int(rotated[:2, :2].min()), board.shape[0])
     return (row + column) % 2 == 0
 
 
 def _is_first_square_black(grid: NDArray[np.float64], grey: NDArray[np.uint8]) -> bool:
-    """Return whether the squares that this numbering makes black are darker than the others."""
+    """Return whether the squares coloured like the first square of `grid` (rows, columns, 2) are darker on average."""
     centres = (grid[:-1, :-1] + grid[1:, :-1] + grid[:-1, 1:] + grid[1:, 1:]) / 4
     last = np.array(grey.shape[::-1]) - 1
     column, row = np.clip(np.round(centres), 0, last).astype(np.int64).transpose(2, 0, 1)
@@ -126,5 +137,5 @@ def _is_first_square_black(grid: NDArray[np.float64], grey: NDArray[np.uint8]) -
 
 
 def _choose_upper_left(candidates: list[NDArray[np.float64]]) -> NDArray[np.float64]:
-    """Return the numbering whose first corner is nearest to the upper left, so that similar views mostly agree."""
+    """Return the grid whose first corner is nearest to the upper left, so that similar views get the same numbering."""
     return min(candidates, key=lambda grid: float(grid[0, 0].sum()))

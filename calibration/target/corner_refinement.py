@@ -1,13 +1,14 @@
-"""Refine the corners (or dots) of a board in an image from their approximate positions.
+"""Refine the approximate pixels of board corners (or dots) to a fraction of a pixel.
 
-The approximate positions predict how the surroundings of every corner look. This rendered patch is registered to the
-image with OpenCV's enhanced correlation coefficient (ECC), which is invariant to brightness and contrast. All edges
-around a corner contribute, also those of markers. The centre of a dot is right even where perspective shifts its
-centroid.
+The approximate pixels determine a homography, with which the expected image of the board is rendered. The patch around
+each corner is cut from the rendered image. OpenCV registers the patch to the camera image with the enhanced correlation
+coefficient (ECC), which is invariant to brightness and contrast. All edges in the patch contribute, including marker
+edges. The centre of a dot is accurate although perspective shifts its centroid.
 
-On rendered images the error is 0.02 px. `cornerSubPix` has 0.1 to 0.3 px, `findChessboardCornersSB` 0.05 to 0.1 px, and
-the centroids of blobs up to 0.9 px. Errors in the model of the print, such as the marker size or spreading ink, are
-mostly symmetric about a corner and nearly cancel. A given marker size that is 5 % too large shifts corners by 0.05 px.
+On rendered images the error is 0.02 px. The error is 0.1 to 0.3 px for `cornerSubPix`, 0.05 to 0.1 px for
+`findChessboardCornersSB`, and up to 0.9 px for the centroids of blobs. A wrong marker size or spreading ink changes a
+patch almost symmetrically about its corner, so the shifts nearly cancel. A marker size that is 5 % too large shifts the
+corners by 0.05 px.
 """
 
 from functools import lru_cache
@@ -19,28 +20,30 @@ from calibration.target.board import Board
 from calibration.target.rendering import DOT_DIAMETERS, BoardImage, render_board
 
 HALF_WINDOW_PITCHES = 0.6
-"""Half the side of a corner's patch, in pitches. Half a pitch reaches to the centres of the surrounding squares."""
+"""Half side of the patch around a corner, in pitches. The patch reaches just beyond the centres of the four squares at
+the corner."""
 DOT_MARGIN_PITCHES = 0.15
-"""Margin of a dot's patch around the dot, in pitches. Its neighbours, whose size is uncertain, must stay outside."""
+"""Margin between a dot and the edge of its patch, in pitches. Neighbouring dots must stay outside the patch."""
 MIN_HALF_WINDOW_PX = 3
 """Minimum half side of a patch, pixels."""
 MAX_HALF_WINDOW_PX = 10
-"""Maximum half side of a square corner's patch, pixels. A larger patch is not more accurate: it only adds the inside of
-markers, whose given size may be wrong, and more lens distortion."""
+"""Maximum half side of the patch around a corner of squares, pixels. A larger patch adds lens distortion and the inside
+of markers, but no accuracy."""
 LENS_BLUR_PX = 0.7
-"""Standard deviation of the assumed blur of an image, pixels."""
+"""Standard deviation of the assumed image blur, pixels."""
 MIN_CORRELATION = 0.7
-"""Minimum correlation of a patch with the image. Clear corners exceed 0.95, and badly focused ones 0.8."""
+"""Minimum correlation of a patch with the image. Clear corners exceed 0.95, and badly focused corners exceed 0.8."""
 MAX_DECORRELATION_FACTOR, MAX_DECORRELATION_OFFSET = 5.0, 0.03
-"""A corner is rejected if its decorrelation (1 - correlation) exceeds the image's median by this factor and this
-offset. An obstacle such as a finger, a cable or glare then covers it."""
+"""Limit of the decorrelation (1 - correlation) of a corner: factor times the median over the image, plus offset. A
+corner above the limit is rejected, because an obstacle (finger, cable, glare) probably covers it."""
 MAX_SHIFT_PITCHES = 0.2
-"""Maximum distance of a refined corner from its predicted position, in pitches. A corner farther off is another
-edge."""
+"""Maximum distance of a refined corner from its predicted position, in pitches. At a larger distance, the patch matched
+another edge."""
 BORDER_PX = 2.0
-"""Minimum distance of a corner from the image border, pixels. Nearer corners have too little around them."""
+"""Minimum distance of a corner from the image border, pixels. A corner nearer to the border has too few pixels around
+it."""
 NEIGHBOURS = 4
-"""Number of known points whose mean residual predicts the lens distortion at a corner."""
+"""Number of known points near a corner. Their mean residual predicts the lens distortion at the corner."""
 
 
 def refine_corners(
@@ -51,18 +54,19 @@ def refine_corners(
     max_distance_pitches: float = np.inf,
     dot_diameters: tuple[float, float] = DOT_DIAMETERS,
 ) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    """Return the corners of a board that are clearly visible in an image, located to a fraction of a pixel.
+    """Locate the clearly visible corners of a board to a fraction of a pixel.
 
     Args:
         grey: (H, W) grey image.
         board: The board.
         on_board: (M, 2) known points in the board frame, metres. M >= 4, not on a line.
-        in_image: (M, 2) approximate pixels of these points.
-        max_distance_pitches: Corners farther than this from all known points are skipped, in pitches.
-        dot_diameters: Diameters of the dots of a circle grid, as in `render_board`.
+        in_image: (M, 2) approximate pixels of the known points.
+        max_distance_pitches: Maximum distance of a corner from the nearest known point, in pitches. Corners farther
+            away are skipped.
+        dot_diameters: Diameters of the dots and of the first dot of a circle grid, in pitches.
 
     Returns:
-        Numbers (N,) of the corners, and their pixels (N, 2).
+        Numbers (N,) and pixels (N, 2) of the located corners.
     """
     import cv2
     from scipy.spatial import KDTree
@@ -70,7 +74,7 @@ def refine_corners(
     H = np.asarray(cv2.findHomography(on_board, in_image, 0)[0], dtype=np.float64)
     points = board.points[:, :2]
     flat = apply_homography(H, points)
-    # Lens distortion moves a corner by about as much as the known points around it.
+    # Lens distortion shifts a corner by about as much as the nearest known points.
     distance, neighbours = KDTree(on_board).query(points, k=NEIGHBOURS)
     guesses = flat + (in_image - apply_homography(H, on_board))[neighbours].mean(axis=1)
     pitch_px = _pitch_px(H, board)
@@ -92,7 +96,7 @@ def refine_corners(
 
 
 def apply_homography(H: NDArray[np.float64], points: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the points (N, 2) mapped by a homography (3, 3)."""
+    """Map points (N, 2) by a homography `H` (3, 3). Return the mapped points (N, 2)."""
     result = points @ H[:, :2].T + H[:, 2]
     return result[:, :2] / result[:, 2:]
 
@@ -100,11 +104,22 @@ def apply_homography(H: NDArray[np.float64], points: NDArray[np.float64]) -> NDA
 def _render_expected(
     shape: tuple[int, ...], board: Board, H: NDArray[np.float64], pitch_px: float, dot_diameters: tuple[float, float]
 ) -> NDArray[np.uint8]:
-    """Return the image (H, W) that a camera would have of the flat board."""
+    """Render the expected camera image of the flat board.
+
+    Args:
+        shape: Shape of the camera image, (rows, columns).
+        board: The board.
+        H: (3, 3) homography from the board frame (metres) to the camera image (pixels).
+        pitch_px: Typical pitch in the camera image, pixels.
+        dot_diameters: Diameters of the dots and of the first dot of a circle grid, in pitches.
+
+    Returns:
+        (rows, columns) grey image.
+    """
     import cv2
 
-    # Rendered twice as fine as the image and blurred, it needs no further averaging. The resolution is rounded up, so
-    # that one cached rendering serves many views.
+    # The orthographic rendering has about twice the resolution of the camera image. The blur prevents aliasing in the
+    # warp. The resolution is rounded up to a multiple of 16, so that one cached rendering serves many views.
     pixels = int(np.clip(16 * np.ceil(2 * pitch_px / 16), 16, 256))
     rendering = _render_cached(board, pixels, dot_diameters)
     scale, (x, y) = rendering.pixels_per_m, rendering.origin_px
@@ -129,7 +144,19 @@ def _register_patch(
     half: int,
     search: int,
 ) -> tuple[NDArray[np.float64], float] | None:
-    """Register the patch of `expected` around `corner` to `grey` near `guess`; return its pixel and correlation."""
+    """Register the patch around a corner of the expected image to the camera image.
+
+    Args:
+        expected: (H, W) expected image, from `_render_expected`.
+        corner: (2,) position of the corner in `expected`, pixels.
+        grey: (H, W) camera image.
+        guess: (2,) approximate position of the corner in `grey`, pixels.
+        half: Half side of the patch, pixels.
+        search: Maximum shift that is searched, pixels.
+
+    Returns:
+        Position (2,) of the corner in `grey`, pixels, and the correlation. None if the patch does not match.
+    """
     import cv2
 
     last = np.array(grey.shape[::-1]) - 1
@@ -145,7 +172,7 @@ def _register_patch(
     mask = np.full_like(search_window, 255)
     try:
         correlation, warp = cv2.findTransformECC(patch, search_window, warp, cv2.MOTION_TRANSLATION, stop, mask, 1)
-    except cv2.error:  # OpenCV raises it if ECC does not converge, or if a window has a single colour.
+    except cv2.error:  # ECC does not converge, or a window has a single colour.
         return None
     if not correlation >= MIN_CORRELATION:
         return None
@@ -155,7 +182,7 @@ def _register_patch(
 def _cut_window(
     image: NDArray[np.uint8], centre: NDArray[np.float64], half: int
 ) -> tuple[NDArray[np.uint8], NDArray[np.float64]]:
-    """Return the part of the image within `half` pixels of `centre`, and the (x, y) of its first pixel."""
+    """Cut out the window within `half` pixels of `centre` (x, y). Return the window and the (x, y) of its top left."""
     column, row = (round(float(c)) for c in centre)
     left, top = max(column - half, 0), max(row - half, 0)
     window = image[top : max(row + half + 1, 0), left : max(column + half + 1, 0)]
@@ -163,7 +190,7 @@ def _cut_window(
 
 
 def _half_windows(board: Board, pitch_px: NDArray[np.float64], dot_diameters: tuple[float, float]) -> NDArray[np.int64]:
-    """Return half the side (N,) of each corner's patch, pixels."""
+    """Return the half side (N,) of the patch of each corner or dot, pixels, for the local pitches `pitch_px` (N,)."""
     if board.kind == "circles":
         radii = np.full(len(pitch_px), dot_diameters[0] / 2)
         radii[0] = dot_diameters[1] / 2
@@ -174,7 +201,7 @@ def _half_windows(board: Board, pitch_px: NDArray[np.float64], dot_diameters: tu
 
 
 def _pitch_px(H: NDArray[np.float64], board: Board) -> NDArray[np.float64]:
-    """Return the length (N,) of a pitch at each corner, pixels, in the direction in which it is shorter."""
+    """Return the image length (N,) of one pitch at each corner, pixels: the shorter of the x and y directions."""
     points, step = board.points[:, :2], board.pitch_m / 2
     across = apply_homography(H, points + [step, 0.0]) - apply_homography(H, points - [step, 0.0])
     down = apply_homography(H, points + [0.0, step]) - apply_homography(H, points - [0.0, step])

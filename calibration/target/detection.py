@@ -13,46 +13,47 @@ from calibration.target.grids import LargerDotMisplacedError, find_checkerboard,
 from calibration.target.planarity import find_planar_corners
 
 MIN_SPREAD_PITCHES = 0.25
-"""Minimum rms distance of the corners from their best line, in pitches. Two rows have 0.5, and a row of nine with one
-more corner has 0.3."""
+"""Minimum rms distance of the corners from the line fitted to them, in pitches. For two full rows the distance is 0.5.
+For a row of nine and one more corner it is 0.3."""
 MIN_MEDIAN_GREY, MAX_MEDIAN_GREY = 25, 235
-"""Range of the median grey level. An image outside it is under- or overexposed."""
+"""Range of the median grey level (0 to 255) of a well-exposed image."""
 ADVICE = "light the board evenly without glare, move it into the middle of the image, and bring it into focus"
-"""What to do if a board is not detected."""
+"""Advice in the message for a board that is not detected."""
 
 
 @dataclass(frozen=True, eq=False)
-class BoardSighting:
+class DetectedBoard:
     """The detected corners of a board in one image."""
 
     ids: NDArray[np.int64]
-    """(N,) numbers of the corners or dots, ascending: rows of `Board.points`. At least six, not on a line."""
+    """(N,) numbers of the corners or dots, ascending. A number is a row index of `Board.points`."""
     pixels: NDArray[np.float64]
-    """(N, 2) pixels of the corners, x then y. The centre of the first pixel is (0, 0)."""
+    """(N, 2) positions of the corners or dots, x then y, pixels. The centre of the top left pixel is (0, 0)."""
     corner_sigma_px: float | None
-    """Standard deviation of one coordinate, estimated from how well the corners lie on a flat board, pixels. None if
-    there are too few corners for an estimate."""
+    """Standard deviation of the corner noise per coordinate, pixels, estimated from the residuals to a flat board. None
+    if the corners are too few for an estimate."""
     is_numbering_unique: bool = True
-    """Whether the image determines which corner is the first. If not, see
-    `calibration.target.corner_ordering.symmetric_numberings`."""
+    """Whether the image determines the first corner. If False, all numberings that
+    `calibration.target.corner_ordering.symmetric_numberings` returns are possible."""
 
 
-def detect_board(image: NDArray[np.uint8], board: Board) -> BoardSighting:
-    """Return the corners of a board in an image.
+def detect_board(image: NDArray[np.uint8], board: Board) -> DetectedBoard:
+    """Detect the corners of a board in an image.
 
-    Part of a ChArUco board is enough. A checkerboard or a circle grid must be in the image as a whole.
+    A ChArUco board may be partly visible. A checkerboard or circle grid must be completely visible.
 
     Args:
         image: (H, W) grey or (H, W, 3) BGR image of 8-bit pixels.
-        board: The board to search.
+        board: The board to detect.
 
     Returns:
-        At least six corners that are not on a line.
+        The detected corners: at least `MIN_CORNERS`, not all on one line.
 
     Raises:
         BoardImageError: The array is not an 8-bit image.
-        BoardNotSeenError: Fewer than six corners are visible, or all are on a line.
-        BoardMirroredError: The image shows the ChArUco board mirrored. Other boards cannot be checked for this.
+        BoardNotSeenError: Fewer than `MIN_CORNERS` corners are visible, all corners are on one line, or the larger dot
+            is at the wrong corner of a circle grid.
+        BoardMirroredError: The image shows the ChArUco board mirrored. Other boards are not checked for mirroring.
     """
     grey = _to_grey(image)
     ids, pixels, is_unique = _find_corners(grey, board)
@@ -73,11 +74,11 @@ def detect_board(image: NDArray[np.uint8], board: Board) -> BoardSighting:
             "bring more of it into the image"
         )
     inliers, sigma = find_planar_corners(board, ids, pixels)
-    return BoardSighting(ids=ids[inliers], pixels=pixels[inliers], corner_sigma_px=sigma, is_numbering_unique=is_unique)
+    return DetectedBoard(ids=ids[inliers], pixels=pixels[inliers], corner_sigma_px=sigma, is_numbering_unique=is_unique)
 
 
 def _to_grey(image: Any) -> NDArray[np.uint8]:
-    """Return the image as contiguous grey pixels (H, W)."""
+    """Convert an image to contiguous grey pixels (H, W), uint8."""
     import cv2
 
     if not isinstance(image, np.ndarray) or image.dtype != np.uint8:
@@ -140,7 +141,7 @@ def _describe_exposure(grey: NDArray[np.uint8]) -> str:
 
 
 def _are_collinear(board: Board, ids: NDArray[np.int64]) -> bool:
-    """Return whether the corners lie on a line."""
+    """Return whether the corners with the numbers `ids` (N,) lie nearly on one line of the board."""
     points = board.points[ids, :2] / board.pitch_m
     _, across = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
     return bool(across < MIN_SPREAD_PITCHES * np.sqrt(len(ids)))

@@ -1,4 +1,4 @@
-"""Detect checkerboards and circle grids with OpenCV's detectors. The whole board must be in the image."""
+"""Detect checkerboards and circle grids with OpenCV. The whole board must be visible."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,27 +16,39 @@ GridCorners = tuple[NDArray[np.int64], NDArray[np.float64], bool]
 """Numbers (N,) and pixels (N, 2) of the detected points, and whether the image determines the first point."""
 
 THRESHOLDS = (10, 230, 10)
-"""Grey levels at which dots are searched: first, last, step. Blobs of neighbouring levels are joined, so that shade or
-glare on part of the board does not matter."""
+"""Grey-level thresholds of the blob detector: first, last, step. Many thresholds make the detection robust to shadow or
+glare on part of the board."""
 MIN_DOT_PX = 5.0
-"""Minimum diameter of a dot, pixels. Smaller ones cannot be distinguished from noise."""
+"""Minimum diameter of a dot, pixels. A smaller dot cannot be distinguished from noise."""
 MAX_DOT_SHARE = 0.2
-"""Maximum diameter of a dot, as a share of the shorter image side."""
+"""Maximum ratio of the dot diameter to the shorter image side."""
 MIN_INERTIA_RATIO = 0.15
-"""Minimum roundness of a dot, the ratio of its smallest to its largest moment. A circle tilted by 65 degrees has this
-value."""
+"""Minimum ratio of the smallest to the largest second moment of a dot. A circle tilted by 67 degrees has this ratio."""
 MIN_CONVEXITY = 0.9
-"""Minimum convexity of a dot: its area divided by that of its convex hull."""
+"""Minimum ratio of the dot area to the area of its convex hull."""
 GRID_FINDER_PITCH_PX = 30.0
-"""Distance of neighbouring dots for which OpenCV's grid finder is made, since its settings are lengths in pixels."""
+"""Distance between neighbouring dots after scaling the blob positions, pixels. The default settings of OpenCV's grid
+finder suit this distance."""
 
 
 class LargerDotMisplacedError(ValueError):
-    """The larger dot is at a corner that cannot be the first: columns and rows swapped, or the image mirrored."""
+    """The larger dot is at a corner that cannot be the first.
+
+    Columns and rows are swapped in the board description, or the image is mirrored.
+    """
 
 
 def find_checkerboard(grey: NDArray[np.uint8], board: Board) -> GridCorners:
-    """Return the inner corners of a checkerboard in a grey image (H, W); none unless the whole board is visible."""
+    """Detect the inner corners of a checkerboard.
+
+    Args:
+        grey: (H, W) grey image.
+        board: The board, of the kind `checkerboard`.
+
+    Returns:
+        Numbers (N,), pixels (N, 2), and whether the colours determine the first corner. N is 0 if the board is not
+        detected.
+    """
     import cv2
 
     for flags in (cv2.CALIB_CB_EXHAUSTIVE, cv2.CALIB_CB_EXHAUSTIVE | cv2.CALIB_CB_NORMALIZE_IMAGE):
@@ -51,14 +63,15 @@ def find_checkerboard(grey: NDArray[np.uint8], board: Board) -> GridCorners:
 
 
 def find_circles(grey: NDArray[np.uint8], board: Board) -> GridCorners:
-    """Return the dots of a circle grid, dark on light, in a grey image; none unless the whole board is visible.
+    """Detect the dots of a circle grid. The dots are dark on a light background.
 
     Args:
         grey: (H, W) grey image.
         board: The board, of the kind `circles`.
 
     Returns:
-        Numbers (N,), pixels (N, 2), and whether the larger dot determines the first dot.
+        Numbers (N,), pixels (N, 2), and whether a larger dot determines the first dot. N is 0 if the board is not
+        detected.
 
     Raises:
         LargerDotMisplacedError: The larger dot is at a corner that cannot be the first.
@@ -75,7 +88,7 @@ def find_circles(grey: NDArray[np.uint8], board: Board) -> GridCorners:
     if not is_unique and board.columns != board.rows and is_larger_dot_misplaced(diameters):
         raise LargerDotMisplacedError
     approximate = ordered.reshape(-1, 2)
-    # The board does not define the dot size, and with perspective the size shifts the centre.
+    # `Board` has no dot size, but refinement needs it: under perspective, the centroid shifts with the dot size.
     ratios = diameters / np.sqrt(_cell_areas(ordered))
     common = round(float(np.median(ratios)), 2)
     first = round(float(ratios[0, 0]), 2) if is_unique else common
@@ -88,19 +101,19 @@ def _no_corners() -> GridCorners:
 
 
 def _to_grid(points: object, board: Board) -> NDArray[np.float64]:
-    """Return points of OpenCV as (rows, columns, 2)."""
+    """Reshape an OpenCV point list to a grid (rows, columns, 2)."""
     columns, rows = board.shape
     return np.asarray(points, dtype=np.float64).reshape(rows, columns, 2)
 
 
 def _cell_areas(grid: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the area (rows, columns) of the cell around each dot of a grid (rows, columns, 2), square pixels."""
+    """Return the cell areas (rows, columns), square pixels, of a grid of dots (rows, columns, 2)."""
     down, across = (np.asarray(np.gradient(grid, axis=axis)) for axis in (0, 1))
     return np.abs(across[..., 0] * down[..., 1] - across[..., 1] * down[..., 0])
 
 
 def _detect_blobs(grey: NDArray[np.uint8]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the centres (M, 2) and diameters (M,) of all blobs that may be a dark dot on light, pixels."""
+    """Return the centres (M, 2) and diameters (M,) of all dark blobs with the size and shape of a dot, pixels."""
     import cv2
 
     if MAX_DOT_SHARE * min(grey.shape) <= MIN_DOT_PX:
@@ -118,7 +131,7 @@ def _detect_blobs(grey: NDArray[np.uint8]) -> tuple[NDArray[np.float64], NDArray
 
 
 def _find_dot_grid(blobs: NDArray[np.float64], board: Board) -> NDArray[np.float64] | None:
-    """Return the dots (N, 2) of the grid among all blobs (M, 2), row by row, or None if there is no such grid."""
+    """Select the dots (N, 2) of the grid, row by row, from the blob centres (M, 2). Return None if no grid is found."""
     import cv2
     from scipy.spatial import KDTree
 
@@ -126,9 +139,9 @@ def _find_dot_grid(blobs: NDArray[np.float64], board: Board) -> NDArray[np.float
         return None
     spacing = float(np.median(KDTree(blobs).query(blobs, k=2)[0][:, 1]))
     scaled = (blobs * GRID_FINDER_PITCH_PX / max(spacing, 1e-6)).astype(np.float32).reshape(-1, 1, 2)
-    # Clustering tolerates more perspective; the search without it tolerates more false dots.
+    # Clustering tolerates more perspective. The search without clustering tolerates more false dots.
     for flags in (cv2.CALIB_CB_SYMMETRIC_GRID | cv2.CALIB_CB_CLUSTERING, cv2.CALIB_CB_SYMMETRIC_GRID):
-        # The input is points already, so there is no detector; OpenCV's type stubs do not know this use.
+        # The input is a list of points, so the blob detector is None. OpenCV's type stubs do not allow None.
         found, centres = cv2.findCirclesGrid(  # pyright: ignore[reportCallIssue]
             scaled,
             board.shape,

@@ -1,4 +1,4 @@
-"""Write a board as a PDF to print, true to scale, with a line to check the scale and a description of the board."""
+"""Write a printable PDF of a board, true to scale, with a check line for the scale and a description of the board."""
 
 import io
 import os
@@ -18,13 +18,14 @@ if TYPE_CHECKING:
 PAPER_SIZES_MM = {"a4": (297.0, 210.0), "letter": (279.4, 215.9), "a3": (420.0, 297.0)}
 """Long and short side of each paper size, mm."""
 EDGE_MM = 6.0
-"""Margin at the edges of the paper that printers leave white, mm."""
+"""Margin that printers leave white at each edge of the paper, mm."""
 QUIET_ZONE_PITCHES = {"charuco": 0.25, "checkerboard": 0.5, "circles": 0.25}
-"""White margin that detection needs around the board, in pitches. OpenCV's checkerboard detector needs the most."""
+"""White margin that detection needs around the board, in pitches. OpenCV's checkerboard detector needs the widest
+margin."""
 STRIP_MM = 19.0
-"""Width of the strip along one side of the paper for the check line and the description, mm."""
+"""Width of the strip for the check line and the description, along one side of the paper, mm."""
 STRIP_LENGTH_MM = 150.0
-"""Length of the strip, mm. No line of the description is longer."""
+"""Length of the strip, mm. Every line of the description fits in it."""
 LINE_MM = 100.0
 """Length of the check line, mm."""
 TICK_MM = 4.0
@@ -34,7 +35,7 @@ STROKE_MM = 0.25
 TEXT_PT = 8.0
 """Font size, points."""
 PITCH_STEP_MM = 0.5
-"""Step of the pitch that is proposed if a board does not fit, mm."""
+"""Step of the pitch that the message proposes if a board does not fit, mm."""
 MM_PER_INCH = 25.4
 """Millimetres per inch."""
 
@@ -52,19 +53,19 @@ class _Layout:
     top: float
     """Top edge of the board, mm."""
     is_strip_below: bool
-    """Whether the check line and the description are below the board. Otherwise they are to its right, rotated by a
-    quarter turn."""
+    """Whether the strip with the check line and the description is below the board. If False, the strip is to the right
+    of the board, rotated by a quarter turn."""
     spare: float
-    """Margin in excess of the quiet zone on the narrower side, mm. Negative if the board does not fit."""
+    """Smaller of the left and top margins, minus the required margin, mm. Negative if the board does not fit."""
 
 
 def write_board_pdf(board: Board, path: str | os.PathLike[str], paper: str = "a4") -> None:
-    """Write the board as a PDF with one page. The same board gives the same bytes.
+    """Write a board as a PDF with one page. The same board and paper give the same bytes.
 
     Args:
         board: The board.
-        path: The file. An existing file is overwritten.
-        paper: Paper size, "a4", "letter" or "a3". The orientation is chosen so that the board fits.
+        path: The PDF file. An existing file is overwritten.
+        paper: Paper size, "a4", "letter" or "a3". The page is landscape or portrait, whichever has the wider margin.
 
     Raises:
         BoardError: The paper size is unknown, or the board does not fit on it.
@@ -74,21 +75,21 @@ def write_board_pdf(board: Board, path: str | os.PathLike[str], paper: str = "a4
 
     page = draw_board_page(board, paper)
     content = io.BytesIO()
-    # No date, so that the same board gives the same file. Not `savefig`, which crops the page with some user settings.
+    # No date, so that the same board gives the same bytes. `savefig` would crop the page with some user settings.
     metadata = {"Title": f"Calibration board: {board}", "Creator": None, "Producer": None, "CreationDate": None}
     FigureCanvasPdf(page).print_pdf(content, metadata=metadata)
     Path(path).write_bytes(content.getvalue())
 
 
 def draw_board_page(board: Board, paper: str = "a4") -> "Figure":
-    """Draw the page.
+    """Draw the page with the board, the check line and the description.
 
     Args:
         board: The board.
         paper: Paper size, "a4", "letter" or "a3".
 
     Returns:
-        A matplotlib figure of the size of the paper.
+        A matplotlib figure with the size of the paper.
 
     Raises:
         BoardError: The paper size is unknown, or the board does not fit on it.
@@ -98,7 +99,7 @@ def draw_board_page(board: Board, paper: str = "a4") -> "Figure":
 
     layout = _choose_layout(board, paper)
     page = Figure(figsize=(layout.width / MM_PER_INCH, layout.height / MM_PER_INCH), facecolor="white")
-    # From millimetres with y down to matplotlib's inches with y up.
+    # Convert millimetres with y down to matplotlib's inches with y up.
     to_page = Affine2D().scale(1.0, -1.0).translate(0.0, layout.height).scale(1 / MM_PER_INCH) + page.dpi_scale_trans
     _draw_board(page, board, layout, to_page)
     if layout.is_strip_below:
@@ -112,7 +113,7 @@ def draw_board_page(board: Board, paper: str = "a4") -> "Figure":
 
 
 def _choose_layout(board: Board, paper: str) -> _Layout:
-    """Return the layout, or raise BoardError with the changes that would make the board fit."""
+    """Return the layout. If the board does not fit, raise BoardError with changes that make it fit."""
     if paper not in PAPER_SIZES_MM:
         raise BoardError(f"the paper size {paper[:40]!r} is unknown: use one of {', '.join(PAPER_SIZES_MM)}")
     layout = _fit_layout(board, paper)
@@ -130,7 +131,7 @@ def _choose_layout(board: Board, paper: str) -> _Layout:
 
 
 def _fit_layout(board: Board, paper: str) -> _Layout | None:
-    """Return the layout with the widest margin, or None if the board does not fit."""
+    """Return the layout with the widest margin, or None if the board does not fit on the paper."""
     long, short = PAPER_SIZES_MM[paper]
     board_width, board_height = (1e3 * side for side in board.size_m)
     quiet_zone = max(QUIET_ZONE_PITCHES[board.kind] * board.pitch_m * 1e3, EDGE_MM)
@@ -146,7 +147,7 @@ def _fit_layout(board: Board, paper: str) -> _Layout | None:
 
 
 def _find_max_pitch_mm(board: Board, paper: str) -> float | None:
-    """Return the largest pitch with which the board fits, in steps that are easily measured, or None."""
+    """Return the largest multiple of `PITCH_STEP_MM` for which the board fits, mm, or None if no pitch fits."""
     for steps in range(int(board.pitch_m * 1e3 / PITCH_STEP_MM), 0, -1):
         pitch_m = steps * PITCH_STEP_MM / 1e3
         try:
@@ -168,7 +169,7 @@ def _draw_board(page: "Figure", board: Board, layout: _Layout, to_page: "Transfo
         x0, y0, x1, y1 = (1e3 * shapes.rectangles + np.tile(start, 2)).T
         corners = np.stack([x0, y0, x1, y0, x1, y1, x0, y1, x0, y0], axis=1).reshape(-1, 2)
         codes = [Outline.MOVETO, Outline.LINETO, Outline.LINETO, Outline.LINETO, Outline.CLOSEPOLY]
-        # One path for all: viewers may show white hairlines between rectangles that are drawn one by one.
+        # Draw all rectangles as one path. Viewers may show white hairlines between separate paths.
         outline = Outline(corners, np.tile(codes, len(shapes.rectangles)))
         page.add_artist(PathPatch(outline, facecolor="black", edgecolor="none", transform=to_page, snap=False))
     for x, y, radius in shapes.discs * 1e3 + np.append(start, 0.0):
@@ -176,7 +177,14 @@ def _draw_board(page: "Figure", board: Board, layout: _Layout, to_page: "Transfo
 
 
 def _draw_strip(page: "Figure", board: Board, to_page: "Transform", rotation_deg: float) -> None:
-    """Draw the check line and the description. The coordinates of the strip are mm along and across it."""
+    """Draw the check line and the description.
+
+    Args:
+        page: The figure.
+        board: The board to describe.
+        to_page: Transform from the strip to the page. Strip coordinates are mm, x along the strip and y across it.
+        rotation_deg: Rotation of the text, degrees.
+    """
     import matplotlib
     from matplotlib.font_manager import FontProperties
     from matplotlib.lines import Line2D
@@ -187,7 +195,7 @@ def _draw_strip(page: "Figure", board: Board, to_page: "Transform", rotation_deg
         line = Line2D(x, y, color="black", linewidth=STROKE_MM / MM_PER_INCH * 72, transform=to_page, snap=False)
         line.set_solid_capstyle("butt")
         page.add_artist(line)
-    # The font that comes with matplotlib is always available, unlike the font of the user settings.
+    # Matplotlib's own font is always available, unlike the font in the user settings.
     font = FontProperties(fname=Path(matplotlib.get_data_path()) / "fonts/ttf/DejaVuSans.ttf", size=TEXT_PT)
     line_mm = 1.35 * TEXT_PT / 72 * MM_PER_INCH
     texts = [(LINE_MM + 2.0, TICK_MM / 2 + line_mm / 4, "100 mm: measure it")]
@@ -209,7 +217,7 @@ def _draw_strip(page: "Figure", board: Board, to_page: "Transform", rotation_deg
 
 
 def _describe_board(board: Board) -> list[str]:
-    """Return the lines of text below the check line."""
+    """Return the text lines below the check line: the board and two instructions."""
     pitch = f"{1e3 * board.pitch_m:g} mm"
     match board.kind:
         case "charuco":

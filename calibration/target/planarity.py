@@ -1,4 +1,4 @@
-"""Estimate the accuracy of detected corners from how well they lie on one flat board."""
+"""Estimate the noise of detected corners from their residuals to one flat board."""
 
 import math
 
@@ -9,18 +9,18 @@ from calibration.target.board import Board
 from calibration.target.corner_refinement import apply_homography
 
 MIN_CORNERS_FOR_SIGMA = 12
-"""Minimum number of corners for an estimate. Fewer leave too few residual degrees of freedom."""
+"""Minimum number of corners for a noise estimate. Fewer corners leave too few degrees of freedom."""
 MIN_CORNERS_FOR_DISTORTION = 24
-"""Minimum number of corners from which lens distortion is fitted too."""
+"""Minimum number of corners for a fit that includes lens distortion."""
 MAX_ITERATIONS = 3
-"""Maximum number of fits, each without the outliers of the fit before."""
+"""Maximum number of fits. Each fit excludes the outliers of the previous fit."""
 MAX_RESIDUAL_SIGMAS = 6.0
-"""Maximum residual of a corner, in standard deviations. A larger one is another thing: a cable across the corner, or a
-reflection."""
+"""Maximum residual of an inlier, in standard deviations. Outliers are caused by cables across a corner or by
+reflections."""
 MIN_OUTLIER_PX = 0.1
-"""Minimum residual of an outlier, pixels. A corner with a small error is still better than no corner."""
+"""Minimum residual of an outlier, pixels. A corner with a smaller residual is accurate enough to keep."""
 SIGMA_PER_MAD = 1.4826
-"""Standard deviation of a normal distribution divided by the median of its absolute values."""
+"""Standard deviation of a normal distribution, divided by its median absolute deviation."""
 
 
 def find_planar_corners(
@@ -28,8 +28,9 @@ def find_planar_corners(
 ) -> tuple[NDArray[np.bool_], float | None]:
     """Find the corners that lie on one flat board, and estimate their noise.
 
-    The corners are compared with a homography, plus cubic polynomials for the lens if there are enough corners. Smooth
-    errors, such as those of a bent board, are explained by the fit; the remaining residual is the noise.
+    The fitted model is a homography. With `MIN_CORNERS_FOR_DISTORTION` or more corners, the model also has cubic
+    polynomials for lens distortion. The polynomials also absorb other smooth errors, such as a bent board. The
+    remaining residuals are noise.
 
     Args:
         board: The board.
@@ -37,8 +38,8 @@ def find_planar_corners(
         pixels: (N, 2) pixels of the corners.
 
     Returns:
-        Mask (N,) of the corners that fit, and the standard deviation of one coordinate of these, pixels. With fewer
-        than `MIN_CORNERS_FOR_SIGMA` corners the mask is all true and the standard deviation is None.
+        Mask (N,), True for inliers, and the standard deviation of the corner noise per coordinate, pixels. With fewer
+        than `MIN_CORNERS_FOR_SIGMA` corners, all corners are inliers and the standard deviation is None.
     """
     inliers = np.ones(len(ids), dtype=bool)
     sigma = None
@@ -48,7 +49,7 @@ def find_planar_corners(
     for _ in range(MAX_ITERATIONS):
         residuals, n_parameters = _fit_residuals(points, pixels, inliers)
         n_inliers = int(inliers.sum())
-        # The fit absorbs part of the noise of the corners that it uses.
+        # The fit absorbs part of the noise, so scale by the degrees of freedom.
         remaining = math.sqrt(1.0 - n_parameters / (2 * n_inliers))
         sigma = SIGMA_PER_MAD * float(np.median(np.abs(residuals[inliers]))) / remaining
         near = np.linalg.norm(residuals, axis=1) <= max(MAX_RESIDUAL_SIGMAS * sigma, MIN_OUTLIER_PX)
@@ -61,7 +62,16 @@ def find_planar_corners(
 def _fit_residuals(
     points: NDArray[np.float64], pixels: NDArray[np.float64], inliers: NDArray[np.bool_]
 ) -> tuple[NDArray[np.float64], int]:
-    """Return the residuals (N, 2) of a fit to the inliers, pixels, and the number of parameters of the fit."""
+    """Fit a homography and lens distortion to the inliers.
+
+    Args:
+        points: (N, 2) corner positions on the board, in pitches.
+        pixels: (N, 2) corner positions in the image, pixels.
+        inliers: Mask (N,), True for the corners to fit.
+
+    Returns:
+        Residuals (N, 2) of all corners, pixels, and the number of fitted parameters.
+    """
     import cv2
 
     H = np.asarray(cv2.findHomography(points[inliers], pixels[inliers], 0)[0], dtype=np.float64)
@@ -72,5 +82,5 @@ def _fit_residuals(
     powers = [(i, j) for i in range(4) for j in range(4 - i)]
     terms = np.column_stack([x**i * y**j for i, j in powers])
     distortion = np.linalg.lstsq(terms[inliers], residuals[inliers], rcond=None)[0]
-    # The polynomials contain nearly all parameters of the homography.
+    # The homography parameters are not added, because the cubic polynomials span nearly all of them.
     return residuals - terms @ distortion, 2 * len(powers)

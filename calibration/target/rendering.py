@@ -1,6 +1,6 @@
-"""Render boards: the black shapes of the print to scale, and an image of them.
+"""Draw the black shapes of a board to scale, and render an image of the board.
 
-The printed page, the board of the simulated cell, corner refinement and the test images all use this module.
+The printed page, the simulated cell, corner refinement and the tests use this module.
 """
 
 from dataclasses import dataclass
@@ -11,21 +11,21 @@ from numpy.typing import NDArray
 from calibration.target.board import Board
 
 DOT_DIAMETERS = (0.5, 0.8)
-"""Diameters of a circle grid's dots and of the first dot, in pitches. The larger first dot determines the numbering.
-With half a pitch, neighbours stay separate when out of focus. The first dot has two and a half times the area of the
-others."""
+"""Diameters of the dots and of the first dot of a circle grid, in pitches. Dots of half a pitch stay separate in an
+image that is out of focus. The larger first dot has about 2.5 times the area of another dot, and makes the numbering
+unique."""
 DISC_SAMPLES = 16
-"""Samples per pixel and axis for the area of a disc."""
+"""Number of samples per pixel and axis, to compute the part of a pixel that a disc covers."""
 
 
 @dataclass(frozen=True, eq=False)
 class BoardShapes:
-    """The black shapes of a board in its frame, metres. They do not overlap."""
+    """The black shapes of a board, without overlap."""
 
     rectangles: NDArray[np.float64]
-    """(N, 4) rectangles x0, y0, x1, y1 with x0 < x1 and y0 < y1, metres."""
+    """(N, 4) rectangles x0, y0, x1, y1 with x0 < x1 and y0 < y1, metres, board frame."""
     discs: NDArray[np.float64]
-    """(N, 3) discs, centre x, y and radius, metres."""
+    """(N, 3) centre x, centre y and radius of the discs, metres, board frame."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,24 +33,24 @@ class BoardImage:
     """An orthographic image of a board, seen from the front."""
 
     pixels: NDArray[np.uint8]
-    """(H, W) grey levels, 0 black, 255 white. A pixel cut by the edge of a marker cell or dot has the grey level of its
-    white share."""
+    """(H, W) grey levels, from 0 for black to 255 for white. A partly black pixel has the mean grey level of its
+    area."""
     pixels_per_m: float
     """Resolution, pixels per metre."""
     origin_px: tuple[float, float]
-    """(x, y) of the board frame's origin, pixels. The centre of the first pixel is (0, 0). A point (x, y, 0) of the
-    board is at `origin_px + pixels_per_m * (x, y)`."""
+    """(x, y) of the origin of the board frame, pixels. The board point (x, y, 0) is at the pixel
+    `origin_px + pixels_per_m * (x, y)`. The centre of the top left pixel is (0, 0)."""
 
 
 def board_shapes(board: Board, dot_diameters: tuple[float, float] = DOT_DIAMETERS) -> BoardShapes:
-    """Return the shapes that are printed black.
+    """Return the shapes of a board that are printed black.
 
     Args:
         board: The board.
         dot_diameters: Diameters of the dots and of the first dot of a circle grid, in pitches.
 
     Returns:
-        Squares and cells of markers, or dots.
+        The black squares and marker cells as rectangles, or the dots as discs.
     """
     if board.kind == "circles":
         radius = np.full((board.columns * board.rows, 1), dot_diameters[0] / 2 * board.pitch_m)
@@ -68,13 +68,13 @@ def board_shapes(board: Board, dot_diameters: tuple[float, float] = DOT_DIAMETER
 def render_board(
     board: Board, pixels_per_pitch: int, margin_pitches: float = 1.0, dot_diameters: tuple[float, float] = DOT_DIAMETERS
 ) -> BoardImage:
-    """Return an image of the board with a white margin around it.
+    """Render an image of the board with a white margin.
 
     Args:
         board: The board.
         pixels_per_pitch: Resolution, pixels per pitch.
-        margin_pitches: Width of the margin, in pitches. It is rounded to whole pixels.
-        dot_diameters: As in `board_shapes`.
+        margin_pitches: Width of the margin, in pitches. The margin is rounded to whole pixels.
+        dot_diameters: Diameters of the dots and of the first dot of a circle grid, in pitches.
 
     Raises:
         ValueError: The resolution is below one pixel per pitch, or the margin is negative.
@@ -88,7 +88,8 @@ def render_board(
     width, height = (count * pixels_per_pitch + 2 * margin for count in (board.columns, board.rows))
     pixels_per_m = pixels_per_pitch / board.pitch_m
     shapes = board_shapes(board, dot_diameters)
-    # In pixels from the top left corner of the image, which is half a pixel before the centre of the first pixel.
+    # Origin of the board frame, in pixels from the outer corner of the top left pixel. The centre of this pixel is at
+    # (0.5, 0.5).
     start = margin - np.array(board.print_corner) * pixels_per_m
     ink = np.zeros((height, width))
     for x0, y0, x1, y1 in shapes.rectangles * pixels_per_m + np.tile(start, 2):
@@ -111,8 +112,8 @@ def render_board(
 
 
 def _pixel_shares(low: float, high: float, count: int) -> tuple[slice, NDArray[np.float64]]:
-    """Return which of `count` pixels lie between two edges, and the covered share of each."""
-    # Rounding must not leave a trace of grey at an edge that lies between two pixels.
+    """Return the pixels between two edges on an axis of `count` pixels, and the covered fraction of each pixel."""
+    # Without rounding, an edge between two pixels could leave a trace of grey.
     low, high = (round(edge) if abs(edge - round(edge)) < 1e-6 else edge for edge in (low, high))
     first, last = max(int(np.floor(low)), 0), min(int(np.ceil(high)), count)
     starts = np.arange(first, last)
@@ -120,13 +121,13 @@ def _pixel_shares(low: float, high: float, count: int) -> tuple[slice, NDArray[n
 
 
 def _sample_positions(pixels: slice) -> NDArray[np.float64]:
-    """Return the positions of the samples in these pixels along one axis."""
+    """Return the positions of the `DISC_SAMPLES` samples in each of the given pixels, along one axis."""
     count = (pixels.stop - pixels.start) * DISC_SAMPLES
     return pixels.start + (np.arange(count) + 0.5) / DISC_SAMPLES
 
 
 def _marker_cells(board: Board) -> NDArray[np.float64]:
-    """Return the black cells (N, 4) of the markers, with neighbouring cells of a row joined to one rectangle."""
+    """Return the black marker cells as rectangles (N, 4), metres. Adjacent cells in a row form one rectangle."""
     import cv2
 
     dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, board.dictionary))

@@ -116,7 +116,8 @@ def observe_board(predicted: PredictedBoard, views: Observations) -> tuple[list[
         Names of the views with a board pose, and one observation for each name.
 
     Raises:
-        HandEyeMismatchError: The focal length of the views differs, so the images have another size.
+        HandEyeMismatchError: The focal length of the views differs from the calibration, for example because the images
+            have another resolution.
     """
     if np.abs(predicted.K[[0, 1], [0, 1]] / views.K[[0, 1], [0, 1]] - 1).max() > MAX_FOCAL_DIFFERENCE:
         raise HandEyeMismatchError(

@@ -50,8 +50,8 @@ class CrossingSet:
 def find_crossings(strands: Sequence[Strand], surface: NDArray[np.float64], parameters: ChainParameters) -> CrossingSet:
     """Return the crossings of the strands. The surface gives the heights of the strands.
 
-    The strand with the higher top is over. The height of each strand is measured on the surface on both sides of the
-    crossing, where the other strand does not hide it.
+    The strand with the higher centre line is over. The height of each strand is measured on the surface on both sides
+    of the crossing, where the other strand does not hide it.
 
     Args:
         strands: Strands of the scene.
@@ -64,7 +64,7 @@ def find_crossings(strands: Sequence[Strand], surface: NDArray[np.float64], para
     """
     crossings, ambiguities = [], []
     for number, intersection in enumerate(find_intersections(strands)):
-        heights = np.array([_measure_height(strands, intersection, side, surface, parameters) for side in (0, 1)])
+        heights = np.array([_measure_height(strands, intersection, which, surface, parameters) for which in (0, 1)])
         gap = float(np.ptp(heights))
         confidence = float(ndtr(gap / (np.sqrt(2) * HEIGHT_SIGMA_M)))
         crossings.append(_make_crossing(intersection, number, heights, confidence))
@@ -144,7 +144,7 @@ def _height_difference_reason(gap_m: float) -> str:
 def _measure_height(
     strands: Sequence[Strand],
     intersection: Intersection,
-    side: int,
+    which: int,
     surface: NDArray[np.float64],
     parameters: ChainParameters,
 ) -> float:
@@ -152,24 +152,25 @@ def _measure_height(
 
     The surface is sampled along the strand on both sides of the intersection. The samples begin at a distance of
     1.5 r / sin(crossing angle), which clears the other strand, and span 2 r. Each sample uses the surface points within
-    r / 2 of the centre line, seen from above. Without surface there, the centre line itself gives the height.
+    r / 2 of the centre line, seen from above. The height is the measured top minus r. Without surface, the centre line
+    itself gives the height.
 
     Args:
         strands: Strands of the scene.
         intersection: Intersection of two strands.
-        side: Which of the two strands is measured: 0 or 1, index into `intersection.strands`.
+        which: The measured strand, index 0 or 1 into `intersection.strands`.
         surface: (N, 3) registered surface points, metres, base frame.
         parameters: Method parameters; uses the radius r.
     """
-    own, other = intersection.directions[side], intersection.directions[1 - side]
+    own, other = intersection.directions[which], intersection.directions[1 - which]
     sine = max(abs(float(planar_cross(own, other))), 0.3)
     hidden = parameters.r * 1.5 / sine
-    strand = strands[intersection.strands[side]]
+    strand = strands[intersection.strands[which]]
     line = close_polyline(strand.points, strand.closed)
     length = arc_length(line)[-1]
     tops = []
     for sign in (-1, 1):
-        offsets = intersection.s_m[side] + sign * (hidden + np.linspace(0, 2 * parameters.r, 5))
+        offsets = intersection.s_m[which] + sign * (hidden + np.linspace(0, 2 * parameters.r, 5))
         offsets = offsets[(offsets >= 0) & (offsets <= length)]
         for point in points_at(line, offsets):
             beside = np.linalg.norm(surface[:, :2] - point[:2], axis=1) < parameters.r / 2
@@ -177,7 +178,7 @@ def _measure_height(
             beside &= np.abs(surface[:, 2] - point[2]) < 2 * parameters.r
             if beside.any():
                 tops.append(float(np.percentile(surface[beside, 2], TOP_PERCENTILE)) - parameters.r)
-    return float(np.mean(tops)) if tops else intersection.heights_m[side]
+    return float(np.mean(tops)) if tops else intersection.heights_m[which]
 
 
 def _remove_grazing_contacts(intersections: Sequence[Intersection], chains: Sequence[Chain]) -> list[Intersection]:

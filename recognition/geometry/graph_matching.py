@@ -9,7 +9,7 @@ from scipy.sparse.csgraph import connected_components
 GAIN_STEP = 1e-9
 """Resolution of the gains. The gains are rounded to multiples of it, because the matching is exact only on integers."""
 MAX_COMPETING_ENDS = 300
-"""Maximum number of competing ends for which margins are computed, because each of their pairs takes one more matching.
+"""Maximum number of competing ends for which margins are computed. Each matched pair takes one more matching.
 Real scenes have tens of competing ends."""
 
 

@@ -13,9 +13,10 @@ from recognition.geometry.polyline import arc_length, close_polyline
 PARALLEL_SINE = 1e-6
 """Maximum sine of the angle between parallel links. The intersection of such links would depend on rounding."""
 ROUNDING_SHARE = 1e-9
-"""Distance by which an intersection may lie beyond the end of a link due to rounding, as a share of the link length."""
+"""Margin at both ends of a link, as a share of the link length. Rounding may put an intersection beyond the end."""
 SAME_POINT_M = 1e-6
-"""Intersections closer than this along both strands are the same intersection, found on two links, metres."""
+"""Maximum distance along both strands between two detections of one intersection, metres. Neighbouring links can detect
+the same intersection."""
 
 
 class Polyline(Protocol):
@@ -28,7 +29,7 @@ class Polyline(Protocol):
 
     @property
     def closed(self) -> bool:
-        """Whether the last point connects to the first."""
+        """True if the last point connects to the first."""
         ...
 
 
@@ -43,7 +44,7 @@ class Intersection:
     heights_m: tuple[float, float]
     """z of each strand at the intersection, metres, base frame."""
     directions: tuple[NDArray[np.float64], NDArray[np.float64]]
-    """(2,) direction of each strand in the table plane, unit vector."""
+    """(2,) unit vector of each strand in the table plane."""
     xy: NDArray[np.float64]
     """(2,) position of the intersection in the table plane, metres, base frame."""
 

@@ -7,7 +7,7 @@ from scipy.spatial import KDTree
 
 
 def neighbour_pairs(points: NDArray[np.float64], radius: float) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Return all pairs of points closer than `radius`, in both orders, and the pair of each point with itself.
+    """Return all pairs of points at most `radius` apart, in both orders, and the pair of each point with itself.
 
     Args:
         points: (N, 3) points, metres.

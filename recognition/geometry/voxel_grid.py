@@ -16,7 +16,7 @@ def voxel_indices(points: NDArray[np.float64], size: float) -> tuple[NDArray[np.
         size: Edge length of a voxel, metres.
 
     Returns:
-        Voxel indices (N,) of the points, and numbers (M,) of points in each voxel.
+        Voxel indices (N,) of the points, and point counts (M,) of the voxels.
     """
     if len(points) == 0:
         return np.empty(0, dtype=np.intp), np.empty(0, dtype=np.intp)

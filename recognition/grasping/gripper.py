@@ -32,7 +32,8 @@ class Gripper:
     stroke_m: float = 0.085
     """Maximum opening between the fingers."""
     palm_width_m: float = 0.075
-    """Width of the palm along the string (y). Across the string, the palm is as wide as the open fingers."""
+    """Width of the palm along the string (y). Across the string, its width is `stroke_m` plus twice
+    `finger_thickness_m`."""
     opening_margin_m: float = 0.004
     """Extra opening before the fingers close, in addition to the space that the string needs. Sum of both sides."""
     clearance_m: float = 0.001

@@ -296,7 +296,7 @@ class ModelDocument(_Document):
     method: str
     """Method that made the model."""
     parameters: dict[str, float]
-    """Symbols of the paper with their units; r_m is the radius of the string."""
+    """Values of the method parameters. Each key is a symbol of the paper with a unit suffix, for example `r_m`."""
     chains: list[ChainDocument]
     """The strings, the longest first."""
     crossings: list[CrossingDocument]

@@ -21,7 +21,8 @@ line of eqs. (1) and (2) is 0.37 mm with 0.4 to 0.5 r, 0.43 mm with 0.6 r, and 0
 neighbourhood, noise dominates the single centre points of eq. (1).
 """
 GROWTH_FACTORS = (1.0, 1.5, 2.25)
-"""Factors of the neighbourhood radius. The first factor that gives `MIN_NEIGHBOURS` is used, for sparse pixels too."""
+"""Factors of the neighbourhood radius. The smallest factor that gives `MIN_NEIGHBOURS` is used. Sparse pixels need a
+larger neighbourhood."""
 MIN_NEIGHBOURS = 6
 """Minimum median number of neighbours over the points of a view."""
 OUTLIER_NEIGHBOUR_SHARE = 0.5
@@ -44,7 +45,7 @@ class NormalCloud:
     normals: NDArray[np.float64]
     """(N, 3) unit normal vectors, oriented towards the camera."""
     T_correction: NDArray[np.float64]
-    """(4, 4) correction that was applied to the view since its hand-eye pose, base to base, metres."""
+    """(4, 4) motion of the view from its hand-eye pose to its current pose, base to base, metres."""
     T_base_camera: NDArray[np.float64] | None = None
     """(4, 4) camera pose after the correction, metres; None if unknown."""
     image: DepthView | None = None
@@ -52,7 +53,7 @@ class NormalCloud:
 
     @cached_property
     def tree(self) -> KDTree:
-        """The k-d tree of the points, built at the first access."""
+        """k-d tree of the points, built at the first access."""
         return KDTree(self.points)
 
 

@@ -13,7 +13,7 @@ from recognition.preprocessing.flying_pixels import is_on_surface
 from recognition.preprocessing.table_plane import SAMPLE_SIZE, table_alignment
 
 FLOOR_MARGIN_M = 0.01
-"""Depth below the floor of the workspace at which points are still inside, metres, because table points are noisy."""
+"""Margin below the floor of the workspace, metres. Noisy table points within the margin count as inside."""
 MAX_REACH_M = 100.0
 """Limit of a scene without a workspace along each axis of the base frame, metres. No arm reaches farther."""
 
@@ -176,7 +176,7 @@ def deproject(view: DepthView, rows: NDArray[np.intp], columns: NDArray[np.intp]
 def _pixels_above(
     view: DepthView, T_base_camera: NDArray[np.float64], height_m: float
 ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Return the rows (N,) and columns (N,) of the measured pixels with a base z above `height_m`, metres."""
+    """Return the rows (N,) and columns (N,) of the measured pixels higher than `height_m` (metres, base frame)."""
     rows, columns = (np.arange(n) for n in view.depth.shape)
     a, b, c = (T_base_camera[2, :3] @ np.linalg.inv(view.K)) * view.depth_unit_m
     # Single precision rounds heights by a tenth of a micrometre and halves the time for a megapixel.

@@ -12,7 +12,7 @@ MIN_VIEWS = 2
 CROWDED_SHARE = 0.8
 """Maximum share of the points of a view that are above the table. With a larger share, the table height is too low."""
 MIN_POINTS = 50
-"""Minimum number of points above the height threshold in a view that shows a string. Fewer points are noise."""
+"""Minimum number of points above the height threshold, and of measured points in the workspace. Fewer are noise."""
 
 
 @dataclass(frozen=True, eq=False)

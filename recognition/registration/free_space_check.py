@@ -1,7 +1,7 @@
-"""Find views that contradict the other views: by measured free space, and by the robot error that they need.
+"""Find views that contradict the other views, by their measured free space and by their robot error.
 
-The free space of a view is the space between its camera and the surface that it measured. Surface of another view must
-not lie in it.
+The free space of a view is the space between the camera and the measured surface. The surface of another view must not
+lie in this space.
 """
 
 from collections.abc import Sequence
@@ -25,7 +25,7 @@ MIN_FACING_COSINE = 0.5
 because its depth is the least accurate."""
 RING_DIRECTIONS = tuple((np.cos(k * np.pi / 4), np.sin(k * np.pi / 4)) for k in range(8))
 """Directions of the samples on a ring around a point. The point lies in free space only if the view measured surface
-behind all samples. A pose error of a millimetre therefore causes no violation."""
+behind all measured samples. A pose error of a millimetre therefore causes no violation."""
 MIN_RING_PIXELS = 2.0
 """Minimum radius of the ring, pixels. The radius of the ring is r if r is larger than this in the image."""
 MIN_MEASURED = 5
@@ -101,7 +101,8 @@ def find_inconsistent_views(
 def free_space_violations(clouds: Sequence[NormalCloud], parameters: ChainParameters) -> NDArray[np.float64]:
     """Return the share of the surface of each view that lies in the free space of each other view.
 
-    A point lies in the free space of a view if the view measured surface more than r behind the point.
+    A point lies in the free space of a view if the view measured surface more than r behind the point. The same
+    must hold for all measured samples on the ring around the point.
 
     Args:
         clouds: The V registered views, base frame.

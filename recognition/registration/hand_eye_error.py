@@ -16,8 +16,8 @@ class HandEyeErrorEstimate:
     `c` is a rotation vector (rad), then a translation (m), in the camera frame:
     `T_flange_camera_true = T_flange_camera @ from_rotation_vector(translation=c[3:], rotation_vector=c[:3])`.
 
-    The likelihood does not include the prior, so the estimates of several scans can be added. A scan of strings
-    constrains the error weakly: some directions may have almost no information.
+    The likelihood does not include the prior. `information` and `vector` of several scans can therefore be added. A
+    scan of strings constrains the error weakly: some directions may have almost no information.
     """
 
     information: NDArray[np.float64]
@@ -25,7 +25,8 @@ class HandEyeErrorEstimate:
     vector: NDArray[np.float64]
     """(6,) information vector, the product of `information` and the maximum likelihood estimate of `c`."""
     posterior_mean: NDArray[np.float64]
-    """(6,) maximum a posteriori estimate of `c`, which includes the prior. The registered poses are corrected by it."""
+    """(6,) maximum a posteriori estimate of `c`, which includes the prior. The registered poses include this
+    correction."""
 
 
 def estimate_hand_eye_error(alignment: Alignment, sigmas: PoseSigmas) -> HandEyeErrorEstimate | None:

@@ -71,7 +71,7 @@ class _LinearResiduals:
     residual: NDArray[np.float64]
     """(M,) signed distances at the zero state, metres."""
     share: NDArray[np.float64]
-    """(M,) factor of the information of each row, because depth errors are correlated."""
+    """(M,) weight factor of each distance, because depth errors are correlated."""
 
     def evaluate(self, state: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the signed distances (M,) at `state`, metres."""

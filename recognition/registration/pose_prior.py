@@ -61,15 +61,15 @@ class PosePrior:
     gradient: NDArray[np.float64]
     """(6 V + 7,) gradient of the cost at the zero state. The mean x of the prior solves `information x = -gradient`."""
     robot_errors: tuple[tuple[NDArray[np.float64], NDArray[np.float64]], ...]
-    """(D, d) for each view. Its robot error at the state x is `D x + d` (6,), in sigmas."""
+    """(D, d) for each view. The robot error of the view at the state x is `D x + d` (6,), in sigmas."""
 
 
 def pose_prior(clouds: Sequence[NormalCloud], centre: NDArray[np.float64], sigmas: PoseSigmas) -> PosePrior:
     """Return the Gaussian prior of the pose corrections of all views.
 
     Args:
-        clouds: The V views. `NormalCloud.T_correction` is the correction that was already applied to its pose. The
-            errors of a view without `T_base_camera` rotate about `centre`.
+        clouds: The V views. The pose of a view already includes its `NormalCloud.T_correction`. If a view has no
+            `T_base_camera`, its pose error rotates about `centre`.
         centre: (3,) rotation centre of the twists of the views, metres, base frame.
         sigmas: Standard deviations of the pose errors.
 
@@ -114,7 +114,9 @@ def _disparity_offset_twist(
 ) -> NDArray[np.float64]:
     """Return the twist (6,) that best approximates the effect of a unit disparity offset on points (N, 3).
 
-    The offset moves a point at depth z by z times its vector from the camera. `T` (4, 4) is the camera pose.
+    A unit offset moves a point at depth z by z times the vector from the camera to the point.
+
+    `T` (4, 4) is the camera pose, and `centre` (3,) is the rotation centre of the twist.
     """
     p = points[:: max(len(points) // OFFSET_FIT_POINTS, 1)]
     rays = p - T[:3, 3]

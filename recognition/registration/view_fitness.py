@@ -23,8 +23,8 @@ def evaluate_fitness(
 ) -> list[ViewQuality]:
     """Return the fitness of each registered view and the size of its correction.
 
-    An anchor point fits if another view has a point with a similar normal within r. The residual is the distance from
-    the nearest such point, along the mean of the two normals.
+    An anchor point fits if the nearest point of another view lies within r and has a similar normal. The residual is
+    the distance between the two points, along the mean of the two normals.
 
     Args:
         clouds: Views before registration, base frame.

@@ -145,14 +145,14 @@ def _collect_ends(fragments: Sequence[Fragment], r: float) -> FragmentEnds:
 def _fit_end(
     points: NDArray[np.float64], r: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Fit a parabola to the first part of a line and return its end.
+    """Estimate the end of a line from a parabola that is fitted to the first part of the line.
 
     Args:
         points: (N, 3) points of the line, metres. The end is the first point.
         r: Radius of the string, metres.
 
     Returns:
-        The position (3,) of the end, its outward unit direction (3,) and its curvature vector (3,), 1/m.
+        Fitted position (3,) of the end, outward unit direction (3,) and curvature vector (3,), 1/m.
     """
     terms = fit_end_parabola(points, END_FIT_RADII * r, r)
     direction = -terms[1] / max(float(np.linalg.norm(terms[1])), 1e-12)

@@ -187,7 +187,9 @@ def _rate_links(
 
 
 def _add_links(neighbours: NDArray[np.int64], nodes: CentreLineNodes, pairs: NDArray[np.int64]) -> None:
-    """Add the possible links to `neighbours`, cheapest first. A link is skipped if a side that it needs is taken.
+    """Add the possible links to `neighbours`, in the order of their cost.
+
+    Each node has two sides, and each side takes one link. A link is skipped if one of its two sides is already linked.
 
     Args:
         neighbours: (N, 2) index of the node that is linked to each side of a node, -1 for none; changed in place.

@@ -15,7 +15,7 @@ from calibration.observations import Observations
 from calibration.result import HandEyeResult
 from calibration.storage.document import result_document
 from calibration.storage.hand_eye_file import write_result
-from calibration.target.detection import BoardSighting
+from calibration.target.detection import DetectedBoard
 from calibration.verification.verification import Verification, verification_findings, verify
 from service.calibrate.activate import activation_command
 from service.calibrate.words import result_words, verification_words
@@ -77,7 +77,7 @@ def _found(folder: Path) -> Seen:
         say(f"{name}: left out: {reason}")
     possible = len(content.setup.board.points)
 
-    def report_view(name: str, sighting: BoardSighting | str) -> None:
+    def report_view(name: str, sighting: DetectedBoard | str) -> None:
         is_seen = not isinstance(sighting, str)
         say(f"{name}: {f'{len(sighting.ids)} of {possible} corners' if is_seen else sighting}")
 

@@ -13,7 +13,7 @@ from calibration.dataset.folder import read_folder
 from calibration.dataset.view_detection import detect_views, read_image
 from calibration.errors import BoardMirroredError, BoardNotSeenError, CalibrationFolderError
 from calibration.target.board import Board
-from calibration.target.detection import BoardSighting
+from calibration.target.detection import DetectedBoard
 from tests.calibration.rendered_board import K_640, true_pixels
 from tests.calibration.rendered_folder import X, Y, rendered_folder
 
@@ -23,7 +23,7 @@ SIZE = (640, 400)
 def test_the_corners_of_all_images_are_found_where_they_are(tmp_path: Path) -> None:
     reported: list[tuple[str, int]] = []
 
-    def report(name: str, sighting: BoardSighting | str) -> None:
+    def report(name: str, sighting: DetectedBoard | str) -> None:
         assert not isinstance(sighting, str), sighting
         reported.append((name, len(sighting.ids)))
 

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from calibration.errors import BoardNotSeenError
 from calibration.target.board import Board
 from calibration.target.corner_ordering import symmetric_numberings
-from calibration.target.detection import BoardSighting, detect_board
+from calibration.target.detection import DetectedBoard, detect_board
 from calibration.target.rendering import DOT_DIAMETERS
 from tests.calibration.rendered_board import K_640, K_1280, board_before_camera, render, true_pixels
 
@@ -19,14 +19,14 @@ def sight(
     K: NDArray[np.float64] = K_640,
     distance_m: float = 0.45,
     dots: tuple[float, float] = DOT_DIAMETERS,
-) -> tuple[BoardSighting, NDArray[np.float64]]:
+) -> tuple[DetectedBoard, NDArray[np.float64]]:
     """What is found in an image, and where all corners truly are (N, 2)."""
     T = board_before_camera(board, distance_m, 28.0, tilt_axis_deg=50.0, roll_deg=roll_deg)
     image = render(board, T, K, np.random.default_rng(3), dots=dots)
     return detect_board(image, board), true_pixels(board, T, K)
 
 
-def off_px(sighting: BoardSighting, truth: NDArray[np.float64]) -> float:
+def off_px(sighting: DetectedBoard, truth: NDArray[np.float64]) -> float:
     return float(np.linalg.norm(sighting.pixels - truth[sighting.ids], axis=1).max())
 
 
