@@ -115,8 +115,8 @@ def _lever(
 ) -> NDArray[np.float64]:
     """Return the vector (3,) from the flange to the middle of the board in camera axes, metres.
 
-    Eye-in-hand: the board is assumed on the optical axis at `distance_m`. Eye-to-hand: only the length is exact; the
-    vector is along the optical axis.
+    Eye-in-hand: the board is assumed on the optical axis at `distance_m`. Eye-to-hand: the
+    length is exact, and the direction is assumed along the optical axis.
     """
     if mounting == "eye-in-hand":
         return np.array([0.0, 0.0, distance_m]) + X[:3, :3].T @ X[:3, 3]

@@ -79,8 +79,8 @@ def adjoint(T: NDArray[np.float64]) -> NDArray[np.float64]:
 def right_jacobian(v: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the right Jacobians (..., 6, 6) of `pose_from_twist` at twists (..., 6).
 
-    For a small d: `pose_from_twist(v + d) = pose_from_twist(v) @ pose_from_twist(right_jacobian(v) @ d)`. The rotation
-    part is a power series up to the second order, which is accurate for rotations of a few degrees.
+    To first order in d, `pose_from_twist(v + d)` equals `pose_from_twist(v) @ pose_from_twist(right_jacobian(v) @ d)`.
+    The rotation block is a power series up to the second order, which is accurate for rotations of a few degrees.
     """
     W = cross_matrix(v[..., :3])
     result = np.zeros((*v.shape[:-1], 6, 6))

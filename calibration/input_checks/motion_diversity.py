@@ -42,7 +42,7 @@ class MotionDiversity:
 def motion_diversity(poses: NDArray[np.float64]) -> MotionDiversity:
     """Compute the diversity of the rotations in a set of poses.
 
-    The inverse poses have the same `max_rotation_rad`.
+    `max_rotation_rad` is equal for a set of poses and for the inverse poses.
 
     Args:
         poses: (N, 4, 4) poses, N >= 2.

@@ -82,7 +82,10 @@ def _board_difference(
     Y: NDArray[np.float64],
     T_camera_board: NDArray[np.float64],
 ) -> NDArray[np.float64]:
-    """Return matrices (N, 4, 4) that map a board point to its observed minus its predicted position, base frame."""
+    """Return observed minus predicted board poses (N, 4, 4), base frame, metres.
+
+    The product of such a difference and a homogeneous board point is the position error of the point.
+    """
     if mounting == "eye-in-hand":
         return T_base_flange @ X @ T_camera_board - Y
     return X @ T_camera_board - T_base_flange @ Y

@@ -47,7 +47,10 @@ def reject_outliers(
         problem: The measurements and priors.
         board_poses: Board poses, each estimated from one view alone.
         start: Initial unknowns of an adjustment with a free board scale.
-        adjusted: Solution from the inlier views of the initial guess.
+        adjusted: Solution from the views that the initial guess classified as inliers, with the nominal board scale.
+
+    Returns:
+        The solution with the larger number of used views. It has the nominal scale if the free scale changes little.
     """
     nominal = keep_consistent_views(problem, board_poses, adjusted)
     if int((board_poses.found & ~nominal.adjusted.used).sum()) < MIN_EXCLUDED_VIEWS:

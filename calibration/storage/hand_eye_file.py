@@ -65,7 +65,7 @@ MAX_BYTES = 16 << 20
 class HandEye:
     """Usable calibration that was read from a hand-eye file.
 
-    `covariance` and the fields below it are None, and `findings` is empty, if the file does not contain them.
+    Each field from `covariance` on is None (`findings`: empty) if the file does not contain it.
     """
 
     T_flange_camera: NDArray[np.float64]

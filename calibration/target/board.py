@@ -53,10 +53,10 @@ class Board:
     origin is one square further up and to the left. The top left square of a checkerboard or ChArUco board is black.
     A circle grid may have one larger dot, which is then the first dot.
 
-    The default board fits on A4 and letter paper with its white margin. A camera with 640x400 pixels and a focal length
-    of 402 px sees the whole board at 0.36 m and farther away. At a tilt of 30 degrees, all corners are detected up to
-    0.8 m, or up to 0.6 m if the image is slightly out of focus. Markers of 18 mm on squares of 25 mm are hard to read
-    at 0.6 m.
+    The default board, with its white margin, fits on A4 and letter paper. The distances below are for a camera with
+    640x400 pixels and a focal length of 402 px, and a board that is tilted by 30 degrees. The camera sees the whole
+    board at 0.36 m and farther away, and detects all corners up to 0.8 m. If the image is slightly out of focus, it
+    detects them up to 0.6 m. Smaller squares (25 mm, markers of 18 mm) are hard to read from 0.6 m on.
 
     Raises:
         BoardError: A kind, size or count is not valid, or the dictionary is unknown or has too few markers.

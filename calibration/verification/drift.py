@@ -57,9 +57,9 @@ class Drift:
     error: NDArray[np.float64]
     """(6,) most likely hand-eye error relative to the reference, rotation (rad), then translation (m), camera frame."""
     p_value: float
-    """Probability that the average error of the scans is at least this large without a drift."""
+    """Probability of an average error at least as large as the measured error, if no drift exists."""
     drifted: bool
-    """True if the p-value is below `MAX_P_VALUE`, and stays below if any single scan is left out."""
+    """True if the p-value is below `MAX_P_VALUE`, whichever single scan is excluded."""
     from_first: bool = False
     """Reference of `error`: the first scans if True, the calibration if False."""
 

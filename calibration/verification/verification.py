@@ -170,10 +170,10 @@ def _is_displaced(
     displacement: Displacement,
     predicted: PredictedBoard,
 ) -> bool:
-    """Return whether the displacement of the board is notable and significant.
+    """Return whether the board appears significantly displaced from its predicted pose.
 
-    Each view is tested alone. All views are also tested together for a camera motion. The test of all views detects
-    smaller motions. `covariances` are the covariances (6, 6) of the deviations of the views.
+    Each view is tested alone. One more test assumes that the camera moved and uses all views together. It detects
+    smaller displacements. `covariances` (6, 6) belong to the deviations of the views.
     """
     tests = 2 * len(observations) + 1
     limit = _chi2_limit(3, predicted, tests)
@@ -241,20 +241,20 @@ def _off_plane(displacement: Displacement, predicted: PredictedBoard) -> str | N
 
 
 def _from_two_sides(observations: list[BoardObservation]) -> bool:
-    """Return whether the camera rotations of two views differ by at least `SIDES_RAD`."""
+    """Return whether the camera rotations of any two views differ by at least `SIDES_RAD`."""
     rotations = np.array([each.J_prediction[:3, :3] for each in observations])
     return bool(rotation_angles(rotations[:, None].swapaxes(-1, -2) @ rotations).max() >= SIDES_RAD)
 
 
 def _is_significant(deviation: NDArray[np.float64], covariance: NDArray[np.float64], limit: float) -> bool:
-    """Return whether the translation or the rotation of a deviation (6,) is notable and above the chi-square limit."""
+    """Return whether the translation or the rotation of a deviation (6,) is large and significant (see `_exceeds`)."""
     return _exceeds(deviation[3:], covariance[3:, 3:], NOTABLE_M, limit) or _exceeds(
         deviation[:3], covariance[:3, :3], NOTABLE_RAD, limit
     )
 
 
 def _exceeds(values: NDArray[np.float64], covariance: NDArray[np.float64], notable: float, limit: float) -> bool:
-    """Return whether `values` (D,) are longer than `notable` and their chi-square exceeds `limit`."""
+    """Return whether `values` (D,) are longer than `notable`, and their squared Mahalanobis length exceeds `limit`."""
     chi2 = float(values @ np.linalg.solve(covariance, values))
     return not float(np.linalg.norm(values)) <= notable and not chi2 <= limit
 

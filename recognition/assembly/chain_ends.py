@@ -50,7 +50,7 @@ def mark_unobserved_ends(
 def mark_facing_ends(chains: Sequence[Chain]) -> tuple[tuple[Chain, ...], list[str]]:
     """Mark two ends as `unseen` if they face each other within `MAX_FACING_GAP_RADII`.
 
-    A wrong radius can split one string into two chains. A robot that pulls one chain then moves the other chain too.
+    A wrong radius can split one string into two chains. In this case, pulling one chain also moves the other chain.
     The data do not show whether the two ends belong to one string or to two strings that lie end to end.
 
     Args:
