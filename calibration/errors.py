@@ -8,7 +8,7 @@ class HandEyeError(ValueError):
 
 
 class HandEyeMissingError(HandEyeError):
-    """There is no such file."""
+    """The file does not exist."""
 
     slug = "calibration-missing"
 

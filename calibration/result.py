@@ -18,7 +18,7 @@ class Finding:
     code: str
     """Machine-readable code, for example `parallel-axes`."""
     message: str
-    """What was found, where, and what to do."""
+    """Description of the problem, with its place and the remedy."""
     blocking: bool
     """True if the calibration must not be used; False for a warning."""
 

@@ -98,7 +98,7 @@ class FindingResource(_Document):
     code: str
     """Machine-readable code."""
     words: str = Field(validation_alias=AliasChoices("words", "message"))
-    """What was found, where, and what to do."""
+    """Description of the problem, with its place and the remedy."""
     refuses: bool = Field(validation_alias=AliasChoices("refuses", "blocking"))
     """True if the calibration must not be used; false for a warning."""
 

@@ -1,4 +1,4 @@
-"""Schema of the hand-eye file as it is read. Other members are ignored."""
+"""Schema for reading hand-eye files. Unknown members are ignored."""
 
 import reprlib
 from typing import Annotated, Any, Literal, Self
@@ -18,15 +18,14 @@ MAX_ASYMMETRY = 1e-6
 """Maximum asymmetry of a correlation matrix."""
 
 JOINT_SHAPES = ((12, 12), (17, 17))
-"""Shapes of a joint covariance: 17 errors as in `HandEyeResult`; only those of X and Y in files of calibrations that
-were solved from poses without corners."""
+"""Accepted shapes of a joint covariance: 17 errors as in `HandEyeResult`, or the 12 errors of X and Y."""
 
 _MATRIX = TypeAdapter(list[Annotated[list[float], Field(min_length=12, max_length=17)]], config=STRICT_CONFIG)
 NotNegative = Annotated[float, Field(ge=0)]
 
 
 def _covariance(matrix: list[list[float]]) -> list[list[float]]:
-    """Check that a matrix is a covariance."""
+    """Check that a matrix is symmetric and positive definite."""
     values = np.array(matrix)
     variances = np.diag(values)
     if (variances > 0).all():
@@ -38,7 +37,7 @@ def _covariance(matrix: list[list[float]]) -> list[list[float]]:
 
 
 def _joint_covariance(value: Any) -> NDArray[np.float64] | None:
-    """Read a joint covariance. Its parts may be fully correlated, up to rounding."""
+    """Parse a joint covariance. Its errors may be fully correlated, so it may be singular up to rounding."""
     if value is None:
         return None
     matrix = np.array(_MATRIX.validate_python(value))
@@ -50,14 +49,14 @@ def _joint_covariance(value: Any) -> NDArray[np.float64] | None:
 
 
 def _board(value: Any) -> Board | None:
-    """Read the board without its estimated size."""
+    """Parse the board with its nominal size. The members for the estimated scale are ignored."""
     if isinstance(value, dict):
         value = {key: item for key, item in value.items() if key not in ("scale", "scale_sigma")}
     return None if value is None else Board.from_json(value)
 
 
 def _exact_transform(value: Any) -> NDArray[np.float64]:
-    """Read a transform and make its rotation exact: the inverse kinematics find no joint angles for a rounded one."""
+    """Parse a transform and make its rotation exact. The inverse kinematics find no solution for a rounded rotation."""
     return with_nearest_rotation(transform_from_json(value))
 
 
@@ -79,7 +78,7 @@ class _Covariance(Form):
 
     @model_validator(mode="after")
     def _check_convention(self) -> Self:
-        """Refuse a covariance with another frame, order or unit, since its numbers would be misread."""
+        """Refuse a covariance with another frame, order or unit, because its numbers would be misinterpreted."""
         for name, expected in COVARIANCE.items():
             given = getattr(self, name)
             if given is not None and given != expected:
@@ -98,7 +97,7 @@ class _Verification(Form):
 
 
 class Metrics(Form):
-    """Accuracy of a calibration."""
+    """Accuracy of a calibration, as in `storage.document.CalibrationMetrics`."""
 
     robot_sigma_m: NotNegative | None = None
     robot_sigma_rad: NotNegative | None = None
@@ -107,7 +106,7 @@ class Metrics(Form):
 
 
 class JudgedForm(Form):
-    """The members that decide whether a calibration may be used. A refused one may have any transform."""
+    """Members that decide whether a calibration may be used. A refused calibration may have no valid transform."""
 
     schema_version: Literal[1] = 1
     mounting: Mounting = "eye-in-hand"
@@ -118,9 +117,9 @@ class JudgedForm(Form):
 
     @property
     def refusals(self) -> tuple[str, ...]:
-        """Reasons why it must not be used; empty if it may be used. The verdict alone does not decide."""
+        """Reasons why the calibration must not be used; empty if it may be used. `verdict` may be missing."""
         reasons = [finding.message for finding in self.findings or [] if finding.blocking]
-        # A verification without views is not a failure.
+        # A verification without views has no result, so it is not a failure.
         if self.verification is not None and self.verification.views and not self.verification.passed and not reasons:
             reasons = [f"on views that were held out, {self.verification.words}"]
         if self.verdict == "refuse" and not reasons:
@@ -129,7 +128,7 @@ class JudgedForm(Form):
 
 
 class HandEyeForm(JudgedForm):
-    """A calibration of a camera on the flange that was not refused."""
+    """Calibration of a camera on the flange that was not refused."""
 
     T_flange_camera: ExactTransform
     created: Timestamp | None = None

@@ -277,9 +277,9 @@ class QualityDocument(_Document):
     views: list[ViewQualityDocument]
     """One entry per view, by index."""
     ambiguities: list[str]
-    """What could not be decided. The model may be wrong there."""
+    """Messages about undecided results. The model may be wrong there."""
     warnings: list[str]
-    """What was excluded, and what contradicts the given values."""
+    """Messages about excluded data, and about data that contradict the given values."""
 
     def to_quality(self) -> Quality:
         """Return the quality of the model."""

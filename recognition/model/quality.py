@@ -32,6 +32,6 @@ class Quality:
     views: tuple[ViewQuality, ...] = ()
     """One entry per view, by index."""
     ambiguities: tuple[str, ...] = ()
-    """What could not be decided, for example which strand of a crossing is over."""
+    """Messages about undecided results, for example which strand of a crossing is over."""
     warnings: tuple[str, ...] = ()
-    """What was excluded, and what looks wrong, for example a radius that differs from the given one."""
+    """Messages about excluded data and suspect values, for example a radius that differs from the given radius."""
