@@ -77,8 +77,8 @@ class HandEyeResult:
     loo_error_m: float
     """Root mean square of the leave-one-out errors `ViewReport.loo_error_m` of the used views, metres."""
     repeatability_95_m: float
-    """Predicted repeatability of a scan, metres. It is the 95th percentile of the largest disagreement between two of
-    eight views."""
+    """Predicted repeatability of a scan, metres. In 95 % of scans with eight views, no two views disagree by
+    more than this."""
     views: tuple[ViewReport, ...]
     """One report per view, in the order of `Observations.views`."""
     findings: tuple[Finding, ...]

@@ -136,8 +136,8 @@ class CalibrationMetrics(_Document):
     sigma_rad: Figure
     """Standard deviation of the camera rotation (root sum of squares over the axes), radians."""
     eight_views_m: Figure = Field(validation_alias=AliasChoices("eight_views_m", "repeatability_95_m"))
-    """Predicted repeatability of a scan, metres: 95th percentile of the largest disagreement between two of eight
-    views."""
+    """Predicted repeatability of a scan, metres. In 95 % of scans with eight views, no two views disagree by more than
+    this."""
     left_out_m: Figure = Field(validation_alias=AliasChoices("left_out_m", "loo_error_m"))
     """Root mean square of the leave-one-out errors of the used views, metres."""
     pixel_sigma_px: Figure

@@ -106,7 +106,7 @@ class Metrics(Form):
 
 
 class JudgedForm(Form):
-    """Members that decide whether a calibration may be used. A refused calibration may have no valid transform."""
+    """Members that decide whether a calibration may be used. The transform of a refused calibration is not checked."""
 
     schema_version: Literal[1] = 1
     mounting: Mounting = "eye-in-hand"

@@ -38,8 +38,8 @@ def split_merged_strands(
 
     Two strands may cross twice within a short distance and exchange over and under. Between the crossings they lie side
     by side at the same height. If the strands are soft and closer than 2 r, they form a single ridge, and links lead
-    from one strand to the other. The ridge is wider than a string on both sides of the line. Fragments are cut at the
-    ridge, so that the four ends can be paired.
+    from one strand to the other. At such a ridge, the surface is wider than a string on both sides of the fragment.
+    Fragments are cut at the ridge, so that the four ends can be paired.
 
     Args:
         fragments: Fragments of the scene.
