@@ -52,7 +52,10 @@ def reinterpret_rotations(
 def _consistent_choice(
     candidates: list[NDArray[np.float64]], observed: NDArray[np.float64], tolerance_rad: float
 ) -> NDArray[np.float64] | None:
-    """Choose one candidate of each view, so that all rotation angles between views match `observed` (N, 3, 3).
+    """Choose one candidate of each view by its rotation angles to the other views.
+
+    The angle between two chosen rotations must equal the angle between the rotations of these views in `observed`
+    (N, 3, 3).
 
     Return the chosen rotations (N, 3, 3). Return None if no combination fits, or too many fit.
     """

@@ -23,8 +23,8 @@ class CrossValidation:
     """Leave-one-out errors of N views, including excluded views; NaN if no board pose was found in the view."""
 
     robot_errors: NDArray[np.float64]
-    """(N, 6) robot error of each view, implied by its image and by the calibration from the other views: rotation
-    (rad), then translation (m), reported flange frame."""
+    """(N, 6) robot error of each view, rotation (rad), then translation (m), in the frame of the reported flange pose.
+    The error follows from the image of the view and from the calibration by the other views."""
     squares: NDArray[np.float64]
     """(N,) squared Mahalanobis length of `robot_errors`, about 6 for a good view. The covariance includes the
     uncertainty of the calibration from the other views."""

@@ -196,7 +196,13 @@ def require_match(hand_eye: HandEye, camera_id: str | None, robot_serial: str | 
 
 
 def _read(path: Path, missing: str, no_file: str) -> bytes:
-    """Return the content of a file. The error for an absent path gives the advice `missing`, for a folder `no_file`."""
+    """Return the content of a file.
+
+    Args:
+        path: Path of the file.
+        missing: Advice in the error for an absent path.
+        no_file: Advice in the error for a folder.
+    """
     try:
         return read_limited(path, MAX_BYTES)
     except FileNotFoundError as error:

@@ -29,7 +29,8 @@ def extend_ends(
         parameters: Method parameters; uses r, r_n, r_f and r_cn.
 
     Returns:
-        The strands, with points added at their ends about r_n apart. Closed strands are unchanged.
+        The strands, with points added at their ends. The spacing of the added points is about r_n. Closed strands are
+        unchanged.
 
     Source:
         Not in the paper, whose strands stop before the ends of the string.
