@@ -19,8 +19,7 @@ from cell.scan import missing_view
 from cell.settings import CellSettings
 from cell.viewpoints import ViewpointPlan
 from recognition.grasping.gripper import Gripper
-from recognition.model.document import SCHEMA
-from recognition.model.model import Method
+from recognition.model.model import SCHEMA, Method
 from service.at_a_signal import STOPPED_CODE
 from service.config_sections import LimitsConfig
 from service.data_folder import MODEL, PREVIEW

@@ -62,7 +62,7 @@ def _finite(value: Any) -> Any:
     return value
 
 
-Figure = Annotated[float | None, BeforeValidator(_finite)]
+NumberOrNull = Annotated[float | None, BeforeValidator(_finite)]
 """A number, or null if it cannot be computed."""
 
 
@@ -82,7 +82,7 @@ class TransformResource(_Document):
 class CovarianceResource(_Document):
     """Covariance of the error of the camera pose, with its convention."""
 
-    matrix: Annotated[list[list[float | None]], BeforeValidator(_finite)]
+    matrix: list[list[float | None]]
     """6 x 6; nulls without a solution."""
     order: list[str]
     """Order of the rows and columns."""
@@ -114,37 +114,37 @@ class SolvedView(_Document):
     """Why the view was excluded; null if it was used."""
     corners: int
     """Number of detected corners in the view."""
-    rms_px: Figure
+    rms_px: NumberOrNull
     """Root mean square reprojection residual per image coordinate, pixels. For an excluded view, the board pose is
     fitted to this view alone."""
-    robot_error_m: Figure
+    robot_error_m: NumberOrNull
     """Estimated position error of the reported flange pose, metres."""
-    robot_error_rad: Figure
+    robot_error_rad: NumberOrNull
     """Estimated rotation error of the reported flange pose, radians."""
-    left_out_m: Figure = Field(validation_alias=AliasChoices("left_out_m", "loo_error_m"))
+    left_out_m: NumberOrNull = Field(validation_alias=AliasChoices("left_out_m", "loo_error_m"))
     """Leave-one-out error, metres: distance between the observed middle of the board and its prediction from the other
     views."""
-    distance_m: Figure
+    distance_m: NumberOrNull
     """Distance from the camera to the middle of the board, metres."""
 
 
 class CalibrationMetrics(_Document):
     """Accuracy of a calibration. Numbers are null without a solution."""
 
-    sigma_m: Figure
+    sigma_m: NumberOrNull
     """Standard deviation of the camera position (root sum of squares over the axes), metres."""
-    sigma_rad: Figure
+    sigma_rad: NumberOrNull
     """Standard deviation of the camera rotation (root sum of squares over the axes), radians."""
-    eight_views_m: Figure = Field(validation_alias=AliasChoices("eight_views_m", "repeatability_95_m"))
+    eight_views_m: NumberOrNull = Field(validation_alias=AliasChoices("eight_views_m", "repeatability_95_m"))
     """Predicted repeatability of a scan, metres. In 95 % of scans with eight views, no two views disagree by more than
     this."""
-    left_out_m: Figure = Field(validation_alias=AliasChoices("left_out_m", "loo_error_m"))
+    left_out_m: NumberOrNull = Field(validation_alias=AliasChoices("left_out_m", "loo_error_m"))
     """Root mean square of the leave-one-out errors of the used views, metres."""
-    pixel_sigma_px: Figure
+    pixel_sigma_px: NumberOrNull
     """Estimated standard deviation of the corner noise per image coordinate, pixels."""
-    robot_sigma_m: Figure
+    robot_sigma_m: NumberOrNull
     """Estimated standard deviation of the robot position error per axis, metres."""
-    robot_sigma_rad: Figure
+    robot_sigma_rad: NumberOrNull
     """Estimated standard deviation of the robot rotation error per axis, radians."""
     views_given: int
     """Number of views that the solver was given."""
@@ -174,13 +174,13 @@ class VerificationResource(_Document):
     """Whether the calibration still holds. A board that was moved does not contradict it."""
     words: str = Field(validation_alias=AliasChoices("words", "message"))
     """Result and what to do, for people."""
-    worst_m: Figure
+    worst_m: NumberOrNull
     """Largest `off_m`; null without views."""
-    expected_m: Figure
+    expected_m: NumberOrNull
     """Largest `expected_m`; null without views."""
-    worst_rad: Figure = None
+    worst_rad: NumberOrNull = None
     """Largest `off_rad`; null without views, and in verifications by an earlier version."""
-    expected_rad: Figure = None
+    expected_rad: NumberOrNull = None
     """Largest `expected_rad`; null without views, and in verifications by an earlier version."""
     board_moved_m: float | None
     """Distance by which the board moved, metres, if the views agree that it did; otherwise null."""

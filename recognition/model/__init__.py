@@ -5,8 +5,7 @@ The model comes out, with its Gauss code, its P-data and its JSON document of sc
 """
 
 from recognition.model.chains import Chain, Crossing, End, Grasp, StrandPoint
-from recognition.model.document import SCHEMA
-from recognition.model.model import METHODS, Method, PointChainModel
+from recognition.model.model import METHODS, SCHEMA, Method, PointChainModel
 from recognition.model.quality import Quality, ViewQuality
 from recognition.model.topology import CrossingElement, EndElement, PData, SegmentElement
 

@@ -5,7 +5,7 @@ Documents may gain members, and readers must ignore the members that they do not
 """
 
 from collections.abc import Mapping
-from dataclasses import asdict
+from dataclasses import asdict, fields
 from typing import Annotated, Any, Literal
 
 import numpy as np
@@ -16,8 +16,6 @@ from recognition.model.quality import Quality, ViewQuality
 from recognition.model.topology import CrossingElement, Element, EndElement, PData, Role, SegmentElement
 from recognition.parameters import ChainParameters
 
-SCHEMA = "pointchain/1"
-"""Name and version of the document."""
 WITHOUT_UNIT = ("rho_t", "R_t")
 """Parameters without a unit. The names of the others get the unit in the document (`r_m`)."""
 ELEMENT_KINDS: dict[type[Element], str] = {EndElement: "end", CrossingElement: "crossing", SegmentElement: "segment"}
@@ -60,6 +58,10 @@ Row = tuple[float, float, float, float]
 class _Document(BaseModel):
     model_config = ConfigDict(extra="allow", from_attributes=True, use_attribute_docstrings=True, allow_inf_nan=False)
 
+    def _values(self, dataclass: type, **converted: Any) -> dict[str, Any]:
+        """Return the values of all fields of a dataclass by name. `converted` values replace those of the document."""
+        return {field.name: getattr(self, field.name) for field in fields(dataclass)} | converted
+
 
 class ChainDocument(_Document):
     """One string as ordered points of its centre line."""
@@ -94,9 +96,13 @@ class ChainDocument(_Document):
                 f"chain {self.id} has {len(self.points)} points, {len(self.sigma_m)} sigmas and {len(self.views)} view "
                 "counts; the numbers must be equal"
             )
-        points = np.array(self.points, dtype=np.float64).reshape(-1, 3)
-        sigma_m, views = np.array(self.sigma_m, dtype=np.float64), np.array(self.views, dtype=np.int64)
-        return Chain(self.id, self.closed, self.radius_m, points, sigma_m, views, self.ends)
+        values = self._values(
+            Chain,
+            points=np.array(self.points, dtype=np.float64).reshape(-1, 3),
+            sigma_m=np.array(self.sigma_m, dtype=np.float64),
+            views=np.array(self.views, dtype=np.int64),
+        )
+        return Chain(**values)
 
 
 class StrandPointDocument(_Document):
@@ -134,16 +140,13 @@ class CrossingDocument(_Document):
 
     def to_crossing(self) -> Crossing:
         """Return the crossing with arrays."""
-        return Crossing(
-            id=self.id,
+        values = self._values(
+            Crossing,
             point=np.array(self.point, dtype=np.float64),
             over=self.over.to_strand_point(),
             under=self.under.to_strand_point(),
-            gap_m=self.gap_m,
-            angle_rad=self.angle_rad,
-            sign=self.sign,
-            confidence=self.confidence,
         )
+        return Crossing(**values)
 
 
 class EndElementDocument(_Document):
@@ -225,16 +228,7 @@ class GraspDocument(_Document):
 
     def to_grasp(self) -> Grasp:
         """Return the grasp with arrays."""
-        return Grasp(
-            chain=self.chain,
-            s_m=self.s_m,
-            T_base_grasp=np.array(self.T_base_grasp, dtype=np.float64),
-            opening_m=self.opening_m,
-            reach_m=self.reach_m,
-            clearance_m=self.clearance_m,
-            table_clearance_m=self.table_clearance_m,
-            score=self.score,
-        )
+        return Grasp(**self._values(Grasp, T_base_grasp=np.array(self.T_base_grasp, dtype=np.float64)))
 
 
 class ViewQualityDocument(_Document):
@@ -259,16 +253,7 @@ class ViewQualityDocument(_Document):
 
     def to_view_quality(self) -> ViewQuality:
         """Return the quality of the view."""
-        return ViewQuality(
-            index=self.index,
-            used=self.used,
-            reason=self.reason,
-            points=self.points,
-            fitness=self.fitness,
-            rms_m=self.rms_m,
-            correction_m=self.correction_m,
-            correction_rad=self.correction_rad,
-        )
+        return ViewQuality(**self._values(ViewQuality))
 
 
 class QualityDocument(_Document):

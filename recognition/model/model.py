@@ -4,21 +4,14 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal, Self, cast
 
-from pydantic import ValidationError
-
 from recognition.errors import ModelError
 from recognition.model.chains import Chain, Crossing, Grasp
-from recognition.model.document import (
-    SCHEMA,
-    ModelDocument,
-    p_data_document,
-    parameters_document,
-    parameters_from_document,
-)
 from recognition.model.quality import Quality
 from recognition.model.topology import PData, gauss_code, p_data
 from recognition.parameters import ChainParameters
 
+SCHEMA = "pointchain/1"
+"""Name and version of the JSON document."""
 Method = Literal["matching", "enhanced", "graph"]
 """Name of a method. `matching` and `enhanced` are the methods of the paper."""
 METHODS: tuple[Method, ...] = ("matching", "enhanced", "graph")
@@ -59,6 +52,9 @@ class PointChainModel:
             ValueError: A number of the model is not finite.
             TopologyError: The chains and the crossings contradict each other.
         """
+        # Imported here, because pydantic takes a tenth of the time that `recognition` needs to load.
+        from recognition.model.document import ModelDocument, p_data_document, parameters_document
+
         document = ModelDocument.model_validate(
             {
                 "schema": SCHEMA,
@@ -85,6 +81,10 @@ class PointChainModel:
         Raises:
             ModelError: The document is not a model, or it contradicts itself.
         """
+        from pydantic import ValidationError
+
+        from recognition.model.document import ModelDocument, parameters_from_document
+
         try:
             parsed = ModelDocument.model_validate(document)
             model = cls(

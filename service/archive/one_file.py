@@ -12,8 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from recognition.grasping.gripper import Gripper
-from recognition.model.document import SCHEMA
-from recognition.model.model import Method, PointChainModel
+from recognition.model.model import SCHEMA, Method, PointChainModel
 from recognition.pipeline import Recognition
 from service.problems import INPUT_ERRORS, problem_document
 from service.trace import write_trace

@@ -11,7 +11,8 @@ from pydantic import ValidationError
 
 from calibration.atomic_write import TooLargeError, read_limited
 from cell.recording import read_result
-from recognition.model.document import SCHEMA, ModelDocument
+from recognition.model.document import ModelDocument
+from recognition.model.model import SCHEMA
 from service.interchange.errors import ExportError
 
 STDIN = Path("-")
