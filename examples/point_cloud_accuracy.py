@@ -14,11 +14,11 @@ from pathlib import Path
 import numpy as np
 
 from cell.cloud import CloudRequest, import_cloud
-from cell.simulation.camera import camera_model
-from cell.simulation.poses import NO_ERRORS, PoseErrors
-from cell.simulation.scenes import make_scene
-from cell.simulation.scoring import Score, score
-from cell.simulation.simulate import SimulatedScan, simulate, write_simulation
+from cell.simulation.evaluation.metrics import Score, score
+from cell.simulation.offline_scan import SimulatedScan, simulate, write_simulation
+from cell.simulation.pose_errors import NO_ERRORS, PoseErrors
+from cell.simulation.rendering.depth_camera import camera_model
+from cell.simulation.scenes.scenes import make_scene
 from recognition.errors import RecognitionError
 from recognition.preprocessing import deproject
 from service.workflow import recognise_recording, to_ply

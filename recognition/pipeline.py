@@ -143,9 +143,9 @@ def recognise(
         RadiusUnknownError: `parameters` is None, and the radius could not be measured.
 
     Example:
-        >>> from cell.simulation.camera import camera_model
-        >>> from cell.simulation.scenes import make_scene
-        >>> from cell.simulation.simulate import simulate
+        >>> from cell.simulation.rendering.depth_camera import camera_model
+        >>> from cell.simulation.scenes.scenes import make_scene
+        >>> from cell.simulation.offline_scan import simulate
         >>> from recognition.parameters import ChainParameters
         >>> from recognition.preprocessing import Scene
         >>> scan = simulate(make_scene("loop", seed=1), camera_model("oak-d-pro"), seed=1)

@@ -10,7 +10,7 @@ from anyio import CapacityLimiter, to_thread
 from fastapi import Depends, FastAPI
 from starlette.staticfiles import StaticFiles
 
-from cell.cell import Cell
+from cell.control.cell import Cell
 from service.config import ServiceConfig, load_config
 from service.context import Context
 from service.data_folder import DataFolder

@@ -11,9 +11,9 @@ from platform import python_version
 from typing import Any
 
 from cell.simulation.benchmark import accuracy, tables
-from cell.simulation.benchmark.growth import Growth, measure_growth
+from cell.simulation.benchmark.cases import TIERS
+from cell.simulation.benchmark.scaling import Growth, measure_growth
 from cell.simulation.benchmark.speed import Speed, measure_speed
-from cell.simulation.tiers import TIERS
 from recognition.model.model import METHODS
 from service.bench_cell import cell_table, measure_cell
 from service.bench_estimate import (
@@ -71,7 +71,7 @@ def bench(only: str | None, tiers: Sequence[str], seeds: int, jobs: int | None, 
 
     Args:
         only: One of `PARTS`; None for all.
-        tiers: Names of `cell.simulation.tiers.TIERS`; all when empty.
+        tiers: Names of `cell.simulation.benchmark.cases.TIERS`; all when empty.
         seeds: Number of scenes of each tier. Every method recognises each scene.
         jobs: Number of processes of the accuracy part; None for one on each core.
         as_json: Print one JSON document instead of Markdown tables.

@@ -14,15 +14,15 @@ from typing import Any
 
 import numpy as np
 
-from cell.arm import UrArm
-from cell.arm_settings import SimulatedArm
-from cell.cell import Cell
+from cell.arm.ur_arm import UrArm
+from cell.config.arm_config import SimulatedArm
+from cell.config.cell_config import CellSettings
+from cell.control.cell import Cell
 from cell.errors import StoppedError
-from cell.recording import read_recording
-from cell.settings import CellSettings
+from cell.recording.writer import read_recording
 from cell.simulation.benchmark.tables import table
-from cell.simulation.controller.admin import AdminClient
-from cell.simulation.controller.process import start_controller
+from cell.simulation.ur_controller.admin_client import AdminClient
+from cell.simulation.ur_controller.launcher import start_controller
 from recognition.grasping.gripper import Gripper
 from service.bench_process import MeasurementError
 from service.config_sections import LimitsConfig

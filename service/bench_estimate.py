@@ -9,7 +9,7 @@ import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from cell.simulation.benchmark.processes import in_processes
+from cell.simulation.benchmark.worker_pool import in_processes
 
 PROBE_TIER, PROBE_SEED = "paper", 0
 """The probe simulates this case and recognises it by every method."""

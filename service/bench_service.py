@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from cell.simulation.benchmark.tables import table
-from cell.simulation.controller.admin import AdminClient
+from cell.simulation.ur_controller.admin_client import AdminClient
 from service.bench_load import Load, Wanted, asking
 from service.bench_process import BenchedService, MeasurementError, served
 

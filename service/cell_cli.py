@@ -51,7 +51,7 @@ def add_cell_commands(commands: "argparse._SubParsersAction[argparse.ArgumentPar
 
 
 def _views(text: str) -> int:
-    least, most = 2, 32  # as `cell.settings.ScanSettings`, which is not imported for --help
+    least, most = 2, 32  # as `cell.config.cell_config.ScanSettings`, which is not imported for --help
     if not (text.isascii() and text.isdigit() and least <= int(text) <= most):
         raise argparse.ArgumentTypeError(f"{text!r}: from {least} to {most} views are possible")
     return int(text)

@@ -7,9 +7,9 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from cell.cell_status import CellStatus, State
+from cell.config.cell_config import CellSettings
+from cell.control.status import CellStatus, State
 from cell.devices import RobotMode, SafetyMode
-from cell.settings import CellSettings
 from service.calibrations.schemas import CellWarning
 from service.described import Described
 from service.schemas import WHOLE

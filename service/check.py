@@ -9,8 +9,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import asdict
 from pathlib import Path
 
-from cell.check import check_cell
-from cell.check_step import Outcome, Step
+from cell.self_test.check_result import Outcome, Step
+from cell.self_test.self_test import check_cell
 from service.config import ConfigError, ServiceConfig, load_config
 
 LEAST_FREE_BYTES = 200 << 20

@@ -150,9 +150,9 @@ def _names(text: str) -> tuple[str, ...]:
 
 
 def _simulate(options: argparse.Namespace) -> int:
-    from cell.simulation.camera import camera_model
-    from cell.simulation.scenes import make_scene
-    from cell.simulation.simulate import simulate, write_simulation
+    from cell.simulation.offline_scan import simulate, write_simulation
+    from cell.simulation.rendering.depth_camera import camera_model
+    from cell.simulation.scenes.scenes import make_scene
 
     try:
         camera = camera_model(options.camera, options.resolution)

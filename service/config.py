@@ -20,9 +20,9 @@ from pydantic_settings import (
     SettingsConfigDict,
 )
 
-from cell.arm_settings import SimulatedArm
-from cell.camera_settings import SimulatedCamera
-from cell.settings import (
+from cell.config.arm_config import SimulatedArm
+from cell.config.camera_config import SimulatedCamera
+from cell.config.cell_config import (
     AnyArm,
     AnyCamera,
     CellSettings,

@@ -1,4 +1,4 @@
-"""The sections of the configuration that are the service's own; those of the cell are in `cell.settings`."""
+"""The sections of the configuration that are the service's own; those of the cell are in `cell.config.cell_config`."""
 
 from typing import Literal
 

@@ -11,7 +11,7 @@ from typing import Annotated, Any, Literal, Union, get_args, get_origin
 from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
-from cell.strict_settings import unit_hint
+from cell.config.strict_model import unit_hint
 
 SHOWN = 60
 """A longer value is cut off in a message."""

@@ -6,7 +6,7 @@ from typing import Annotated
 from anyio import CapacityLimiter
 from fastapi import Depends, Path, Query, Request
 
-from cell.cell import Cell
+from cell.control.cell import Cell
 from service.config import ServiceConfig
 from service.events.slots import StreamSlots
 from service.free_space import require_space

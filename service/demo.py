@@ -10,14 +10,14 @@ from contextlib import closing
 from pathlib import Path
 from typing import Any
 
-from cell.arm_settings import SimulatedArm
-from cell.cell import Cell
+from cell.config.arm_config import SimulatedArm
+from cell.config.cell_config import CellSettings
+from cell.control.cell import Cell
 from cell.errors import CellError
-from cell.recording import read_recording
-from cell.settings import CellSettings
-from cell.simulation.scoring import score
-from cell.simulation.simulate import truth_path
-from cell.simulation.world import simulated_world, world_truth
+from cell.recording.writer import read_recording
+from cell.simulation.devices.world import simulated_world, world_truth
+from cell.simulation.evaluation.metrics import score
+from cell.simulation.offline_scan import truth_path
 from recognition.model.model import PointChainModel
 from service.data_folder import MODEL, PREVIEW
 from service.scan_once import Wanted, take_scan

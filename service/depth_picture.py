@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from cell.devices import View
-from cell.recording_header import RecordingHeader
+from cell.recording.header import RecordingHeader
 
 LARGEST = 480
 """Pixels across and down, at most: it is looked at beside seven others."""

@@ -16,7 +16,7 @@ from pathlib import Path
 
 from mcap.writer import MCAP0_MAGIC
 
-from cell.recording_errors import (
+from cell.recording.errors import (
     NotMcapError,
     RecordingContentError,
     RecordingCorruptError,

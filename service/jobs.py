@@ -15,9 +15,9 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import AbstractContextManager
 from typing import Any
 
-from cell.cell import Cell
+from cell.control.cell import Cell
+from cell.control.stop_requests import TOO_LATE
 from cell.errors import StoppedError
-from cell.stops import TOO_LATE
 from recognition.grasping.gripper import Gripper
 from service.calibrations.drift_watch import DriftWatch
 from service.calibrations.runner import CalibrationRunner

@@ -7,11 +7,11 @@ from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
-from cell.cell import Cell
+from cell.control.cell import Cell
+from cell.control.scan_loop import BackgroundScan, missing_view
 from cell.devices import View
-from cell.recording import RecordingEmptyError, RecordingError, RecordingWriter
-from cell.scan import BackgroundScan, missing_view
-from cell.viewpoints import ViewpointPlan
+from cell.planning.viewpoints import ViewpointPlan
+from cell.recording.writer import RecordingEmptyError, RecordingError, RecordingWriter
 from service.data_folder import MODEL
 from service.observing.scan_metrics import ScanMetrics
 from service.recording_rows import describe_recording

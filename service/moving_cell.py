@@ -7,10 +7,10 @@ from contextlib import closing
 from typing import Any, TypeVar
 
 from calibration.errors import HandEyeError
-from cell.cell import Cell
-from cell.cell_status import FAULTS
+from cell.config.cell_config import CellSettings
+from cell.control.cell import Cell
+from cell.control.status import FAULTS
 from cell.errors import CellError
-from cell.settings import CellSettings
 from service.at_a_signal import STOPPED_CODE, with_signals
 from service.problems import INPUT_ERRORS, cell_problem, problem_document
 from service.worker import TaskFailedError

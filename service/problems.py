@@ -13,7 +13,7 @@ from starlette.exceptions import HTTPException
 from calibration.geometry.transforms import NotRigidError
 from cell.devices import InvalidViewError
 from cell.errors import CellError, TooEarlyError
-from cell.recording_errors import RecordingError, RecordingTooLargeError
+from cell.recording.errors import RecordingError, RecordingTooLargeError
 from recognition.errors import RecognitionError
 from service.data_folder import OutsideError
 from service.problem_types import PROBLEM_TYPES

@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import Any
 
 from calibration.geometry.transforms import from_quaternion, rigid
-from cell.recording_errors import RecordingError
-from cell.recording_reader import read_recording
+from cell.recording.errors import RecordingError
+from cell.recording.reader import read_recording
 
 NICER = 10
 """Than the service: what watches the arm comes first where there are few cores."""

@@ -4,10 +4,10 @@ shape, what is set. Metres, base frame."""
 import numpy as np
 
 from calibration.storage.hand_eye_file import HandEye
-from cell.arm_settings import ArmModelName
-from cell.collision import PARTS, collision_model
-from cell.kinematics import ALPHA_RAD, ARMS
-from cell.optics import camera_optics
+from cell.camera.optics import camera_optics
+from cell.config.arm_config import ArmModelName
+from cell.kinematics.collision import PARTS, collision_model
+from cell.kinematics.ur_kinematics import ALPHA_RAD, ARMS
 from recognition.parameters import R_MAX, R_MIN
 from service.config import ServiceConfig
 from service.config_sections import GripperConfig

@@ -3,7 +3,7 @@
 import threading
 from typing import Generic, TypeVar
 
-from cell.viewpoints import ViewpointPlan
+from cell.planning.viewpoints import ViewpointPlan
 from service.schemas import ScanState
 from service.tables import CalibrationRow, ScanRow
 

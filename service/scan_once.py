@@ -11,13 +11,13 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-from cell.cell import Cell
+from cell.config.cell_config import CellSettings
+from cell.control.cell import Cell
+from cell.control.scan_loop import missing_view
 from cell.errors import StoppedError
-from cell.recording import RecordingExistsError, RecordingWriter, read_recording
-from cell.recording_errors import RecordingEmptyError
-from cell.scan import missing_view
-from cell.settings import CellSettings
-from cell.viewpoints import ViewpointPlan
+from cell.planning.viewpoints import ViewpointPlan
+from cell.recording.errors import RecordingEmptyError
+from cell.recording.writer import RecordingExistsError, RecordingWriter, read_recording
 from recognition.grasping.gripper import Gripper
 from recognition.model.model import SCHEMA, Method
 from service.at_a_signal import STOPPED_CODE

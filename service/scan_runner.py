@@ -10,9 +10,9 @@ from contextlib import AbstractContextManager, ExitStack
 from pathlib import Path
 from typing import Any
 
-from cell.cell import Cell
+from cell.control.cell import Cell
 from cell.errors import CellError, StoppedError
-from cell.recording_header import RecordingHeader
+from cell.recording.header import RecordingHeader
 from recognition.grasping.gripper import Gripper
 from service.calibrations.drift_watch import DriftWatch
 from service.data_folder import PREVIEW

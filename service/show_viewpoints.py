@@ -6,10 +6,10 @@ from pathlib import Path
 
 import numpy as np
 
-from cell.cell import Cell
-from cell.cell_calibration import file_in_use, hand_eye_in_use
+from cell.control.active_calibration import file_in_use, hand_eye_in_use
+from cell.control.cell import Cell
 from cell.errors import CellError
-from cell.viewpoints import ViewpointPlan, require_enough
+from cell.planning.viewpoints import ViewpointPlan, require_enough
 from service.config import ConfigError, load_config
 
 
@@ -29,7 +29,7 @@ def show_viewpoints(config_file: Path | None, views: int | None, picture: Path |
         finally:
             with_cell.close()
         if picture is not None:
-            from cell.viewpoint_picture import draw_plan
+            from cell.planning.plan_plot import draw_plan
 
             picture.write_bytes(draw_plan(plan, config.cell))
             print(f"wrote {picture}", file=sys.stderr)

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from calibration.atomic_write import sync_folder
-from cell.hashed_file import Written
+from cell.recording.hashed_file import Written
 from service.calibrations.store import CalibrationStore
 from service.data_folder import DataFolder
 from service.database import Database, now, update

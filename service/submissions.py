@@ -4,7 +4,7 @@ from collections.abc import Callable
 from typing import Any
 
 from calibration.target.board import Board
-from cell.cell import Cell
+from cell.control.cell import Cell
 from recognition.model.model import Method
 from service.new_rows import NOBODY, Asked, new_calibration, new_scan
 from service.observing.arrival import arrived_s

@@ -13,8 +13,8 @@ from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
 from pathlib import Path
 
-from cell.child_log import child_set_up
 from cell.devices import View
+from cell.process.logging import child_set_up
 from service.at_a_signal import ctrl_c_is_ours
 from service.problems import problem_document
 from service.worker_process import BrokenOff, LastView, PreviewEnded, Refused, Stage, Task, work

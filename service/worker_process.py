@@ -12,10 +12,10 @@ from pathlib import Path
 
 import numpy as np
 
-from cell.child_log import SetUp
 from cell.devices import View
-from cell.recording import read_recording
-from cell.recording_header import RecordingHeader
+from cell.process.logging import SetUp
+from cell.recording.header import RecordingHeader
+from cell.recording.writer import read_recording
 from recognition.grasping.gripper import Gripper
 from recognition.model.model import Method, PointChainModel
 from recognition.parameters import ChainParameters

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from cell.bag.errors import BagError
-from cell.recording_errors import shown
+from cell.recording.errors import shown
 
 if TYPE_CHECKING:
     from rosbags.highlevel import AnyReader

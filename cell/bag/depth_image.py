@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cell.bag.errors import BagError
-from cell.recording_errors import shown
-from cell.recording_limits import DEFAULT_LIMITS
+from cell.recording.errors import shown
+from cell.recording.limits import DEFAULT_LIMITS
 
 COUNTS, METRES = ("16UC1", "mono16"), ("32FC1",)
 ENCODINGS = (*COUNTS, *METRES)

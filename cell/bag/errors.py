@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable
 
-from cell.recording_errors import RecordingError, shown
+from cell.recording.errors import RecordingError, shown
 
 MOST_NAMES = 30
 

@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cell.bag.errors import BagError, listed
-from cell.bag.transforms_tree import LOOSE_M, LOOSE_RAD, UNKNOWN, TransformsTree
-from cell.recording_errors import shown
+from cell.bag.tf_tree import LOOSE_M, LOOSE_RAD, UNKNOWN, TransformsTree
+from cell.recording.errors import shown
 
 BASES = ("base", "base_link")
 """`base` first: UR's controller and all of this program mean it; ROS's `base_link` is turned by 180 degrees about z."""

@@ -11,16 +11,16 @@ from cell.bag.bag_file import Bag, open_bag
 from cell.bag.depth_image import depth_counts, depth_unit, is_rectified
 from cell.bag.errors import BagError
 from cell.bag.frames import Frames, find_frames, fixed_camera
-from cell.bag.rest import Place, Rest, find_rest
+from cell.bag.stationary import Place, Rest, find_rest
 from cell.bag.survey import Survey, Topics, find_topics, survey
-from cell.bag.transforms_tree import nanoseconds
+from cell.bag.tf_tree import nanoseconds
+from cell.camera.frame_averaging import median
 from cell.devices import InvalidViewError, View
-from cell.exposures import median
-from cell.recording import RecordingHeader
-from cell.recording_errors import shown
-from cell.recording_header import Box
-from cell.recording_limits import DEFAULT_LIMITS
-from cell.whole_recording import require_new, write_whole
+from cell.recording.errors import shown
+from cell.recording.header import Box
+from cell.recording.limits import DEFAULT_LIMITS
+from cell.recording.whole_recording import require_new, write_whole
+from cell.recording.writer import RecordingHeader
 
 LEAST_VIEWS = 2
 """Fewer cannot be recognised."""

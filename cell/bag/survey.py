@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 from cell.bag.bag_file import CAMERA_INFO, COMPRESSED_IMAGE, IMAGE, TRANSFORMS, Bag
 from cell.bag.depth_image import SURELY_DEPTH, Lens, lens_of
 from cell.bag.errors import BagError, listed
-from cell.bag.transforms_tree import TransformsTree, frame_name, nanoseconds
-from cell.recording_errors import shown
+from cell.bag.tf_tree import TransformsTree, frame_name, nanoseconds
+from cell.recording.errors import shown
 
 STATIC = "tf_static"
 

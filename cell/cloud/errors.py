@@ -1,6 +1,6 @@
 """Errors of point clouds from other programs."""
 
-from cell.recording_errors import RecordingError
+from cell.recording.errors import RecordingError
 
 
 class CloudError(RecordingError):

@@ -9,7 +9,7 @@ from scipy.spatial import KDTree
 
 from calibration.geometry.transforms import inverse, transform_points
 from cell.cloud.errors import CloudError
-from cell.recording_limits import DEFAULT_LIMITS
+from cell.recording.limits import DEFAULT_LIMITS
 
 WIDEST = np.tan(np.deg2rad(65.0))
 """Points farther than 65 degrees from the optical axis are not in the image."""

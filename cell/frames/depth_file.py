@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cell.frames.errors import FramesError
-from cell.recording_limits import DEFAULT_LIMITS
+from cell.recording.limits import DEFAULT_LIMITS
 
 PICTURE_MODES = {
     "1": "has 1 bit a pixel, as pictures for viewing have",

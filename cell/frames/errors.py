@@ -1,6 +1,6 @@
 """Errors of a folder of depth images."""
 
-from cell.recording_errors import RecordingError
+from cell.recording.errors import RecordingError
 
 
 class FramesError(RecordingError):

@@ -4,7 +4,7 @@ import re
 from pathlib import Path
 
 from cell.frames.errors import FramesError
-from cell.recording_limits import DEFAULT_LIMITS
+from cell.recording.limits import DEFAULT_LIMITS
 
 MIN_VIEWS = 2
 """Recognition needs at least two views."""

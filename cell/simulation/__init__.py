@@ -1,1 +1,5 @@
-"""A cell without hardware, shipped with the program: string scenes and a ray-cast depth camera."""
+"""The simulated cell: scenes, rendering, simulated devices, and the benchmark with known truth.
+
+In: a scene name and a seed. Out: views or a recording, with the truth. Within `cell`, only the equipment of a cell
+imports it.
+"""

@@ -8,8 +8,8 @@ from typing import Any, Literal
 
 import numpy as np
 
-from cell.simulation.lines import Line, Nearest
-from cell.simulation.scoring import score
+from cell.simulation.evaluation.curve_distance import Line, Nearest
+from cell.simulation.evaluation.metrics import score
 from service.archive.errors import ArchiveError
 
 Kind = Literal["lost", "topology", "doubts", "radius", "moved", "error", "gained", "same"]

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 BOARD_OPTIONS = ("kind", "columns", "rows", "pitch_m", "marker_m", "dictionary")
-LEAST_POSES, MOST_POSES = 10, 40  # the least as in `cell.calibration_poses`, which is not imported for --help
+LEAST_POSES, MOST_POSES = 10, 40  # the least as in `cell.planning.calibration_poses`, which is not imported for --help
 
 
 def add_calibrate_commands(commands: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:

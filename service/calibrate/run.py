@@ -12,10 +12,10 @@ from calibration.dataset.folder import HAND_EYE_FILE, SETUP_FILE
 from calibration.errors import HandEyeError
 from calibration.storage.hand_eye_file import activate
 from calibration.target.board import Board, BoardError, board_with_defaults
-from cell.calibrating import CalibrationRun, run_calibration
-from cell.calibration_poses import HELD_OUT, POSES
-from cell.cell import Cell
-from cell.settings import CellSettings
+from cell.config.cell_config import CellSettings
+from cell.control.calibration_run import CalibrationRun, run_calibration
+from cell.control.cell import Cell
+from cell.planning.calibration_poses import HELD_OUT, POSES
 from service.ask import agreed
 from service.calibrate.activate import activated, activation_command
 from service.calibrate.told import ToldCalibration

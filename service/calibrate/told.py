@@ -3,9 +3,9 @@
 import sys
 import threading
 
-from cell.board_seen import BoardSeen
+from cell.control.board_observation import BoardSeen
 from cell.errors import StoppedError
-from cell.viewpoints import ViewpointPlan
+from cell.planning.viewpoints import ViewpointPlan
 
 
 class ToldCalibration:

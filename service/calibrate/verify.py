@@ -7,8 +7,8 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from calibration.verification.verification import Verification
-from cell.calibrating import run_verification
-from cell.cell import Cell
+from cell.control.calibration_run import run_verification
+from cell.control.cell import Cell
 from cell.errors import CellError
 from service.calibrate.told import ToldCalibration
 from service.calibrate.words import verification_words

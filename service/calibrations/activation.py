@@ -2,7 +2,7 @@
 
 from calibration.dataset.folder import HAND_EYE_FILE
 from calibration.storage.hand_eye_file import HandEyeError, activate
-from cell.cell import Cell
+from cell.control.cell import Cell
 from service.calibrations.runner import run_folder
 from service.calibrations.store import CalibrationStore
 from service.database import now

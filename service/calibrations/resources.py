@@ -9,7 +9,7 @@ import numpy as np
 from calibration.storage.document import CalibrationResult, FindingResource, VerificationResource
 from calibration.storage.hand_eye_file import HandEye
 from calibration.verification.drift import Drift
-from cell.cell import Cell
+from cell.control.cell import Cell
 from cell.errors import CellError
 from service import wall_clock
 from service.calibrations.activation import why_not_activated

@@ -11,9 +11,9 @@ from typing import Any
 from calibration.dataset.folder import HAND_EYE_FILE
 from calibration.errors import BoardDetectionError, HandEyeError
 from calibration.target.board import Board
-from cell.board_seen import BoardSeen
-from cell.calibrating import run_calibration, run_verification
-from cell.cell import Cell
+from cell.control.board_observation import BoardSeen
+from cell.control.calibration_run import run_calibration, run_verification
+from cell.control.cell import Cell
 from cell.errors import CellError, StoppedError
 from service.calibrations.store import CalibrationStore
 from service.database import now

@@ -16,7 +16,7 @@ from calibration.target.board import (
     BoardKind,
     board_with_defaults,
 )
-from cell.board_seen import ACROSS, DOWN
+from cell.control.board_observation import ACROSS, DOWN
 from service.described import Described
 from service.schemas import WHOLE, Id, Problem, ScanState, ViewState
 

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import asdict
 from typing import Any
 
-from cell.board_seen import BoardSeen
+from cell.control.board_observation import BoardSeen
 from service.database import Database, now, update
 from service.problems import stopped_problem
 from service.schemas import ACTIVE_STATES, ScanState, ViewState

@@ -10,8 +10,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from cell.recording_errors import RecordingError
-from cell.scan import missing_view
+from cell.control.scan_loop import missing_view
+from cell.recording.errors import RecordingError
 from service.data_folder import ID, DataFolder
 from service.database import now
 from service.doctor.doctor import Examination, Examined, examine

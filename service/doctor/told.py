@@ -6,7 +6,7 @@ import sys
 from dataclasses import asdict
 from pathlib import Path
 
-from cell.check_step import Step
+from cell.self_test.check_result import Step
 from service.check import told_step
 from service.config import ConfigError, load_config
 from service.data_folder import DataFolderError

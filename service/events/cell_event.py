@@ -5,8 +5,8 @@ from functools import cached_property
 from json import dumps
 from typing import Any
 
-from cell.cell import Cell
-from cell.cell_status import CellStatus, State
+from cell.control.cell import Cell
+from cell.control.status import CellStatus, State
 from service.events.hub import EventHub
 
 

@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from calibration.atomic_write import sync_folder, write_synced
-from cell.recording_errors import RecordingError
-from cell.result_file import write_result_file
+from cell.recording.errors import RecordingError
+from cell.recording.result_file import write_result_file
 from service.interchange.errors import ExportError
 from service.interchange.model_file import read_model
 from service.interchange.point_files import to_csv, to_point_ply

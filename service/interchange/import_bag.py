@@ -6,7 +6,7 @@ from pathlib import Path
 
 from calibration.errors import HandEyeError
 from cell.bag.import_bag import Imported, Wanted, import_bag
-from cell.recording_errors import shown
+from cell.recording.errors import shown
 from service.interchange.scene_options import given_box, given_hand_eye, given_radius
 from service.problems import INPUT_ERRORS
 

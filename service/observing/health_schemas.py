@@ -2,7 +2,7 @@
 
 from typing import Literal
 
-from cell.cell_status import State
+from cell.control.status import State
 from service.described import Described
 
 

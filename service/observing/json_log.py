@@ -16,7 +16,7 @@ from datetime import UTC, datetime
 from functools import partial
 from typing import Any, Literal
 
-from cell.child_log import in_every_child
+from cell.process.logging import in_every_child
 from service.observing.log_writer import LogWriter
 from service.wall_clock import stamp
 

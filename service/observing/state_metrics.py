@@ -14,8 +14,8 @@ from typing import get_args
 from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, Metric
 from prometheus_client.registry import Collector
 
-from cell.cell import Cell
-from cell.cell_status import State
+from cell.control.cell import Cell
+from cell.control.status import State
 from cell.devices import RobotMode, SafetyMode
 from service import wall_clock
 from service.data_folder import DataFolder

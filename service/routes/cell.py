@@ -91,7 +91,7 @@ async def draw_viewpoints(service: Service, views: ViewCount = None) -> Response
     """The same as a picture."""
 
     def draw() -> bytes:
-        from cell.viewpoint_picture import draw_plan
+        from cell.planning.plan_plot import draw_plan
 
         return draw_plan(service.cell.plan(views), service.cell.settings)
 

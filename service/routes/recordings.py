@@ -13,7 +13,7 @@ from fastapi import APIRouter, Query, Request, Response
 from fastapi.responses import FileResponse
 from starlette.requests import ClientDisconnect
 
-from cell.recording_errors import RecordingError
+from cell.recording.errors import RecordingError
 from service.context import Before, Context, Limit, Recording, Service
 from service.database import new_id
 from service.description import links

@@ -6,7 +6,7 @@ from typing import Annotated, Any
 from fastapi import APIRouter, Response
 from fastapi import Path as InPath
 
-from cell.view_reader import read_poses, read_view
+from cell.recording.view_reader import read_poses, read_view
 from service.context import Context, Id, Service, find_scan
 from service.depth_picture import draw_depth
 from service.described import Described

@@ -5,8 +5,8 @@ import sqlite3
 import threading
 from collections.abc import Callable
 
-from cell.cell import Cell
-from cell.cell_status import CellStatus
+from cell.control.cell import Cell
+from cell.control.status import CellStatus
 from service.database import Database, now
 
 log = logging.getLogger(__name__)

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from cell.simulation.controller.process import RunningController, start_controller
+from cell.simulation.ur_controller.launcher import RunningController, start_controller
 from tests.cell.loopback import free_host
 
 

@@ -13,7 +13,7 @@ import pytest
 import yaml
 from packaging.requirements import Requirement
 
-from cell.arm_settings import URArm
+from cell.config.arm_config import URArm
 from service.config import load_config
 from service.security.binding import check_binding
 from service.security.hosts import AllowedHosts, is_loopback

@@ -2,9 +2,9 @@
 
 from pathlib import Path
 
-from cell.simulation.camera import camera_model
-from cell.simulation.scenes import make_scene
-from cell.simulation.simulate import simulate
+from cell.simulation.offline_scan import simulate
+from cell.simulation.rendering.depth_camera import camera_model
+from cell.simulation.scenes.scenes import make_scene
 from tests.cell.bag.bags import Recorded, one_image_each, write_bag
 
 

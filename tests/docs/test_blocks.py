@@ -45,9 +45,9 @@ ELSEWHERE = {
     "docker run --rm -v pointchain_cell": "docker/compose.yaml::name: pointchain",
     "sudo cp docker/80-oak.rules": "docker/80-oak.rules::sudo cp docker/80-oak.rules",
     "sudo chown 10001": "docker/Dockerfile::--uid 10001",
-    "python -m cell.simulation.controller": "tests/cell/simulation/controller/test_process.py"
+    "python -m cell.simulation.ur_controller": "tests/cell/simulation/ur_controller/test_launcher.py"
     "::test_it_takes_connections_when_start_returns",
-    ".venv/bin/python -c 'from cell.simulation": "tests/cell/simulation/controller/test_faults.py::protective_stop",
+    ".venv/bin/python -c 'from cell.simulation": "tests/cell/simulation/ur_controller/test_faults.py::protective_stop",
     "pytest -m ursim": "pyproject.toml::ursim: any UR controller",
     "curl -H": "tests/service/security/test_binding.py::",
 }

@@ -10,8 +10,8 @@ from typing import Any, get_args
 import pytest
 from pydantic import BaseModel
 
-from cell.arm_settings import SimulatedArm, URArm
-from cell.camera_settings import OakCamera, SimulatedCamera
+from cell.config.arm_config import SimulatedArm, URArm
+from cell.config.camera_config import OakCamera, SimulatedCamera
 from service.config import ServiceConfig, load_config
 from tests.docs.pages import DOCS, blocks
 

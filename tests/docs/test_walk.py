@@ -61,9 +61,12 @@ def test_the_walk_names_functions() -> None:
 
 
 def test_what_does_not_exist_is_found() -> None:
-    text = "`recognition/pipeline.py:recognise`, `cell/cell.py:Cell.stop`, `service/workflow.py:DONE_BEFORE`"
+    text = "`recognition/pipeline.py:recognise`, `cell/control/cell.py:Cell.stop`, `service/workflow.py:DONE_BEFORE`"
     assert len(_FUNCTION.findall(text)) == 3
     assert wrong_functions(text) == []
     assert wrong_functions("`recognition/pipeline.py:recognize`") == ["recognition/pipeline.py:recognize"]
-    assert wrong_functions("`cell/cell.py:Cell.halt`, `cell/no.py:x`") == ["cell/cell.py:Cell.halt", "cell/no.py:x"]
-    assert wrong_files("`cell/NAME.py`, `cell/ur.py`, `cell/simulation/`, `cell/no.py`") == ["cell/no.py"]
+    assert wrong_functions("`cell/control/cell.py:Cell.halt`, `cell/no.py:x`") == [
+        "cell/control/cell.py:Cell.halt",
+        "cell/no.py:x",
+    ]
+    assert wrong_files("`cell/NAME.py`, `cell/arm/rtde_driver.py`, `cell/simulation/`, `cell/no.py`") == ["cell/no.py"]

@@ -8,9 +8,9 @@ import pytest
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
-from cell.simulation.camera import camera_model
-from cell.simulation.scenes import make_scene
-from cell.simulation.simulate import SimulatedScan, simulate
+from cell.simulation.offline_scan import SimulatedScan, simulate
+from cell.simulation.rendering.depth_camera import camera_model
+from cell.simulation.scenes.scenes import make_scene
 from recognition.model.model import METHODS, Method, PointChainModel
 from recognition.parameters import ChainParameters
 from recognition.preprocessing.target_cloud import Scene

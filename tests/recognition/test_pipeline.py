@@ -13,10 +13,10 @@ from scipy.spatial import KDTree
 
 from calibration.geometry.transforms import from_rotation_vector, transform_points
 from cell.devices import View
-from cell.simulation.camera import camera_model
-from cell.simulation.poses import NO_ERRORS
-from cell.simulation.scenes import make_scene
-from cell.simulation.simulate import SimulatedScan, simulate
+from cell.simulation.offline_scan import SimulatedScan, simulate
+from cell.simulation.pose_errors import NO_ERRORS
+from cell.simulation.rendering.depth_camera import camera_model
+from cell.simulation.scenes.scenes import make_scene
 from recognition.errors import InsufficientViewsError, InvalidParametersError, NoDepthError
 from recognition.model.model import METHODS, Method
 from recognition.parameters import ChainParameters

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from cell.simulation.camera import camera_model
-from cell.simulation.clutter import Box
-from cell.simulation.scenes import StringScene, make_scene
-from cell.simulation.simulate import SimulatedScan, simulate
+from cell.simulation.offline_scan import SimulatedScan, simulate
+from cell.simulation.rendering.depth_camera import camera_model
+from cell.simulation.scenes.clutter import Box
+from cell.simulation.scenes.scenes import StringScene, make_scene
 from recognition.errors import RadiusUnknownError
 from recognition.preprocessing.target_cloud import Scene
 from recognition.radius_estimation import MAX_HEIGHT_M, PAPER_R, estimate_parameters, estimate_rough_radius

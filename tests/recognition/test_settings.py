@@ -5,9 +5,9 @@ from typing import Any
 
 import pytest
 
-from cell.simulation.camera import camera_model
-from cell.simulation.scenes import make_scene
-from cell.simulation.simulate import SimulatedScan, simulate
+from cell.simulation.offline_scan import SimulatedScan, simulate
+from cell.simulation.rendering.depth_camera import camera_model
+from cell.simulation.scenes.scenes import make_scene
 from recognition.errors import InvalidParametersError
 from recognition.model.model import METHODS, Method
 from recognition.parameters import USED_BY, ChainParameters, check_settings

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from cell.devices import View
-from cell.simulation.camera import camera_model
-from cell.simulation.scenes import make_scene
-from cell.simulation.simulate import SimulatedScan, simulate
+from cell.simulation.offline_scan import SimulatedScan, simulate
+from cell.simulation.rendering.depth_camera import camera_model
+from cell.simulation.scenes.scenes import make_scene
 from recognition import view_ingestion
 from recognition.errors import DuplicateViewError, TooCrowdedError
 from recognition.parameters import ChainParameters

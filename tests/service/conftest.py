@@ -15,9 +15,9 @@ import httpx
 import pytest
 from fastapi import FastAPI
 
-from cell.simulation.camera import camera_model
-from cell.simulation.scenes import make_scene
-from cell.simulation.simulate import simulate, write_simulation
+from cell.simulation.offline_scan import simulate, write_simulation
+from cell.simulation.rendering.depth_camera import camera_model
+from cell.simulation.scenes.scenes import make_scene
 from service.app import create_app
 from service.config import ServiceConfig
 from service.schemas import ACTIVE_STATES

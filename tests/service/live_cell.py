@@ -5,11 +5,11 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from cell.arm_settings import SimulatedArm
-from cell.camera import LiveCamera
-from cell.camera_settings import SimulatedCamera
-from cell.settings import CellSettings
-from cell.simulation.controller.admin import AdminClient
+from cell.camera.camera import LiveCamera
+from cell.config.arm_config import SimulatedArm
+from cell.config.camera_config import SimulatedCamera
+from cell.config.cell_config import CellSettings
+from cell.simulation.ur_controller.admin_client import AdminClient
 from tests.cell.loopback import free_host
 from tests.service.conftest import Serve, ServedClient, wait_until
 

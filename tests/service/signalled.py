@@ -4,8 +4,8 @@ import signal
 import subprocess
 from typing import Any
 
-from cell.simulation.controller.admin import AdminClient
-from tests.cell.virtual_arm import motion_commands, stops
+from cell.simulation.ur_controller.admin_client import AdminClient
+from tests.cell.arm.virtual_arm import motion_commands, stops
 
 
 def told_to_end(

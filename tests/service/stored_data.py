@@ -8,7 +8,7 @@ from contextlib import closing
 from pathlib import Path
 
 from calibration.atomic_write import write_synced
-from cell.recording import RecordingWriter, read_recording
+from cell.recording.writer import RecordingWriter, read_recording
 from service.calibrations.store import CalibrationStore
 from service.data_folder import DataFolder
 from service.doctor.doctor import Examined, examine

@@ -8,11 +8,11 @@ from typing import Any
 
 import pytest
 
-from cell.simulation.benchmark.growth import Growth, rows
+from cell.simulation.benchmark.scaling import Growth, rows
 from cell.simulation.benchmark.speed import Speed, Timing
-from cell.simulation.camera import camera_model
-from cell.simulation.scenes import make_scene
-from cell.simulation.simulate import SimulatedScan, simulate
+from cell.simulation.offline_scan import SimulatedScan, simulate
+from cell.simulation.rendering.depth_camera import camera_model
+from cell.simulation.scenes.scenes import make_scene
 from recognition.model.model import METHODS
 from service.bench_estimate import Probe
 from service.bench_process import MeasurementError
@@ -32,7 +32,7 @@ def probed(monkeypatch: pytest.MonkeyPatch) -> None:
 def small(monkeypatch: pytest.MonkeyPatch) -> SimulatedScan:
     """Replace the scans of the tiers by a small one, and recognise it in this process."""
     scan = simulate(make_scene("arc", 1), camera_model("ideal", (320, 200)), 1, views=4)
-    monkeypatch.setattr("cell.simulation.tiers.simulate", lambda case: scan)
+    monkeypatch.setattr("cell.simulation.benchmark.cases.simulate", lambda case: scan)
     monkeypatch.setattr("cell.simulation.benchmark.accuracy.in_processes", lambda work, items, jobs: map(work, items))
     return scan
 

@@ -2,7 +2,7 @@
 
 import pytest
 
-from cell.simulation.tiers import TIERS
+from cell.simulation.benchmark.cases import TIERS
 from service.bench_estimate import (
     TIER_COSTS,
     Probe,

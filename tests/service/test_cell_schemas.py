@@ -5,9 +5,9 @@ import time
 import numpy as np
 import pytest
 
-from cell.cell_status import CellStatus, State
+from cell.config.cell_config import CellSettings
+from cell.control.status import CellStatus, State
 from cell.devices import ArmState
-from cell.settings import CellSettings
 from service.cell_schemas import HEARD_S, cell_resource
 
 

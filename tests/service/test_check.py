@@ -9,7 +9,7 @@ import pytest
 
 from calibration.geometry.transforms import from_rotation_vector
 from calibration.storage.hand_eye_file import write_hand_eye
-from cell.check_step import Outcome, Step
+from cell.self_test.check_result import Outcome, Step
 from service import check
 from service.cli import main
 from service.config import ServiceConfig

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cell.recording import RecordingHeader, RecordingWriter, read_recording
+from cell.recording.writer import RecordingHeader, RecordingWriter, read_recording
 from service.app import openapi_document
 from service.cli import main
 from service.data_folder import DataFolder

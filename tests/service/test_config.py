@@ -4,9 +4,9 @@ from pathlib import Path
 
 import pytest
 
-from cell.arm_settings import SimulatedArm, URArm
-from cell.camera_settings import OakCamera
-from cell.settings import CellSettings, HandEyeSettings
+from cell.config.arm_config import SimulatedArm, URArm
+from cell.config.camera_config import OakCamera
+from cell.config.cell_config import CellSettings, HandEyeSettings
 from recognition.grasping.gripper import Gripper
 from service.config import ConfigError, load_config
 

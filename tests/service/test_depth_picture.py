@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from calibration.geometry.transforms import from_rotation_vector
 from cell.devices import View
-from cell.recording_header import RecordingHeader
+from cell.recording.header import RecordingHeader
 from service.depth_picture import HIGH_M, LARGEST, LOW_M, draw_depth
 
 TABLE_Z_M = 0.1

@@ -15,8 +15,8 @@ from typing import Any
 import httpx
 import pytest
 
-from cell.arm_settings import SimulatedArm, URArm
-from cell.camera_settings import OakCamera, SimulatedCamera
+from cell.config.arm_config import SimulatedArm, URArm
+from cell.config.camera_config import OakCamera, SimulatedCamera
 from service.security.tokens import add_token
 from tests.cell.loopback import free_host
 from tests.service.conftest import Serve

@@ -12,7 +12,7 @@ import httpx
 import pytest
 
 from calibration.storage.hand_eye_file import write_hand_eye
-from cell.simulation.poses import T_FLANGE_CAMERA
+from cell.simulation.pose_errors import T_FLANGE_CAMERA
 from tests.service.conftest import Serve
 from tests.service.live_cell import SCAN, LiveCell, live_cell
 

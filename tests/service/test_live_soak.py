@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from cell.arm_settings import SimulatedArm
-from cell.camera_settings import SimulatedCamera
+from cell.config.arm_config import SimulatedArm
+from cell.config.camera_config import SimulatedCamera
 from tests.cell.loopback import free_host
 from tests.processes import children, rss_bytes, state
 from tests.service.conftest import Serve, wait_until

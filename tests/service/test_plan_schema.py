@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cell.viewpoints import Leg, Viewpoint, ViewpointPlan
+from cell.planning.viewpoints import Leg, Viewpoint, ViewpointPlan
 from recognition.preprocessing.coverage import Coverage
 from service.plan_schema import PlanDocument
 

@@ -9,7 +9,7 @@ from typing import Any, get_args
 import pytest
 
 from cell.errors import CellError
-from cell.recording_errors import RecordingTooLargeError
+from cell.recording.errors import RecordingTooLargeError
 from service.problem_types import PROBLEM_TYPES, Group
 from service.problems import CELL_STATUS, INPUT_ERRORS, TITLES, problem_document
 
@@ -18,7 +18,7 @@ ROOT = Path(__file__).resolve().parents[2]
 STATES = {
     "aborted": "stopped_problem in service/problems.py: the state is the slug",
     "interrupted": "the same",
-    "not-connected": "default of CellStatus.slug in cell/cell_status.py",
+    "not-connected": "default of CellStatus.slug in cell/control/status.py",
 }
 """Slugs that no call below has as a constant, and where they come from."""
 SLUG_AT = {

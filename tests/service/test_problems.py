@@ -10,7 +10,7 @@ from pathlib import Path
 import httpx
 import pytest
 
-from cell.cell import Cell
+from cell.control.cell import Cell
 from cell.errors import TooEarlyError
 from service.store import Store
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import httpx
 import pytest
 
-from cell.recording_errors import NotMcapError, RecordingTooLargeError
+from cell.recording.errors import NotMcapError, RecordingTooLargeError
 from service import foreign_recording
 from service.foreign_recording import ChildLimits, RecordingRefusedError, describe_foreign_recording
 from service.recording_rows import describe_recording

@@ -11,7 +11,7 @@ import httpx
 import numpy as np
 import pytest
 
-from cell.recording import RecordingHeader, RecordingWriter
+from cell.recording.writer import RecordingHeader, RecordingWriter
 from service.context import Context
 from service.routes.recordings import UPLOADS
 from tests.service.conftest import PATIENCE_S, ServedClient, wait_until

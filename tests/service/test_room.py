@@ -4,10 +4,10 @@ import httpx
 import numpy as np
 from numpy.typing import NDArray
 
-from cell.arm_settings import SimulatedArm
-from cell.collision import PARTS, collision_model
-from cell.kinematics import ARMS, link_frames
-from cell.settings import CellSettings, MountingSettings
+from cell.config.arm_config import SimulatedArm
+from cell.config.cell_config import CellSettings, MountingSettings
+from cell.kinematics.collision import PARTS, collision_model
+from cell.kinematics.ur_kinematics import ARMS, link_frames
 from service.config import ServiceConfig
 from service.room import ArmShape, RoomResource, room_resource
 from tests.service.conftest import ServedClient

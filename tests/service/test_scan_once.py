@@ -12,12 +12,12 @@ from pathlib import Path
 
 import pytest
 
-from cell.child import Child
-from cell.recording import read_recording, read_result
-from cell.simulation.controller.admin import AdminClient
+from cell.process.child import Child
+from cell.recording.writer import read_recording, read_result
+from cell.simulation.ur_controller.admin_client import AdminClient
 from service.workflow import recognise_recording
+from tests.cell.arm.pendant import Pendant
 from tests.cell.loopback import free_host
-from tests.cell.pendant import Pendant
 from tests.service.conftest import wait_until
 from tests.service.signalled import assert_stopped, told_to_end
 

@@ -12,14 +12,14 @@ from pathlib import Path
 import httpx
 import pytest
 
-from cell.simulation.controller.admin import AdminClient
+from cell.simulation.ur_controller.admin_client import AdminClient
 from service import server
 from service.context import Context
 from service.data_folder import DataFolder
 from service.new_rows import NOBODY, new_scan
 from service.store import Store
+from tests.cell.arm.virtual_arm import motion_commands, stops, until
 from tests.cell.loopback import free_host
-from tests.cell.virtual_arm import motion_commands, stops, until
 from tests.service.conftest import PATIENCE_S, Serve, wait_until
 from tests.service.faults.figures import Figures, rounds
 from tests.service.service_process import process

@@ -8,9 +8,9 @@ from typing import Any
 
 import pytest
 
-from cell.simulation.camera import camera_model
-from cell.simulation.scenes import make_scene
-from cell.simulation.simulate import simulate
+from cell.simulation.offline_scan import simulate
+from cell.simulation.rendering.depth_camera import camera_model
+from cell.simulation.scenes.scenes import make_scene
 from recognition.model.model import METHODS, Method
 from recognition.parameters import ChainParameters
 from recognition.pipeline import Recognition, recognise

@@ -9,7 +9,7 @@ from typing import Any
 import httpx
 import pytest
 
-from cell.recording import RecordingWriter, read_recording
+from cell.recording.writer import RecordingWriter, read_recording
 from service.database import new_id
 from service.new_rows import NOBODY, new_scan
 from service.pictures import REMEMBERED

@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 
 from cell.simulation.benchmark.intervals import Interval, wilson_interval
-from cell.simulation.benchmark.processes import in_processes
-from cell.simulation.benchmark.sigma import SigmaCounts, sigma_counts, sigma_shares
-from cell.simulation.scoring import Score, score
+from cell.simulation.benchmark.sigma_coverage import SigmaCounts, sigma_counts, sigma_shares
+from cell.simulation.benchmark.worker_pool import in_processes
+from cell.simulation.evaluation.metrics import Score, score
 from recognition.model.model import METHODS, Method
 
 ALL = "all"
@@ -57,7 +57,7 @@ class Summary:
 
 def run_case(tier_and_seed: tuple[str, int]) -> list[CaseResult]:
     """Simulate a case once, and recognise it by every method."""
-    from cell.simulation.tiers import make_case, simulate
+    from cell.simulation.benchmark.cases import make_case, simulate
     from recognition.errors import RecognitionError
     from recognition.parameters import ChainParameters
     from recognition.pipeline import recognise

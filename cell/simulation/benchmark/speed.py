@@ -12,7 +12,7 @@ from typing import Any
 
 from cell.devices import View
 from cell.simulation.benchmark.memory import current_rss_bytes, peak_rss_bytes
-from cell.simulation.benchmark.processes import in_fresh_process
+from cell.simulation.benchmark.worker_pool import in_fresh_process
 from recognition.parameters import ChainParameters
 from recognition.preprocessing.target_cloud import Scene
 
@@ -79,11 +79,11 @@ def simulated_input(
     """Simulate the views of a scene by the timed camera.
 
     The camera is at `distance_m`, or as near as shows all of the scene when None. The options go to
-    `cell.simulation.scenes.make_scene`.
+    `cell.simulation.scenes.scenes.make_scene`.
     """
-    from cell.simulation.camera import camera_model
-    from cell.simulation.scenes import make_scene
-    from cell.simulation.simulate import simulate
+    from cell.simulation.offline_scan import simulate
+    from cell.simulation.rendering.depth_camera import camera_model
+    from cell.simulation.scenes.scenes import make_scene
 
     laid = make_scene(scene, seed, **options)
     camera = camera_model(CAMERA, resolution)
@@ -159,7 +159,7 @@ def time_after_last_view(given: Input, thumbnail: Input, runs: int = RUNS, pause
 
 def time_literal(given: Input, thumbnail: Input, runs: int = LITERAL_RUNS) -> float:
     """Return the seconds of the fastest run of the literal baseline."""
-    from cell.simulation.benchmark.literal import recognise_literally
+    from cell.simulation.benchmark.reference import recognise_literally
 
     recognise_literally(thumbnail.views, thumbnail.parameters, thumbnail.scene)
     seconds = []

@@ -4,8 +4,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from cell.simulation.benchmark.accuracy import Summary
-from cell.simulation.benchmark.growth import Growth, Row
 from cell.simulation.benchmark.intervals import Interval
+from cell.simulation.benchmark.scaling import Growth, Row
 from cell.simulation.benchmark.speed import Speed
 
 ACCURACY_COLUMNS = (

@@ -6,11 +6,11 @@ from collections.abc import Iterator
 import pytest
 from universal_robots_clients import dashboard_client
 
-from cell.arm import UrArm
-from cell.arm_settings import ArmSettings
-from cell.simulation.controller.process import RunningController
+from cell.arm.ur_arm import UrArm
+from cell.config.arm_config import ArmSettings
+from cell.simulation.ur_controller.launcher import RunningController
+from tests.cell.arm.virtual_arm import fresh
 from tests.cell.conformance.witness import Witness
-from tests.cell.virtual_arm import fresh
 
 READY_S = 60.0
 """A robot that is switched on takes half a minute."""

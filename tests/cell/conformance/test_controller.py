@@ -14,15 +14,15 @@ import pytest
 from numpy.typing import NDArray
 from universal_robots_clients import dashboard_client
 
-from cell import kinematics
-from cell.arm import UrArm
-from cell.arm_settings import ArmSettings
-from cell.child import Child
+from cell.arm.ur_arm import UrArm
+from cell.config.arm_config import ArmSettings
 from cell.errors import MotionError, RobotNotReadyError, StoppedError
+from cell.kinematics import ur_kinematics
+from cell.process.child import Child
+from tests.cell.arm.pendant import Pendant
+from tests.cell.arm.virtual_arm import thread_of, until
 from tests.cell.conformance.conftest import switch_on
 from tests.cell.conformance.witness import Witness
-from tests.cell.pendant import Pendant
-from tests.cell.virtual_arm import thread_of, until
 
 pytestmark = [
     pytest.mark.ursim,
@@ -62,7 +62,7 @@ def test_a_move_ends_where_it_was_sent_and_the_way_back_where_it_began(arm: UrAr
     np.testing.assert_allclose(witness.q_rad, goal, atol=AT_GOAL_RAD)
     assert not there.moving
     # The controller's pose is by its own calibration of the arm, and of the flange whatever tool is set.
-    T_nominal = kinematics.forward(arm.settings.model, there.q_rad)
+    T_nominal = ur_kinematics.forward(arm.settings.model, there.q_rad)
     np.testing.assert_allclose(there.T_base_flange, T_nominal, atol=0.02)
     back = arm.move(before.q_rad)
     np.testing.assert_allclose(back.T_base_flange[:3, 3], before.T_base_flange[:3, 3], atol=REPEAT_M)
@@ -80,9 +80,9 @@ def test_the_flange_keeps_its_speed_limit(host: str, settings: ArmSettings, witn
     finally:
         arm.close()
     _, q, qd = witness.since(begin)
-    speeds = [np.linalg.norm(kinematics.jacobian(slow.model, a)[:3] @ b) for a, b in zip(q, qd, strict=True)]
+    speeds = [np.linalg.norm(ur_kinematics.jacobian(slow.model, a)[:3] @ b) for a, b in zip(q, qd, strict=True)]
     assert max(speeds) <= 0.1 * 1.02  # the joint speeds that a controller tells are measured ones
-    reach_m = np.linalg.norm(kinematics.forward(slow.model, start)[:2, 3])
+    reach_m = np.linalg.norm(ur_kinematics.forward(slow.model, start)[:2, 3])
     if reach_m > 0.15:  # of an arm that stands straight up the flange hardly moves, whatever its joints do
         assert max(speeds) > 0.05, "the limit is used"
 
@@ -123,8 +123,8 @@ PARENT = """
 import sys
 sys.path.insert(0, {root!r})
 import numpy as np
-from cell.arm import UrArm
-from cell.arm_settings import ArmSettings
+from cell.arm.ur_arm import UrArm
+from cell.config.arm_config import ArmSettings
 arm = UrArm(ArmSettings.model_validate_json({settings!r}), {host!r})
 arm.connect()
 start = arm.state().q_rad

@@ -7,7 +7,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from tests.cell.simulation.controller.rtde_client import RtdeClient
+from tests.cell.simulation.ur_controller.rtde_client import RtdeClient
 
 STILL_RAD_S = 0.005
 NAMES = ("timestamp", "actual_q", "actual_qd", "runtime_state")

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from cell.simulation.camera import camera_model
-from cell.simulation.scenes import make_scene
-from cell.simulation.simulate import simulate
+from cell.simulation.offline_scan import simulate
+from cell.simulation.rendering.depth_camera import camera_model
+from cell.simulation.scenes.scenes import make_scene
 from recognition.assembly.chain_ends import mark_facing_ends, mark_unobserved_ends
 from recognition.model.chains import Chain, End
 from recognition.parameters import ChainParameters

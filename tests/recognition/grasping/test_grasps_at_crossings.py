@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial import KDTree
 
-from cell.simulation.scenes import make_scene
+from cell.simulation.scenes.scenes import make_scene
 from recognition.assembly.crossings import find_crossings
 from recognition.model.chains import Chain, Crossing, StrandPoint
 from recognition.strand import Strand

@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cell.simulation.camera import camera_model
-from cell.simulation.scenes import make_scene
-from cell.simulation.simulate import simulate
+from cell.simulation.offline_scan import simulate
+from cell.simulation.rendering.depth_camera import camera_model
+from cell.simulation.scenes.scenes import make_scene
 from recognition.errors import ModelError
 from recognition.model.document import ModelDocument
 from recognition.model.model import PointChainModel

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cell.simulation.scenes import make_scene
+from cell.simulation.scenes.scenes import make_scene
 from recognition.assembly.crossings import find_crossings
 from recognition.errors import TopologyError
 from recognition.model.chains import Chain, Crossing, StrandPoint

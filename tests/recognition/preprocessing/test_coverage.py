@@ -9,11 +9,11 @@ import pytest
 from numpy.typing import NDArray
 
 from calibration.geometry.transforms import inverse, transform_points
-from cell.look_at import look_at
-from cell.simulation.camera import camera_model
-from cell.simulation.poses import viewpoints
-from cell.simulation.scenes import SCENES, make_scene
-from cell.simulation.simulate import WORKSPACE_HALF_M, SimulatedScan, simulate
+from cell.planning.look_at import look_at
+from cell.simulation.offline_scan import WORKSPACE_HALF_M, SimulatedScan, simulate
+from cell.simulation.pose_errors import viewpoints
+from cell.simulation.rendering.depth_camera import camera_model
+from cell.simulation.scenes.scenes import SCENES, make_scene
 from recognition.parameters import ChainParameters
 from recognition.pipeline import recognise
 from recognition.preprocessing.coverage import (

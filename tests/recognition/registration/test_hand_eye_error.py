@@ -10,12 +10,12 @@ import pytest
 from calibration.geometry.se3 import twist_from_pose
 from calibration.geometry.transforms import from_rotation_vector, inverse
 from calibration.verification.drift import ScanLikelihood, judge_drift
+from cell.config.cell_config import CellSettings
 from cell.devices import View
-from cell.settings import CellSettings
-from cell.simulation.frames import FrameSource
-from cell.simulation.scenes import make_scene
-from cell.simulation.world import SimulatedWorld, simulated_world
-from cell.viewpoints import ViewpointPlan, plan_viewpoints
+from cell.planning.viewpoints import ViewpointPlan, plan_viewpoints
+from cell.simulation.devices.frame_source import FrameSource
+from cell.simulation.devices.world import SimulatedWorld, simulated_world
+from cell.simulation.scenes.scenes import make_scene
 from recognition.parameters import ChainParameters
 from recognition.preprocessing.normals import NormalCloud
 from recognition.preprocessing.target_cloud import Scene

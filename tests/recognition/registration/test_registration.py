@@ -10,10 +10,10 @@ from scipy.spatial import KDTree
 from scipy.spatial.transform import Rotation
 
 from calibration.geometry.transforms import from_rotation_vector, inverse, transform_points
-from cell.simulation.camera import camera_model
-from cell.simulation.poses import NO_ERRORS
-from cell.simulation.scenes import make_scene
-from cell.simulation.simulate import simulate
+from cell.simulation.offline_scan import simulate
+from cell.simulation.pose_errors import NO_ERRORS
+from cell.simulation.rendering.depth_camera import camera_model
+from cell.simulation.scenes.scenes import make_scene
 from recognition.parameters import ChainParameters
 from recognition.preprocessing.normals import NormalCloud
 from recognition.preprocessing.target_cloud import Scene

@@ -5,8 +5,8 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from cell.simulation.scoring import score
-from cell.simulation.tiers import make_case, simulate
+from cell.simulation.benchmark.cases import make_case, simulate
+from cell.simulation.evaluation.metrics import score
 from recognition.parameters import ChainParameters
 from recognition.pipeline import recognise
 from recognition.preprocessing.target_cloud import Scene

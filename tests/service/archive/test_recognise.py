@@ -16,9 +16,9 @@ import pyarrow.parquet as pq
 import pytest
 
 from calibration.geometry.transforms import from_rotation_vector
-from cell.simulation.camera import camera_model
-from cell.simulation.scenes import make_scene
-from cell.simulation.simulate import simulate, write_simulation
+from cell.simulation.offline_scan import simulate, write_simulation
+from cell.simulation.rendering.depth_camera import camera_model
+from cell.simulation.scenes.scenes import make_scene
 from service.archive import recognise as archive_recognise
 from service.cli import main
 

@@ -13,7 +13,7 @@ import pytest
 
 from calibration.geometry.transforms import inverse, rotation_angle
 from calibration.storage.hand_eye_file import load_hand_eye
-from cell.simulation.poses import T_FLANGE_CAMERA
+from cell.simulation.pose_errors import T_FLANGE_CAMERA
 from service.cli import main
 from tests.cell.loopback import free_host
 from tests.service.signalled import assert_stopped, told_to_end

@@ -15,10 +15,10 @@ import numpy as np
 import pytest
 
 from calibration.target.board import Board
-from cell.board_seen import BoardSeen
-from cell.camera_settings import SimulatedCamera
-from cell.settings import CellSettings
-from cell.simulation.world import simulated_world
+from cell.config.camera_config import SimulatedCamera
+from cell.config.cell_config import CellSettings
+from cell.control.board_observation import BoardSeen
+from cell.simulation.devices.world import simulated_world
 from recognition.registration.hand_eye_error import HandEyeErrorEstimate
 from service.data_folder import DataFolder
 from service.database import new_id

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from calibration.geometry.transforms import from_quaternion, inverse, rotation_angle
-from cell.simulation.poses import T_FLANGE_CAMERA
+from cell.simulation.pose_errors import T_FLANGE_CAMERA
 from tests.service.conftest import Serve
 from tests.service.live_cell import LiveCell, live_cell
 

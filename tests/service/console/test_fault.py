@@ -6,7 +6,7 @@ import re
 import pytest
 from playwright.sync_api import expect
 
-from cell.cell_status import FAULTS
+from cell.control.status import FAULTS
 from service.routes.console import BUILT
 from tests.service.console.conftest import Cell, Open
 

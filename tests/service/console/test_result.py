@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 from playwright.sync_api import Page, Route, expect
 
-from cell.simulation.camera import camera_model
-from cell.simulation.scenes import make_scene
-from cell.simulation.simulate import simulate, write_simulation
+from cell.simulation.offline_scan import simulate, write_simulation
+from cell.simulation.rendering.depth_camera import camera_model
+from cell.simulation.scenes.scenes import make_scene
 from recognition.grasping.candidates import MAX_RELEVANT_DISTANCE_M
 from service.new_rows import NOBODY, new_scan
 from service.problems import problem_document

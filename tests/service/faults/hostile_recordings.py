@@ -10,7 +10,7 @@ from mcap.data_stream import RecordBuilder
 from mcap.records import Attachment, Chunk
 from mcap.writer import MCAP0_MAGIC
 
-from tests.cell.test_foreign_recording import Foreign
+from tests.cell.recording.test_foreign_recording import Foreign
 
 ABSURD = (0, 1, 0x7F, 1 << 20, 2**31 - 1, 2**32, 2**40, 2**62, 2**63, 2**64 - 1)
 NAMES = (

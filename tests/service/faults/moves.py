@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.cell.virtual_arm import kinds, motion_commands, stops
+from tests.cell.arm.virtual_arm import kinds, motion_commands, stops
 from tests.service.conftest import wait_until
 from tests.service.live_cell import LiveCell
 

@@ -89,8 +89,8 @@ def main(recording: str) -> None:
 
 
 def _serve(data: Path, retention: bool, host: str, listening: socket.socket) -> None:
-    from cell.arm_settings import SimulatedArm
-    from cell.camera_settings import SimulatedCamera
+    from cell.config.arm_config import SimulatedArm
+    from cell.config.camera_config import SimulatedCamera
     from service.app import create_app
     from service.config import ServiceConfig
     from service.server import Server

@@ -14,7 +14,7 @@ import httpx
 import pytest
 
 from calibration.storage.hand_eye_file import write_hand_eye
-from cell.simulation.poses import T_FLANGE_CAMERA
+from cell.simulation.pose_errors import T_FLANGE_CAMERA
 from service.config_sections import RetentionConfig
 from service.data_folder import DataFolder
 from service.database import new_id
@@ -55,7 +55,7 @@ def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
         def now(cls, tz: Any = None) -> datetime:  # type: ignore[override]
             return datetime.now(tz) + clock.off
 
-    for module in ("calibration.storage.hand_eye_file", "cell.planning"):
+    for module in ("calibration.storage.hand_eye_file", "cell.control.planner"):
         monkeypatch.setattr(f"{module}.datetime", Moment)
     monkeypatch.setattr(time, "time", lambda real=time.time: real() + clock.off.total_seconds())
     return clock

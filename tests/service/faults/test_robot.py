@@ -7,7 +7,7 @@ from typing import Any
 import httpx
 import pytest
 
-from tests.cell.virtual_arm import dashboard_commands, kinds, motion_commands, stops
+from tests.cell.arm.virtual_arm import dashboard_commands, kinds, motion_commands, stops
 from tests.service.conftest import Serve, wait_until
 from tests.service.faults.figures import Figures, rounds
 from tests.service.faults.moves import assert_one_way, first, now_in, seen, still_s, wait_for_middle, wait_for_stop

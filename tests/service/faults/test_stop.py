@@ -15,7 +15,7 @@ import pytest
 
 from service.jobs import BY_ITSELF_S
 from service.security.audit_reader import read_audit
-from tests.cell.virtual_arm import dashboard_commands
+from tests.cell.arm.virtual_arm import dashboard_commands
 from tests.service.conftest import Serve, wait_until
 from tests.service.faults.figures import Figures, rounds
 from tests.service.faults.held_database import OtherProcess

@@ -11,12 +11,12 @@ from typing import Any
 import httpx
 import pytest
 
-from cell import scan
-from cell.cell import Cell
+from cell.control import scan_loop
+from cell.control.cell import Cell
 from service.jobs import Jobs
 from service.submissions import Submissions
 from service.worker import RecognitionWorker
-from tests.cell.virtual_arm import stops
+from tests.cell.arm.virtual_arm import stops
 from tests.service.conftest import PATIENCE_S, Serve, wait_until
 from tests.service.faults.moves import now_in, seen
 from tests.service.live_cell import SCAN, LiveCell, live_cell
@@ -101,7 +101,7 @@ def test_whoever_waits_for_the_arm_to_come_home_does_not_get_it_behind_a_stop(
 ) -> None:
     cell.is_well()
     with ThreadPoolExecutor() as pool, monkeypatch.context() as patched:
-        way_home, releasing = Gate(patched, scan, "go_home"), Gate(patched, Cell, "release", hold=False)
+        way_home, releasing = Gate(patched, scan_loop, "go_home"), Gate(patched, Cell, "release", hold=False)
         try:
             assert finished(cell.client, cell.start(views=4))["state"] == "succeeded"
             way_home.wait_for_one()

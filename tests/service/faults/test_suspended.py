@@ -10,9 +10,9 @@ from typing import Any
 import httpx
 import pytest
 
-from cell.simulation.controller.admin import AdminClient
+from cell.simulation.ur_controller.admin_client import AdminClient
+from tests.cell.arm.virtual_arm import kinds, motion_commands, until
 from tests.cell.loopback import free_host
-from tests.cell.virtual_arm import kinds, motion_commands, until
 from tests.service.conftest import wait_until
 from tests.service.faults.figures import Figures, rounds
 from tests.service.service_process import process

@@ -15,10 +15,10 @@ import pytest
 from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 
-from cell.recording import RecordingWriter, read_recording, read_result
-from cell.simulation.camera import camera_model
-from cell.simulation.scenes import make_scene
-from cell.simulation.simulate import simulate, write_simulation
+from cell.recording.writer import RecordingWriter, read_recording, read_result
+from cell.simulation.offline_scan import simulate, write_simulation
+from cell.simulation.rendering.depth_camera import camera_model
+from cell.simulation.scenes.scenes import make_scene
 from service.cli import main
 from service.interchange.point_files import VERTEX
 from service.workflow import recognise_recording

@@ -9,10 +9,10 @@ from typing import Any
 
 import pytest
 
-from cell.recording import read_recording
-from cell.simulation.camera import camera_model
-from cell.simulation.scenes import make_scene
-from cell.simulation.simulate import SimulatedScan, simulate, write_simulation
+from cell.recording.writer import read_recording
+from cell.simulation.offline_scan import SimulatedScan, simulate, write_simulation
+from cell.simulation.rendering.depth_camera import camera_model
+from cell.simulation.scenes.scenes import make_scene
 from service.cli import main
 from service.workflow import recognise_recording
 from tests.cell.bag.bags import KINDS, Kind, Recorded, one_image_each, write_bag

@@ -10,12 +10,12 @@ import open3d as o3d
 import pytest
 from numpy.typing import NDArray
 
-from cell.recording import Recording, read_recording
-from cell.simulation.camera import camera_model
-from cell.simulation.poses import NO_ERRORS
-from cell.simulation.scenes import make_scene
-from cell.simulation.scoring import score
-from cell.simulation.simulate import SimulatedScan, simulate
+from cell.recording.writer import Recording, read_recording
+from cell.simulation.evaluation.metrics import score
+from cell.simulation.offline_scan import SimulatedScan, simulate
+from cell.simulation.pose_errors import NO_ERRORS
+from cell.simulation.rendering.depth_camera import camera_model
+from cell.simulation.scenes.scenes import make_scene
 from recognition.preprocessing.target_cloud import deproject
 from service.cli import main
 from service.workflow import recognise_recording

@@ -8,11 +8,11 @@ from pathlib import Path
 
 import pytest
 
-from cell.recording import RecordingWriter
-from cell.result_file import write_result_file
-from cell.simulation.camera import camera_model
-from cell.simulation.scenes import make_scene
-from cell.simulation.simulate import simulate
+from cell.recording.result_file import write_result_file
+from cell.recording.writer import RecordingWriter
+from cell.simulation.offline_scan import simulate
+from cell.simulation.rendering.depth_camera import camera_model
+from cell.simulation.scenes.scenes import make_scene
 from service.workflow import recognise_views
 
 RERUN = shutil.which("rerun")

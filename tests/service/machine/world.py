@@ -13,10 +13,10 @@ from typing import Any
 
 import httpx
 
-from cell.arm_settings import SimulatedArm
-from cell.camera_settings import SimulatedCamera
+from cell.config.arm_config import SimulatedArm
+from cell.config.camera_config import SimulatedCamera
 from cell.errors import CellError
-from cell.simulation.controller.admin import AdminClient, ControllerGoneError
+from cell.simulation.ur_controller.admin_client import AdminClient, ControllerGoneError
 from service.config_sections import RetentionConfig
 from service.data_folder import DATABASE
 from service.retention import sweep

@@ -145,7 +145,7 @@ thread.join()
 def test_a_device_process_logs_as_its_parent_does(logged: Callable[[str], list[dict[str, Any]]]) -> None:
     code = """
 start_log("json", "info")
-from cell.child import Child
+from cell.process.child import Child
 from tests.service.observing.test_json_log import Talkative
 child = Child("arm", Talkative)
 child.call("talk", timeout_s=60)

@@ -153,7 +153,7 @@ def test_a_viewer_stops_the_arm_while_the_database_is_locked_and_all_threads_are
 ) -> None:
     """Nothing but the arm may be waited for: neither the database, nor a thread, nor the audit log."""
     taken, robot_answers = [], threading.Event()
-    monkeypatch.setattr("cell.cell.Cell.connect", lambda *_: (taken.append(1), robot_answers.wait(PATIENCE_S)))
+    monkeypatch.setattr("cell.control.cell.Cell.connect", lambda *_: (taken.append(1), robot_answers.wait(PATIENCE_S)))
     operator = guarded.headers["operator"]["Authorization"]
     request = f"POST /api/cell/connect HTTP/1.1\r\nHost: localhost\r\nAuthorization: {operator}\r\n\r\n"
     holder = sqlite3.connect(guarded.data / "pointchain.sqlite3", isolation_level=None)

@@ -7,10 +7,10 @@ from pathlib import Path
 
 import pytest
 
-from cell.arm_settings import SimulatedArm
-from cell.cell import Cell
-from cell.cell_status import CellStatus
-from cell.settings import CellSettings
+from cell.config.arm_config import SimulatedArm
+from cell.config.cell_config import CellSettings
+from cell.control.cell import Cell
+from cell.control.status import CellStatus
 from service.database import Database
 from service.supervision.fault_memory import FaultMemory
 from tests.service.conftest import wait_until

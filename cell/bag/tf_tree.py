@@ -1,0 +1,244 @@
+"""The tree of frames that a bag tells on /tf and /tf_static, and poses between any two of them at any moment."""
+
+from array import array
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation, Slerp
+
+from cell.bag.errors import BagError, listed
+from cell.bag.pose_batch import Poses
+from cell.recording.errors import shown
+
+MOST_M = 1e6
+"""No robot's frame is farther from its parent: a map's origin may be far."""
+MOST_SAMPLES = 5_000_000
+"""Ten minutes of ten joints at 500 Hz are 3 million; they take 60 bytes each."""
+GAP_S = 0.2
+"""Between samples farther apart an arm may have gone anywhere: it is interpolated only where both ends agree ..."""
+BRIDGED_S = 2.0
+"""... and no longer than this: in a minute an arm goes elsewhere, and comes back."""
+NEAR_S = 0.1
+"""Across such a gap, and beyond the first and last sample, the nearest sample holds for so long."""
+LOOSE_M, LOOSE_RAD = 2e-4, 5e-4
+"""What differs by more is not fixed; no hand-eye calibration knows it better."""
+SAME_M, SAME_RAD = 5e-4, 1e-3
+"""Two poses that differ by no more are of an arm at rest: below the noise of depth, above that of joint encoders."""
+
+UNKNOWN, ALONE, KNOWN = 0, 1, 2
+"""How well a pose is known: not; by one sample beside a gap or at an end; by samples on both sides."""
+
+
+@dataclass
+class _Samples:
+    """What was told of one frame in its parent."""
+
+    stamps_ns: array = field(default_factory=lambda: array("q"))
+    values: array = field(default_factory=lambda: array("d"))
+    """Seven for each: x, y, z and quaternion x, y, z, w."""
+
+
+@dataclass(frozen=True, eq=False)
+class Edge:
+    """A frame in its parent over time."""
+
+    stamps_ns: NDArray[np.int64]
+    """(N,), strictly increasing; one only: it never moves."""
+    poses: Poses
+    """N of them, `T_parent_child`."""
+
+    def at(self, stamps_ns: NDArray[np.int64]) -> tuple[Poses, NDArray[np.int64]]:
+        """The poses at these moments, and how well each is known."""
+        if len(self.stamps_ns) == 1:
+            first = np.zeros(len(stamps_ns), dtype=np.int64)
+            return self.poses[first], np.full(len(stamps_ns), KNOWN)
+        after = np.clip(np.searchsorted(self.stamps_ns, stamps_ns), 1, len(self.stamps_ns) - 1)
+        before = after - 1
+        t0, t1 = self.stamps_ns[before], self.stamps_ns[after]
+        a, b = self.poses[before], self.poses[after]
+        same = (np.linalg.norm(b.translation - a.translation, axis=1) <= SAME_M) & (
+            (a.rotation.inv() * b.rotation).magnitude() <= SAME_RAD
+        )
+        nearest = np.where(stamps_ns - t0 <= t1 - stamps_ns, before, after)
+        away_s = np.abs(stamps_ns - self.stamps_ns[nearest]) / 1e9
+        inside = (t0 <= stamps_ns) & (stamps_ns <= t1)
+        gap_s = (t1 - t0) / 1e9
+        between = inside & ((gap_s <= GAP_S) | (same & (gap_s <= BRIDGED_S)))
+        known = np.where(between, KNOWN, np.where(away_s <= NEAR_S, ALONE, UNKNOWN))
+        return self._interpolated(stamps_ns, nearest, between & (away_s > 0)), known
+
+    def _interpolated(
+        self, stamps_ns: NDArray[np.int64], nearest: NDArray[np.int64], between: NDArray[np.bool_]
+    ) -> Poses:
+        """The nearest sample, or what lies between two. A sample at the very moment stays as it was told."""
+        told = self.poses[nearest]
+        translation, quaternion = told.translation.copy(), told.rotation.as_quat()
+        if between.any():
+            # Seconds from the first sample: a double of the epoch's would be rounded to 200 ns.
+            known_s = (self.stamps_ns - self.stamps_ns[0]) / 1e9
+            wanted_s = (stamps_ns[between] - self.stamps_ns[0]) / 1e9
+            for axis in range(3):
+                translation[between, axis] = np.interp(wanted_s, known_s, self.poses.translation[:, axis])
+            quaternion[between] = Slerp(known_s, self.poses.rotation)(wanted_s).as_quat()
+        return Poses(translation, Rotation.from_quat(quaternion))
+
+
+class TransformsTree:
+    """All frames of a bag; filled by `add`, then asked."""
+
+    def __init__(self) -> None:
+        self._samples: dict[tuple[str, str, bool], _Samples] = {}
+        """By child, parent, and whether it is static."""
+        self._edges: dict[tuple[str, str], Edge] = {}
+        self._count = 0
+
+    def add(self, message: Any, static: bool) -> None:
+        """Takes a TFMessage. Raises BagError: more of them than are kept."""
+        for transform in message.transforms:
+            self._count += 1
+            if self._count > MOST_SAMPLES:
+                raise BagError(f"the bag has more than {MOST_SAMPLES} transforms: cut it, or leave out other robots'")
+            stamp, pose = transform.header.stamp, transform.transform
+            t, q = pose.translation, pose.rotation
+            key = (frame_name(transform.child_frame_id), frame_name(transform.header.frame_id), static)
+            samples = self._samples.setdefault(key, _Samples())
+            samples.stamps_ns.append(nanoseconds(stamp))
+            samples.values.extend((t.x, t.y, t.z, q.x, q.y, q.z, q.w))
+
+    @property
+    def frames(self) -> set[str]:
+        """The names of all."""
+        return {name for child, parent, _ in self._samples for name in (child, parent)}
+
+    def chain(self, target: str, source: str) -> "Chain":
+        """How `source` lies in `target`.
+
+        Raises:
+            BagError: one is not there, nothing connects them, or what is told of a frame between them makes no sense.
+        """
+        for name in (target, source):
+            if name not in self.frames:
+                raise BagError(f"/tf does not tell of the frame {shown(name)!r}; its frames: {listed(self.frames)}")
+        up, down = self._ancestors(target), self._ancestors(source)
+        common = next((name for name in up if name in set(down)), None)
+        if common is None:
+            raise BagError(
+                f"/tf does not connect the frames {shown(target)!r} and {shown(source)!r}: the first is below "
+                f"{shown(up[-1])!r}, the second below {shown(down[-1])!r}; frames: {listed(self.frames)}"
+            )
+        rising = [self._edge(child, parent) for child, parent in _pairs(up, common)]
+        falling = [self._edge(child, parent) for child, parent in _pairs(down, common)]
+        return Chain(tuple(rising), tuple(reversed(falling)))
+
+    def _parent(self, frame: str) -> str | None:
+        parents = {parent for child, parent, _ in self._samples if child == frame}
+        if len(parents) > 1:
+            raise BagError(
+                f"/tf tells of the frame {shown(frame)!r} below {listed(parents)}: a frame has one parent; "
+                "have one of them published only"
+            )
+        return next(iter(parents), None)
+
+    def _ancestors(self, frame: str) -> list[str]:
+        """The frame, its parent and so on."""
+        line, parent = [frame], self._parent(frame)
+        while parent is not None:
+            if parent in line:
+                raise BagError(f"/tf has the frame {shown(parent)!r} below itself")
+            line.append(parent)
+            parent = self._parent(parent)
+        return line
+
+    def _edge(self, child: str, parent: str) -> Edge:
+        if (child, parent) not in self._edges:
+            where = f"{shown(child)!r} in {shown(parent)!r}"
+            moving, fixed = (self._samples.get((child, parent, static)) for static in (False, True))
+            edge = _edge(moving or self._samples[child, parent, True], moving is None, where)
+            if fixed is not None:
+                _check_fixed(edge, _poses(fixed, where), where)
+            self._edges[child, parent] = edge
+        return self._edges[child, parent]
+
+
+@dataclass(frozen=True)
+class Chain:
+    """The edges between two frames, by way of the nearest frame above both."""
+
+    rising: tuple[Edge, ...]
+    """From the target upwards."""
+    falling: tuple[Edge, ...]
+    """From there down to the source."""
+
+    @property
+    def stamps_ns(self) -> NDArray[np.int64]:
+        """(N,) every moment at which any of it was told; empty when none of it moves."""
+        moving = [edge.stamps_ns for edge in (*self.rising, *self.falling) if len(edge.stamps_ns) > 1]
+        return np.unique(np.concatenate([np.zeros(0, dtype=np.int64), *moving]))
+
+    def at(self, stamps_ns: NDArray[np.int64]) -> tuple[Poses, NDArray[np.int64]]:
+        """`T_target_source` at these moments, and how well each is known."""
+        known = np.full(len(stamps_ns), KNOWN)
+        result: Poses | None = None
+        for edge, upwards in [*((edge, True) for edge in self.rising), *((edge, False) for edge in self.falling)]:
+            poses, how = edge.at(stamps_ns)
+            step = poses.inverse() if upwards else poses
+            result = step if result is None else result @ step
+            known = np.minimum(known, how)
+        if result is None:
+            result = Poses(np.zeros((len(stamps_ns), 3)), Rotation.identity(len(stamps_ns)))
+        return result, known
+
+
+def frame_name(name: str) -> str:
+    """As ROS 2 has it: the oldest ROS 1 put a slash before."""
+    return name.removeprefix("/")
+
+
+def nanoseconds(stamp: Any) -> int:
+    """A ROS time, exactly."""
+    return int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)
+
+
+def _pairs(line: Sequence[str], common: str) -> list[tuple[str, str]]:
+    """(child, parent) from the first of the line up to `common`."""
+    end = line.index(common)
+    return list(pairwise(line[: end + 1]))
+
+
+def _edge(samples: _Samples, static: bool, where: str) -> Edge:
+    """The samples in the order of their stamps; of a static one the last that was told."""
+    stamps_ns, poses = np.frombuffer(samples.stamps_ns, dtype=np.int64), _poses(samples, where)
+    if static:
+        return Edge(stamps_ns[-1:], poses[-1:])
+    stamps_ns, first = np.unique(stamps_ns, return_index=True)  # what is sent twice is there once
+    return Edge(stamps_ns, poses[first])
+
+
+def _poses(samples: _Samples, where: str) -> Poses:
+    """As they were told, one after the other."""
+    values = np.frombuffer(samples.values, dtype=np.float64).reshape(-1, 7)
+    if not np.abs(values).max() <= MOST_M:  # NaN is neither
+        raise BagError(
+            f"/tf: the pose of {where} holds {np.abs(values).max():g}; metres, and unit quaternions, are needed"
+        )
+    lengths = np.linalg.norm(values[:, 3:], axis=1)
+    if np.abs(lengths - 1).max() > 1e-3:
+        worst = lengths[np.abs(lengths - 1).argmax()]
+        raise BagError(f"/tf: the pose of {where} has a quaternion of length {worst:.4g}; it must be 1")
+    return Poses(values[:, :3], Rotation.from_quat(values[:, 3:]))
+
+
+def _check_fixed(edge: Edge, fixed: Poses, where: str) -> None:
+    """What is told on /tf_static must be the same each time, and on /tf too: which of two is right nobody can tell."""
+    apart = [edge.poses.distance(0, others) for others in (fixed, edge.poses)]
+    apart_m, apart_rad = (max(values) for values in zip(*apart, strict=True))
+    if apart_m > LOOSE_M or apart_rad > LOOSE_RAD:
+        raise BagError(
+            f"the pose of {where}, which /tf_static has as fixed, is told in several ways, {apart_m * 1000:.1f} mm and "
+            f"{np.degrees(apart_rad):.2f} degrees apart: record the bag without the publisher that is wrong, or, where "
+            "it is of the camera on the flange, name a file by --hand-eye"
+        )

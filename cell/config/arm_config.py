@@ -1,0 +1,88 @@
+"""Settings of the arm: model, limits of motion, address."""
+
+import ipaddress
+import math
+import re
+from typing import Literal
+
+from pydantic import Field, field_validator
+
+from cell.config.strict_model import StrictSettings, Vector6
+
+ArmModelName = Literal["ur3e", "ur5e", "ur10e"]
+BASE_RADIUS_M: dict[ArmModelName, float] = {"ur3e": 0.064, "ur5e": 0.075, "ur10e": 0.095}
+"""Of the arm's base about its axis, by the maker's drawings: half the width of its foot."""
+
+
+def simulated_serial(model: ArmModelName) -> str:
+    """Return the serial number that the virtual controller of this model reports."""
+    return f"2025{int(model[2:-1]):02d}0001"
+
+
+def _is_loopback(address: str) -> bool:
+    try:
+        return ipaddress.IPv4Address(address).is_loopback
+    except ValueError:
+        return False
+
+
+class ArmSettings(StrictSettings):
+    """Settings that both kinds of arm have."""
+
+    model: ArmModelName = "ur5e"
+    """Model of the arm. The planner takes its kinematics and link sizes from it."""
+    speed_rad_s: float = Field(default=1.0, gt=0, le=3.14)
+    """Speed of the fastest joint in a move."""
+    acceleration_rad_s2: float = Field(default=1.4, gt=0, le=14.0)
+    """Acceleration of the fastest joint in a move."""
+    flange_speed_m_s: float = Field(default=0.25, gt=0, le=2.0)
+    """Speed limit of the flange. A move that would exceed it is slowed down."""
+    stop_deceleration_m_s2: float = Field(default=4.0, ge=1.0, le=15.0)
+    """Deceleration of the flange after a stop."""
+    watchdog_hz: float = Field(default=2.5, ge=1.0, le=50.0)
+    """Watchdog rate. The controller stops a moving arm if the service is silent for 1 / `watchdog_hz` seconds."""
+    home_q_rad: Vector6 | None = None
+    """Joint angles of the home posture, where a scan ends. Without it, the planner chooses a posture."""
+
+    @field_validator("home_q_rad")
+    @classmethod
+    def _turns(cls, value: Vector6 | None) -> Vector6 | None:
+        if value is not None and max(map(abs, value)) > 2 * math.pi:
+            raise ValueError("a joint turns from -2 pi to 2 pi; angles are radians, not degrees")
+        return value
+
+
+class SimulatedArm(ArmSettings):
+    """The virtual UR controller, which runs as a separate process on this machine."""
+
+    kind: Literal["simulated"] = "simulated"
+    """Selects the simulated arm."""
+    host: str | None = None
+    """Loopback address of the virtual controller, not 127.0.0.1. The default is the first free address from 127.0.0.2
+    on."""
+    time_factor: float = Field(default=1.0, ge=0.1, le=100.0)
+    """Factor on the speed of the simulated arm. 2 makes it twice as fast."""
+
+    @field_validator("host")
+    @classmethod
+    def _loopback(cls, value: str | None) -> str | None:
+        # ur_rtde leaves out its check for remote control on 127.0.0.1: nothing is simulated there.
+        if value is not None and not (_is_loopback(value) and value != "127.0.0.1"):
+            raise ValueError('a simulated arm listens on 127.0.0.2 or above; a real one needs kind = "ur"')
+        return value
+
+
+class URArm(ArmSettings):
+    """A UR e-Series robot, or its simulator URSim."""
+
+    kind: Literal["ur"]
+    """Selects a UR arm."""
+    host: str
+    """IP address or name of the controller."""
+
+    @field_validator("host")
+    @classmethod
+    def _address(cls, value: str) -> str:
+        if not re.fullmatch(r"[0-9A-Za-z]([0-9A-Za-z._-]*[0-9A-Za-z])?", value):
+            raise ValueError('the controller\'s IP address or name alone is needed, as "192.168.1.10"')
+        return value

@@ -1,0 +1,102 @@
+"""Settings of the camera: model, exposure, working distance."""
+
+from typing import Literal, Self
+
+from pydantic import Field, field_validator, model_validator
+
+from cell.config.strict_model import Range, StrictSettings, Vector3
+from recognition.parameters import R_MAX, R_MIN
+
+CameraName = Literal["oak-d-sr", "oak-d-pro", "ideal"]
+OakProduct = Literal["oak-d", "oak-d-pro", "oak-d-sr", "oak4-d"]
+
+
+class CameraSettings(StrictSettings):
+    """Settings that both kinds of camera have."""
+
+    exposures: int = Field(default=5, ge=1, le=25)
+    """Number of depth images per view. The view is their median."""
+    fps: float = Field(default=10.0, ge=1.0, le=60.0)
+    """Frame rate of the camera."""
+    settle_s: float = Field(default=0.1, ge=0.0, le=5.0)
+    """Waiting time between the end of a move and the first exposure."""
+    working_m: Range | None = None
+    """Nearest and farthest distance between camera and workspace. The default depends on the camera model."""
+    body_m: Vector3 = (0.10, 0.04, 0.04)
+    """Size of the camera body along its x, y and z axes, for collision checks."""
+
+    @field_validator("working_m")
+    @classmethod
+    def _distances(cls, value: Range | None) -> Range | None:
+        if value is not None and not 0 < value[0] < value[1] <= 5.0:
+            raise ValueError("the nearest and the farthest distance are needed, in metres, as [0.3, 0.6]")
+        return value
+
+    @field_validator("body_m")
+    @classmethod
+    def _size(cls, value: Vector3) -> Vector3:
+        if not (min(value) > 0 and max(value) <= 1.0):
+            raise ValueError("width, height and depth are needed, in metres, as [0.10, 0.04, 0.04]")
+        return value
+
+
+def simulated_camera_id(model: str, seed: int) -> str:
+    """Return the device id that a simulated camera reports."""
+    return f"simulated-{model}-{seed}"
+
+
+class SimulatedCamera(CameraSettings):
+    """A simulated OAK camera, which views a simulated scene."""
+
+    kind: Literal["simulated"] = "simulated"
+    """Selects the simulated camera."""
+    model: CameraName = "oak-d-pro"
+    """Model of the camera. `ideal` has no depth noise."""
+    scene: str = "figure-eight"
+    """Name of the scene, as in `pointchain simulate`."""
+    seed: int = Field(default=3, ge=0)
+    """Random seed of the scene, of the noise and of the errors."""
+    string_radius_m: float = Field(default=0.0042, ge=R_MIN, le=R_MAX)
+    """Radius of the simulated strings."""
+    errors: float = Field(default=1.0, ge=0.0, le=100.0)
+    """Factor on the errors of arm and calibration. 1 is a good cell, 0 a perfect one."""
+
+    @field_validator("scene")
+    @classmethod
+    def _known(cls, value: str) -> str:
+        from cell.simulation.scenes.scenes import SCENES  # brings scipy along
+
+        if value not in SCENES:
+            raise ValueError(f"there are the scenes {', '.join(SCENES)}")
+        return value
+
+
+class OakCamera(CameraSettings):
+    """A Luxonis OAK depth camera."""
+
+    kind: Literal["oak"]
+    """Selects an OAK camera."""
+    device: str | None = None
+    """Device id, or IP address of a camera on the network. Without it, the only camera on USB is taken."""
+    product: OakProduct = "oak-d-pro"
+    """Product. Viewpoints are planned with its optics. `oak-d-pro` also stands for OAK-D S2 and the PoE models."""
+    width: int = Field(default=640, ge=320, le=1280)
+    """Width of the depth image."""
+    height: int = Field(default=400, ge=200, le=800)
+    """Height of the depth image, at most 10/16 of the width."""
+    extended_disparity: bool = False
+    """Extended disparity, which measures shorter distances. `oak-d-sr` does not have it."""
+    exposure_us: int | None = Field(default=None, ge=1, le=33_000)
+    """Exposure time. Without it, the camera finds the exposure once and locks it."""
+    iso: int = Field(default=400, ge=100, le=1600)
+    """Sensor gain. It has an effect only together with `exposure_us`."""
+    ir_dots: float = Field(default=0.0, ge=0.0, le=1.0)
+    """Power of the infrared dot projector, as a share of its maximum. Only some products have a projector."""
+
+    @model_validator(mode="after")
+    def _exists(self) -> Self:
+        if self.extended_disparity and self.product == "oak-d-sr":
+            raise ValueError("extended_disparity is set, but an oak-d-sr has none")
+        if self.height * 16 > self.width * 10:
+            raise ValueError(f"there are no images of {self.width}x{self.height}; at most 10/16 as high as wide")
+        return self

@@ -1,0 +1,192 @@
+"""What a cell is made of and how it may move: values only. `service.config` reads them from a file.
+
+The models are pydantic's, so that a mistyped key or an impossible value is refused with its name.
+"""
+
+import math
+from pathlib import Path
+from typing import Annotated, Self
+
+from pydantic import Discriminator, Field, Tag, field_validator, model_validator
+
+from cell.config.arm_config import BASE_RADIUS_M, SimulatedArm, URArm, simulated_serial
+from cell.config.camera_config import OakCamera, SimulatedCamera, simulated_camera_id
+from cell.config.strict_model import Range, StrictSettings, Vector3
+from recognition.parameters import R_MAX, R_MIN
+
+MOST_M = 5.0
+"""Nothing of a cell is farther from the arm's base."""
+
+
+class WorkspaceSettings(StrictSettings):
+    """The box in which the strings lie, in the base frame of the robot."""
+
+    x_m: Range = (0.18, 0.54)
+    """Limits of the box along the x axis of the base frame."""
+    y_m: Range = (-0.18, 0.18)
+    """Limits of the box along the y axis of the base frame."""
+    top_m: float = Field(default=0.12, gt=0, le=2.0)
+    """Height of the box above the table."""
+
+    @field_validator("x_m", "y_m")
+    @classmethod
+    def _ordered(cls, value: Range) -> Range:
+        if not value[0] < value[1]:
+            raise ValueError("the first must be less than the second, as [0.2, 0.7]")
+        if max(map(abs, value)) > MOST_M:
+            raise ValueError("metres are needed; no arm reaches that far")
+        return value
+
+
+class MountingSettings(StrictSettings):
+    """Table, obstacles and clearance in the base frame of the robot, whose z axis must point up."""
+
+    table_z_m: float = Field(default=0.0, ge=-3.0, le=3.0)
+    """Height of the table in the base frame. It is negative where the arm stands on a pedestal."""
+    clearance_m: float = Field(default=0.03, ge=0.0, le=0.5)
+    """Minimum distance of arm and camera from table and obstacles, and of the links of the arm from one another."""
+    obstacles_m: tuple[tuple[Vector3, Vector3], ...] = ()
+    """Boxes that arm and camera must not touch, each given by two opposite corners in the base frame."""
+
+    @field_validator("obstacles_m")
+    @classmethod
+    def _boxes(cls, value: tuple[tuple[Vector3, Vector3], ...]) -> tuple[tuple[Vector3, Vector3], ...]:
+        for number, (one, other) in enumerate(value, 1):
+            if max(map(abs, one + other)) > MOST_M:
+                raise ValueError(f"box {number} is farther off than {MOST_M:g} m; metres are needed")
+            if any(a == b for a, b in zip(one, other, strict=True)):
+                raise ValueError(f"box {number} is flat: its two corners must differ in x, y and z")
+        return value
+
+
+class ScanSettings(StrictSettings):
+    """Default parameters of a live scan."""
+
+    views: int = Field(default=8, ge=2, le=32)
+    """Number of viewpoints."""
+    min_views: int = Field(default=4, ge=2, le=32)
+    """Minimum number of views. With fewer reachable viewpoints the scan is refused; with fewer views it fails."""
+    string_radius_m: float | None = Field(default=None, ge=R_MIN, le=R_MAX)
+    """Radius of the strings in this cell. Without it, the radius is measured in each scan."""
+
+    @model_validator(mode="after")
+    def _possible(self) -> Self:
+        if self.min_views > self.views:
+            raise ValueError(f"min_views is {self.min_views}, more than the {self.views} views")
+        return self
+
+
+class HandEyeSettings(StrictSettings):
+    """The hand-eye calibration: its file, its maximum age and the initial guess for the first one."""
+
+    file: Path | None = None
+    """File of the active calibration. The default is `hand_eye.json` in `folder`."""
+    max_age_days: float = Field(default=90.0, gt=0)
+    """Maximum age of the active calibration. An older one is refused."""
+    folder: Path | None = None
+    """Folder of the calibrations that this cell makes. The default is `calibration` in `data_dir`."""
+    rough_xyz_m: Vector3 | None = None
+    """Position of the camera in the flange frame, measured with a ruler to 3 cm. The first calibration needs it. While
+    it is set, calibration runs are refused if the active calibration differs by more than 3 cm or 10 degrees."""
+    rough_rotation_rad: Vector3 = (0.0, 0.0, 0.0)
+    """Orientation of the camera in the flange frame as a rotation vector, to 10 degrees. Camera axes: x right, y down,
+    z forward."""
+
+    @property
+    def active_file(self) -> Path | None:
+        """Where the calibration in use is, if there is one; None where no place for it is known."""
+        return self.file or (None if self.folder is None else self.folder / "hand_eye.json")
+
+    @field_validator("file", "folder")
+    @classmethod
+    def _absolute(cls, value: Path | None) -> Path | None:
+        return None if value is None else value.expanduser().absolute()
+
+    @field_validator("rough_xyz_m")
+    @classmethod
+    def _near(cls, value: Vector3 | None) -> Vector3 | None:
+        if value is not None and math.hypot(*value) > 1.0:
+            raise ValueError("no camera is more than 1 m from the flange that carries it; metres are needed")
+        return value
+
+    @field_validator("rough_rotation_rad")
+    @classmethod
+    def _turned(cls, value: Vector3) -> Vector3:
+        if math.hypot(*value) > 2 * math.pi:
+            raise ValueError("a rotation vector is no longer than 2 pi; its length is an angle in radians, not degrees")
+        return value
+
+
+def _kind(value: object) -> object:
+    """Simulated, unless told otherwise."""
+    return value.get("kind", "simulated") if isinstance(value, dict) else getattr(value, "kind", None)
+
+
+AnyArm = Annotated[
+    Annotated[SimulatedArm, Tag("simulated")] | Annotated[URArm, Tag("ur")],
+    Discriminator(_kind, custom_error_type="kind", custom_error_message='kind must be "simulated" or "ur"'),
+]
+AnyCamera = Annotated[
+    Annotated[SimulatedCamera, Tag("simulated")] | Annotated[OakCamera, Tag("oak")],
+    Discriminator(_kind, custom_error_type="kind", custom_error_message='kind must be "simulated" or "oak"'),
+]
+
+
+class CellSettings(StrictSettings):
+    """The whole cell. Unless told otherwise it is a simulated one."""
+
+    arm: AnyArm = SimulatedArm()
+    camera: AnyCamera = SimulatedCamera()
+    hand_eye: HandEyeSettings = HandEyeSettings()
+    workspace: WorkspaceSettings = WorkspaceSettings()
+    mounting: MountingSettings = MountingSettings()
+    scan: ScanSettings = ScanSettings()
+
+    @model_validator(mode="after")
+    def _possible(self) -> Self:
+        # A camera that was only forgotten must not be replaced by one that sees strings that are not there.
+        if isinstance(self.arm, URArm) and "kind" not in self.camera.model_fields_set:
+            raise ValueError(
+                'arm.kind is "ur", and camera.kind is not told: "oak", or "simulated" to rehearse with UR\'s simulator'
+            )
+        self._refuse_base_within()
+        return self
+
+    def _refuse_base_within(self) -> None:
+        """No string lies where the arm stands. Below its base there is room when it hangs above the table."""
+        x_m, y_m, (_, top) = self.workspace_m
+        radius = BASE_RADIUS_M[self.arm.model]
+        aside = math.hypot(*(max(low, 0.0, -high) for low, high in (x_m, y_m)))
+        if aside < radius and top > 0:
+            raise ValueError(
+                f"workspace: x_m {list(x_m)} and y_m {list(y_m)} hold the arm's own base, which stands about x = y = 0 "
+                f"with a radius of {radius:g} m, from z = 0 up: choose x_m or y_m beside it; where the base is above "
+                "the table, mounting.table_z_m says how far, and workspace.top_m must end below it"
+            )
+
+    @property
+    def workspace_m(self) -> tuple[Range, Range, Range]:
+        """The box in the base frame."""
+        floor = self.mounting.table_z_m
+        return self.workspace.x_m, self.workspace.y_m, (floor, floor + self.workspace.top_m)
+
+    @property
+    def camera_id(self) -> str | None:
+        """Device id of the camera, or None if the settings do not determine it."""
+        if isinstance(self.camera, SimulatedCamera):
+            return simulated_camera_id(self.camera.model, self.camera.seed)
+        device = self.camera.device
+        # An IP address or a USB port has dots or colons; a device id has none.
+        return device if device is not None and device.isalnum() else None
+
+    @property
+    def robot_serial(self) -> str | None:
+        """Serial number of the robot, or None if the settings do not determine it."""
+        return simulated_serial(self.arm.model) if isinstance(self.arm, SimulatedArm) else None
+
+    def for_views(self, views: int | None) -> "CellSettings":
+        """For a scan of so many views; None: as many as are told here."""
+        if views is None:
+            return self
+        least = min(views, self.scan.min_views)
+        return self.model_copy(update={"scan": self.scan.model_copy(update={"views": views, "min_views": least})})

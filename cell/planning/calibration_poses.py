@@ -1,0 +1,199 @@
+"""From where the camera looks at a calibration board, and how the arm gets there.
+
+The board lies flat on the table within `OFF_MIDDLE_M` of the workspace's middle, turned any way.
+
+What tells the camera's mounting best are near looks, steep from the side and rolled far; it takes some from farther off
+to tell it apart from the focal length and the board's size. So of three looks two are near and one is far.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from calibration.target.board import Board
+from cell.camera.optics import camera_optics
+from cell.config.cell_config import CellSettings
+from cell.config.strict_model import Range
+from cell.errors import ViewpointsError
+from cell.planning.candidate_poses import Sight, tries
+from cell.planning.look_at import Bearing
+from cell.planning.viewpoints import ViewpointPlan, plan_through, told_missing
+
+POSES, HELD_OUT = 15, 2
+"""So many poses are solved from, and so many more judge the solution."""
+LEAST_POSES = 10
+"""A calibration with fewer is not begun."""
+OFF_MIDDLE_M = 0.03
+"""The board's middle may lie so far from the workspace's."""
+IN_FOCUS_M = 0.25
+"""A camera comes no nearer to the board's middle, unless camera.working_m lets it."""
+LEAST_RATIO, LARGEST_RATIO = 1.25, 1.75
+"""Between the far distance and the near one: more tells little more, and is hard to reach."""
+LEAST_OF_EACH = 3
+"""So many looks from near and so many from far are needed to tell the focal length and the board's size."""
+UNVERIFIED = (
+    "none of the poses that the calibration is verified from can be reached, so that it will not be verified: change "
+    "x_m or y_m in [workspace]"
+)
+
+_NEAR_ELEVATION_RAD, _FAR_ELEVATION_RAD, _HELD_ELEVATION_RAD = np.deg2rad((60.0, 70.0, 65.0))
+_NEAR_ROLL_RAD, _FAR_ROLL_RAD, _HELD_ROLL_RAD = np.deg2rad((75.0, 25.0, 50.0))
+_CIRCLE = 16
+"""The place where the board may lie is looked at as so many points of its rim."""
+
+
+@dataclass(frozen=True)
+class _Wanted:
+    bearing: Bearing
+    distance_m: float
+    within_m: Range
+
+
+@dataclass(frozen=True)
+class _Distances:
+    near_m: float
+    far_m: float
+
+    @property
+    def middle_m(self) -> float:
+        return (self.near_m + self.far_m) / 2
+
+    @property
+    def range_m(self) -> Range:
+        return self.near_m, self.far_m
+
+
+def plan_calibration(
+    settings: CellSettings,
+    board: Board,
+    T_flange_camera: NDArray[np.float64],
+    q_now_rad: ArrayLike | None,
+    poses: int = POSES,
+    held_out: int = HELD_OUT,
+) -> ViewpointPlan:
+    """The way from `q_now_rad` (6,), or home, through poses from which a calibration is solved, and home.
+
+    The first `poses` viewpoints are solved from, the `held_out` after them are not; where none of these can be reached,
+    the last of the others that can is held out too, and where too few can, a warning says so. `T_flange_camera` (4, 4)
+    need be right to a few centimetres and degrees only. Nothing moves. The same arguments give the same plan.
+
+    Raises:
+        ViewpointsError: fewer than `LEAST_POSES` (or `poses`) can be reached; names each that cannot, with its reason.
+    """
+    sight = board_sight(settings, board, T_flange_camera)
+    distances = _distances(sight)
+    wanted = [*_to_solve_from(distances, poses), *_to_hold_out(distances, poses, held_out)]
+    plan = _plan(settings, sight, wanted, q_now_rad)
+    solved_from = [v for v in plan.viewpoints[:poses] if v.q_rad is not None]
+    least = min(LEAST_POSES, poses)
+    if len(solved_from) < least:
+        smaller = (
+            f"take a smaller board, as the camera sees all of this one from {distances.near_m:.2f} m on only, or "
+            if distances.near_m > sight.optics.working_m[1]
+            else ""
+        )
+        raise ViewpointsError(
+            f"only {len(solved_from)} of {poses} calibration poses can be reached, {least} are needed: {smaller}change "
+            f"x_m or y_m in [workspace] so that the arm reaches round its middle. Not reached are {told_missing(plan)}"
+        )
+    held, warnings = tuple(range(poses, poses + held_out)), ()
+    if held and all(v.q_rad is None for v in plan.viewpoints[poses:]):
+        if len(solved_from) > least:
+            held = (solved_from.pop().index, *held)
+        else:
+            warnings = (UNVERIFIED,)
+    return replace(plan, held_out=held, warnings=warnings + _too_alike([v.distance_m for v in solved_from], distances))
+
+
+def plan_verification(
+    settings: CellSettings, board: Board, T_flange_camera: NDArray[np.float64], q_now_rad: ArrayLike | None
+) -> ViewpointPlan:
+    """The way from `q_now_rad` (6,), or home, through two poses on opposite sides of the board, and home.
+
+    An error of the mounting makes the board appear in two places from there. Nothing moves.
+
+    Raises:
+        ViewpointsError: one of the two cannot be reached.
+    """
+    sight = board_sight(settings, board, T_flange_camera)
+    distances = _distances(sight)
+    # Across the line from the arm to the board: from behind the board it may be out of the arm's reach.
+    across = float(np.arctan2(sight.target[1], sight.target[0])) + np.pi / 2
+    wanted = [
+        _Wanted(Bearing(across, _NEAR_ELEVATION_RAD, _FAR_ROLL_RAD), distances.near_m, distances.range_m),
+        _Wanted(Bearing(across + np.pi, _NEAR_ELEVATION_RAD, -_FAR_ROLL_RAD), distances.near_m, distances.range_m),
+    ]
+    plan = _plan(settings, sight, wanted, q_now_rad)
+    if plan.reached < len(wanted):
+        raise ViewpointsError(
+            "a calibration is verified from two sides of the board, and the arm does not reach both: change x_m or "
+            f"y_m in [workspace]. Not reached are {told_missing(plan)}"
+        )
+    return replace(plan, held_out=(0, 1))
+
+
+def board_sight(settings: CellSettings, board: Board, T_flange_camera: NDArray[np.float64]) -> Sight:
+    """A board that lies somewhere about the middle of a cell's workspace."""
+    optics = camera_optics(settings.camera)
+    # How near the camera measures depth does not matter to its pictures.
+    working_m = settings.camera.working_m or (min(IN_FOCUS_M, optics.working_m[0]), optics.working_m[1])
+    floor = Sight.of(settings, replace(optics, near_m=0.0, working_m=working_m), T_flange_camera)
+    # Of a ChArUco board each corner is found by itself; of any other board all must be seen, with what is round them.
+    size = np.ptp(board.points, axis=0)[:2] if board.kind == "charuco" else np.array(board.size_m)
+    radius = float(np.linalg.norm(size)) / 2 + OFF_MIDDLE_M
+    angles = 2 * np.pi * np.arange(_CIRCLE) / _CIRCLE
+    rim = radius * np.column_stack([np.cos(angles), np.sin(angles), np.zeros(_CIRCLE)])
+    return replace(floor, corners=rim)
+
+
+def _distances(sight: Sight) -> _Distances:
+    """Near, where the board fills the picture, and far, as far as strings are looked at from."""
+    steepest = [Bearing(0.0, _NEAR_ELEVATION_RAD, roll) for roll in np.linspace(0.0, np.pi / 2, 7)]
+    nearest, farthest = sight.optics.working_m
+    near = max(nearest, *(sight.least_distance(bearing) for bearing in steepest))
+    return _Distances(near, float(np.clip(farthest, LEAST_RATIO * near, LARGEST_RATIO * near)))
+
+
+def _to_solve_from(distances: _Distances, poses: int) -> list[_Wanted]:
+    wanted = []
+    for k in range(poses):
+        if k % 3 == 2:
+            elevation, roll, distance = _FAR_ELEVATION_RAD, (-1) ** k * _FAR_ROLL_RAD, distances.far_m
+        else:
+            elevation, roll, distance = _NEAR_ELEVATION_RAD, (-1) ** (k % 3) * _NEAR_ROLL_RAD, distances.near_m
+        wanted.append(_Wanted(Bearing(2 * np.pi * k / poses, elevation, roll), distance, distances.range_m))
+    return wanted
+
+
+def _to_hold_out(distances: _Distances, poses: int, held_out: int) -> list[_Wanted]:
+    """Between the others in every way."""
+    return [
+        _Wanted(
+            Bearing(2 * np.pi * (k / held_out + 0.5 / poses), _HELD_ELEVATION_RAD, float((-1) ** k * _HELD_ROLL_RAD)),
+            distances.middle_m,
+            distances.range_m,
+        )
+        for k in range(held_out)
+    ]
+
+
+def _plan(
+    settings: CellSettings, sight: Sight, wanted: Sequence[_Wanted], q_now_rad: ArrayLike | None
+) -> ViewpointPlan:
+    poses = [tries(sight, each.bearing, each.distance_m, each.within_m) for each in wanted]
+    return plan_through(settings, sight, poses, q_now_rad)
+
+
+def _too_alike(reached_m: list[float], distances: _Distances) -> tuple[str, ...]:
+    """A warning where too few of the poses reached are near, or far."""
+    far = sum(distance > distances.middle_m for distance in reached_m)
+    near = len(reached_m) - far
+    if min(near, far) >= LEAST_OF_EACH:
+        return ()
+    return (
+        f"of the calibration poses that can be reached {near} are near the board and {far} far from it: with fewer "
+        f"than {LEAST_OF_EACH} of each, an error of the board's size or of the focal length goes unnoticed. Change x_m "
+        "or y_m in [workspace], or camera.working_m",
+    )

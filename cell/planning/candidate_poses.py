@@ -1,0 +1,111 @@
+"""The poses wanted of the camera, and those that will do where the arm cannot take them."""
+
+import itertools
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.geometry.transforms import inverse
+from cell.camera.optics import CameraOptics
+from cell.config.cell_config import CellSettings
+from cell.config.strict_model import Range
+from cell.planning.look_at import Bearing, least_distance, look_at, two_rings
+
+_ROLLS_RAD = np.deg2rad((0, 15, -15, 30, -30, 60, -60, 90, -90, 120, -120, 150, -150, 180))
+_NEARER_M = (0.0, -0.06, 0.06)
+_HIGHER_RAD = np.deg2rad((0.0, 10.0, -10.0, 20.0))
+_STEEPEST_RAD = np.deg2rad(85.0)
+_ASIDE_RAD = np.deg2rad((0.0, 12.0, -12.0))
+
+
+@dataclass(frozen=True, eq=False)
+class Sight:
+    """What is to be looked at, and with which camera."""
+
+    target: NDArray[np.float64]
+    """(3,): the middle of the workspace's floor, base frame."""
+    corners: NDArray[np.float64]
+    """(N, 3), from there: of what must be in the picture, lying on the floor."""
+    optics: CameraOptics
+    T_flange_camera: NDArray[np.float64]
+
+    @staticmethod
+    def of(settings: CellSettings, optics: CameraOptics, T_flange_camera: NDArray[np.float64]) -> "Sight":
+        """Of the floor of a cell's workspace."""
+        (x0, x1), (y0, y1), (floor, _) = settings.workspace_m
+        target = np.array([(x0 + x1) / 2, (y0 + y1) / 2, floor])
+        corners = np.array([(x, y, floor) for x in (x0, x1) for y in (y0, y1)]) - target
+        return Sight(target, corners, optics, T_flange_camera)
+
+    def least_distance(self, bearing: Bearing) -> float:
+        """From which all corners are in the picture, metres."""
+        size = (self.optics.width, self.optics.height)
+        return least_distance(self.corners, self.optics.K, size, self.optics.near_m, bearing)
+
+
+@dataclass(frozen=True, eq=False)
+class PoseToTry:
+    """A pose of the camera, and where the flange is then."""
+
+    azimuth_rad: float
+    elevation_rad: float
+    distance_m: float
+    roll_rad: float
+    T_base_camera: NDArray[np.float64]
+    T_base_flange: NDArray[np.float64]
+    fallback: str | None
+    """How it differs from the wanted one, in words; None: not at all."""
+
+
+def poses_to_try(sight: Sight, views: int) -> list[Iterator[list[PoseToTry]]]:
+    """For each view, of a scan, what `tries` gives."""
+    return [_tries_of_view(sight, bearing) for bearing in two_rings(views)]
+
+
+def tries(sight: Sight, bearing: Bearing, wanted_m: float, within_m: Range) -> Iterator[list[PoseToTry]]:
+    """Lists of poses for one view, the first in the first list the wanted one, at the distance `wanted_m`.
+
+    The later a list, the worse a pose does: first the roll is given up, then the distance, but never beyond `within_m`,
+    the elevation, the azimuth.
+    """
+    nearest, farthest = within_m
+    distances = [wanted_m + nearer for nearer in _NEARER_M if nearest - 1e-9 <= wanted_m + nearer <= farthest + 1e-9]
+    yield [_pose(sight, bearing, wanted_m, (0.0, 0.0, wanted_m, 0.0))]
+    for aside, higher in itertools.product(_ASIDE_RAD, _HIGHER_RAD):
+        if bearing.elevation_rad + higher > _STEEPEST_RAD:
+            continue
+        changes = [(aside, higher, distance, roll) for distance in distances for roll in _ROLLS_RAD]
+        if not (aside or higher):  # the distance is given up after the roll
+            yield [_pose(sight, bearing, wanted_m, change) for change in changes[1 : len(_ROLLS_RAD)]]
+            changes = changes[len(_ROLLS_RAD) :]
+        if changes:
+            yield [_pose(sight, bearing, wanted_m, change) for change in changes]
+
+
+def _tries_of_view(sight: Sight, bearing: Bearing) -> Iterator[list[PoseToTry]]:
+    wanted = float(np.clip(sight.least_distance(bearing), *sight.optics.working_m))
+    return tries(sight, bearing, wanted, sight.optics.working_m)
+
+
+def _pose(sight: Sight, bearing: Bearing, wanted_m: float, changes: tuple[float, float, float, float]) -> PoseToTry:
+    aside, higher, distance, roll = changes
+    nearer = distance - wanted_m
+    azimuth, elevation = float(bearing.azimuth_rad + aside), float(bearing.elevation_rad + higher)
+    T_base_camera = look_at(sight.target, azimuth, elevation, distance, bearing.roll_rad + roll)
+    words = [
+        f"rolled by {np.rad2deg(roll):+.0f} deg" if roll else "",
+        f"{abs(nearer) * 100:.0f} cm {'nearer' if nearer < 0 else 'farther'}" if nearer else "",
+        f"{abs(np.rad2deg(higher)):.0f} deg {'higher' if higher > 0 else 'lower'}" if higher else "",
+        f"{np.rad2deg(aside):+.0f} deg round" if aside else "",
+    ]
+    return PoseToTry(
+        azimuth_rad=azimuth,
+        elevation_rad=elevation,
+        distance_m=distance,
+        roll_rad=bearing.roll_rad + roll,
+        T_base_camera=T_base_camera,
+        T_base_flange=T_base_camera @ inverse(sight.T_flange_camera),
+        fallback=", ".join(word for word in words if word) or None,
+    )

@@ -1,0 +1,62 @@
+"""Where the arm waits between scans: above the workspace, elbow up, looking down at it."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.geometry.transforms import inverse
+from cell.camera.optics import CameraOptics
+from cell.errors import ViewpointsError
+from cell.kinematics.collision import CollisionModel
+from cell.kinematics.ik_branches import find_postures
+from cell.kinematics.ur_kinematics import jacobian, link_frames
+from cell.planning.look_at import look_at
+
+_FARTHER_M = (0.0, 0.06, -0.06, 0.12, -0.12)
+"""Than the farthest working distance."""
+_ELEVATIONS_RAD = np.deg2rad((80.0, 65.0, 50.0))
+_ASIDE_RAD = np.deg2rad((0.0, 40.0, -40.0, 90.0, -90.0, 180.0))
+_ROLLS_RAD = np.deg2rad(np.arange(-180.0, 180.0, 30.0))
+
+
+def find_home(
+    collisions: CollisionModel, target: NDArray[np.float64], optics: CameraOptics, T_flange_camera: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """The home posture (6,) for a workspace whose middle is `target` (3,).
+
+    Raises:
+        ViewpointsError: the arm cannot stand above the workspace.
+    """
+    to_base = float(np.arctan2(-target[1], -target[0]))
+    T_camera_flange = inverse(T_flange_camera)
+    best: NDArray[np.float64] | None = None
+    for farther in _FARTHER_M:
+        for elevation in _ELEVATIONS_RAD:
+            for aside in _ASIDE_RAD:
+                poses = [
+                    look_at(target, to_base + aside, elevation, optics.working_m[1] + farther, roll) @ T_camera_flange
+                    for roll in _ROLLS_RAD
+                ]
+                q = find_postures(collisions, np.array(poses)).q_rad
+                if not len(q):
+                    continue
+                # The most agile: from there all viewpoints are near.
+                agility = np.linalg.svd(jacobian(collisions.model, q), compute_uv=False)[:, -1]
+                q = q[(-agility).argsort(kind="stable")]
+                upright = q[_elbow_up(collisions, q)]
+                if len(upright):
+                    return upright[0]
+                best = q[0] if best is None else best
+    if best is None:
+        raise ViewpointsError(
+            "the arm finds no home posture above the workspace: check [workspace], table_z_m and obstacles_m, or give "
+            "home_q_rad in [arm]"
+        )
+    return best
+
+
+def _elbow_up(collisions: CollisionModel, q: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Whether the elbow lies above the straight line from the shoulder to the wrist."""
+    shoulder, elbow, wrist = link_frames(collisions.model, q)[:, 1:4, :3, 3].swapaxes(0, 1)
+    line, upper_arm = wrist - shoulder, elbow - shoulder
+    share = (upper_arm * line).sum(axis=1) / (line * line).sum(axis=1)
+    return upper_arm[:, 2] > share * line[:, 2]

@@ -1,0 +1,206 @@
+"""In which order, and in which of its postures each, the arm takes the viewpoints: the least turning of its joints.
+
+Few viewpoints are ordered exactly, by dynamic programming over the sets of viewpoints that are done. Many are ordered
+by exchanges until none is for the better, the postures still exactly.
+"""
+
+import itertools
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cell.kinematics.joint_paths import JointPaths, Way, travel_rad
+
+EXACT_VIEWS = 10
+"""As many are ordered exactly: the sets of viewpoints double with each."""
+MOVED_BY = 6
+"""Among many, a short stretch is tried so many places earlier and later."""
+ROUNDS = 40
+"""So often a better route is looked for because a line of the last was not free."""
+
+
+@dataclass(frozen=True, eq=False)
+class Route:
+    """A round through all viewpoints."""
+
+    stops: tuple[tuple[int, int], ...]
+    """(viewpoint, posture) in the order in which they are taken."""
+    ways: tuple[Way, ...]
+    """To each stop, then home."""
+
+
+class _Costs:
+    """What it costs to get from posture to posture, as far as known: straight lines are free until looked at."""
+
+    def __init__(
+        self,
+        start: NDArray[np.float64],
+        home: NDArray[np.float64],
+        groups: list[NDArray[np.float64]],
+        paths: JointPaths,
+        start_clearances: NDArray[np.float64],
+    ) -> None:
+        self.q = np.concatenate(groups)
+        self.group = np.repeat(np.arange(len(groups)), [len(g) for g in groups])
+        self.between = np.abs(self.q[:, None] - self.q[None]).max(axis=2)
+        self.from_start = np.abs(self.q - start).max(axis=1)
+        self.to_home = np.abs(self.q - home).max(axis=1)
+        self._start, self._paths, self._start_clearances = start, paths, start_clearances
+        if paths.way_home(start, start_clearances) is None:
+            self.from_start[~paths.free_each(start, self.q, start_clearances)] = np.inf
+
+    def start_way(self, node: int) -> Way | None:
+        if self._paths.free(self._start, self.q[node], self._start_clearances):
+            return (self.q[node],)
+        return self._paths.by_home(self._paths.way_home(self._start, self._start_clearances), self.q[node])
+
+    def look_along(self, nodes: list[int]) -> bool:
+        """Looks at the lines along these postures and corrects the costs; whether they all stayed what they were."""
+        before = self.of(nodes)
+        first, last = nodes[0], nodes[-1]
+        way = self.start_way(first)
+        self.from_start[first] = np.inf if way is None else travel_rad(self._start, way)
+        for a, b in itertools.pairwise(nodes):
+            way = self._paths.way(self.q[a], self.q[b])
+            self.between[a, b] = self.between[b, a] = np.inf if way is None else travel_rad(self.q[a], way)
+        way = self._paths.way_home(self.q[last])
+        self.to_home[last] = np.inf if way is None else travel_rad(self.q[last], way)
+        return self.of(nodes) <= before + 1e-9
+
+    def of(self, nodes: list[int]) -> float:
+        inner = sum(self.between[a, b] for a, b in itertools.pairwise(nodes))
+        return float(self.from_start[nodes[0]] + inner + self.to_home[nodes[-1]])
+
+
+def best_route(
+    start: NDArray[np.float64],
+    home: NDArray[np.float64],
+    groups: list[NDArray[np.float64]],
+    paths: JointPaths,
+    start_clearances: NDArray[np.float64],
+) -> Route | None:
+    """The least travel from `start` (6,) through one posture of each group (K, 6), and home.
+
+    Lines that are not free are gone round by way of home, to which a way must lead from each posture. None where no way
+    leads from the start. `start_clearances`: see `JointPaths.free`, for the line from the start.
+    """
+    if not groups:
+        way = paths.way_home(start, start_clearances)
+        return None if way is None else Route((), (way,))
+    costs = _Costs(start, home, groups, paths, start_clearances)
+    best: list[int] = []
+    order: list[int] = list(range(len(groups)))
+    for _ in range(ROUNDS):
+        if len(groups) <= EXACT_VIEWS:
+            nodes = _exact(costs, len(groups))
+        else:
+            nodes, order = _exchanged(costs, order)
+        settled = costs.look_along(nodes)
+        if not np.isfinite(costs.of(nodes)):
+            return None
+        if not best or costs.of(nodes) < costs.of(best):
+            best = nodes
+        if settled:
+            break
+    first_of = np.searchsorted(costs.group, np.arange(len(groups)))
+    stops = tuple((int(costs.group[n]), int(n - first_of[costs.group[n]])) for n in best)
+    ways = [costs.start_way(best[0])]
+    ways += [paths.way(costs.q[a], costs.q[b]) for a, b in itertools.pairwise(best)]
+    ways.append(paths.way_home(costs.q[best[-1]]))
+    return Route(stops, tuple(way for way in ways if way is not None))
+
+
+def _exact(costs: _Costs, groups: int) -> list[int]:
+    """The cheapest round, as nodes."""
+    members = [np.flatnonzero(costs.group == g) for g in range(groups)]
+    size = len(costs.q)
+    reached = np.full((1 << groups, size), np.inf)
+    """By the set of groups done and the node it ends in."""
+    before = np.zeros((1 << groups, size), dtype=np.int64)
+    for g, nodes in enumerate(members):
+        reached[1 << g, nodes] = costs.from_start[nodes]
+    for done in range(1, 1 << groups):
+        inside = np.concatenate([members[g] for g in range(groups) if done >> g & 1])
+        onward = reached[done, inside, None] + costs.between[inside]
+        cheapest = onward.argmin(axis=0)
+        for g, nodes in enumerate(members):
+            if not done >> g & 1:
+                reached[done | 1 << g, nodes] = onward[cheapest[nodes], nodes]
+                before[done | 1 << g, nodes] = inside[cheapest[nodes]]
+    done = (1 << groups) - 1
+    node = int((reached[done] + costs.to_home).argmin())
+    result = [node]
+    while done := done & ~(1 << int(costs.group[node])):
+        node = int(before[done | 1 << int(costs.group[node]), node])
+        result.append(node)
+    return result[::-1]
+
+
+def _exchanged(costs: _Costs, order: list[int]) -> tuple[list[int], list[int]]:
+    """A round that neither another beginning nor reversing a stretch nor moving a short one makes cheaper."""
+    layers = _Layers.of(costs)
+    best = layers.cost(order)
+    improved = True
+    while improved:
+        improved = False
+        for candidate in _neighbours(order):
+            cost = layers.cost(candidate)
+            if cost < best - 1e-9:
+                best, order, improved = cost, candidate, True
+                break
+    return layers.cheapest(order), order
+
+
+def _neighbours(order: list[int]) -> list[list[int]]:
+    size = len(order)
+    rolled = [order[i:] + order[:i] for i in range(1, size)]
+    turned = [order[:i] + order[i:j][::-1] + order[j:] for i in range(size - 1) for j in range(i + 2, size + 1)]
+    moved = []
+    for length in (1, 2, 3):
+        for i in range(size - length + 1):
+            rest = order[:i] + order[i + length :]
+            places = range(max(i - MOVED_BY, 0), min(i + MOVED_BY, len(rest)) + 1)
+            moved += [rest[:j] + order[i : i + length] + rest[j:] for j in places if j != i]
+    return rolled + turned + moved
+
+
+@dataclass(frozen=True, eq=False)
+class _Layers:
+    """The costs sorted by group: the cheapest postures for an order come out group by group."""
+
+    members: list[NDArray[np.int64]]
+    """The nodes of each group."""
+    first: list[NDArray[np.float64]]
+    """From the start to them."""
+    last: list[NDArray[np.float64]]
+    """From them home."""
+    between: list[list[NDArray[np.float64]]]
+    """(K, L) from group to group."""
+
+    @staticmethod
+    def of(costs: _Costs) -> "_Layers":
+        members = [np.flatnonzero(costs.group == g) for g in range(int(costs.group[-1]) + 1)]
+        between = [[costs.between[np.ix_(a, b)] for b in members] for a in members]
+        return _Layers(members, [costs.from_start[m] for m in members], [costs.to_home[m] for m in members], between)
+
+    def cost(self, order: list[int]) -> float:
+        """Of a round in this order with the postures that make it cheapest."""
+        reached = self.first[order[0]]
+        for a, b in itertools.pairwise(order):
+            reached = (reached[:, None] + self.between[a][b]).min(axis=0)
+        return float((reached + self.last[order[-1]]).min())
+
+    def cheapest(self, order: list[int]) -> list[int]:
+        """That round, as nodes."""
+        reached, choices = self.first[order[0]], []
+        for a, b in itertools.pairwise(order):
+            onward = reached[:, None] + self.between[a][b]
+            choices.append(onward.argmin(axis=0))
+            reached = onward.min(axis=0)
+        choice = int((reached + self.last[order[-1]]).argmin())
+        nodes = [self.members[order[-1]][choice]]
+        for group, cheapest in zip(order[-2::-1], choices[::-1], strict=True):
+            choice = int(cheapest[choice])
+            nodes.append(self.members[group][choice])
+        return [int(node) for node in nodes[::-1]]

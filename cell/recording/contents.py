@@ -1,0 +1,136 @@
+"""What a recording holds, put together by view: as far as the file goes, or as far as is wanted."""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from mcap.records import Attachment, Metadata
+from numpy.typing import NDArray
+
+from cell.recording.errors import RecordingContentError, RecordingHeaderError, RecordingTooLargeError
+from cell.recording.header import HAND_EYE, METADATA
+from cell.recording.limits import Limits
+from cell.recording.mcap_stream import Ending, TopicMessage, read_contents
+from cell.recording.messages import (
+    CALIBRATION,
+    DEPTH,
+    POSE,
+    SCHEMAS,
+    PinholeCalibration,
+    decode_calibration,
+    decode_colour,
+    decode_depth,
+    decode_pose,
+)
+
+
+@dataclass
+class Parts:
+    """What was met of one view so far."""
+
+    log_time_ns: int
+    pose: NDArray[np.float64] | None = None
+    calibration: PinholeCalibration | None = None
+    depth: NDArray[np.uint16] | None = None
+    colour: bytes | None = None
+
+
+@dataclass
+class Contents:
+    """What was met of a recording so far."""
+
+    views: dict[int, Parts] = field(default_factory=dict)
+    not_taken: list[str] = field(default_factory=list)
+    metadata: dict[str, str] | None = None
+    hand_eye: bytes | None = None
+    cut: str | None = None
+
+
+def everything(_: TopicMessage) -> bool:
+    """All messages are wanted."""
+    return True
+
+
+def never(_: Contents) -> bool:
+    """Nothing is enough but the whole file."""
+    return False
+
+
+def collect(
+    path: Path,
+    limits: Limits,
+    wanted: Callable[[TopicMessage], bool] = everything,
+    enough: Callable[[Contents], bool] = never,
+) -> Contents:
+    """What the file holds of views, but for messages that are not `wanted`, up to where it is `enough`.
+
+    Raises:
+        RecordingError: the recording cannot be used; the subclass and the message say why and where.
+    """
+    contents = Contents()
+    for item in read_contents(path, limits):
+        match item:
+            case TopicMessage(topic=topic) if topic in SCHEMAS:
+                if not wanted(item):
+                    continue
+                contents.not_taken.extend(_take(item, contents.views, limits))
+            case Metadata(name=name) if name == METADATA:
+                if contents.metadata is not None:
+                    raise RecordingHeaderError(f"{path.name} has its {METADATA!r} metadata twice")
+                contents.metadata = item.metadata
+            case Attachment(name=name) if name == HAND_EYE:
+                if contents.hand_eye is not None:
+                    raise RecordingHeaderError(f"{path.name} has its attachment {HAND_EYE} twice")
+                if len(item.data) > limits.attachment_bytes:
+                    raise RecordingTooLargeError(
+                        f"{HAND_EYE} has {len(item.data)} bytes; {limits.attachment_bytes} at most are read"
+                    )
+                contents.hand_eye = item.data
+            case Ending():
+                contents.cut = item.cut
+        if enough(contents):
+            break
+    return contents
+
+
+def _take(message: TopicMessage, views: dict[int, Parts], limits: Limits) -> Iterator[str]:
+    """Puts a message to the view it belongs to; yields, in words, what of it is not taken."""
+    topic, index = message.topic, message.sequence
+    where = f"view {index}"
+    wanted = SCHEMAS[topic].DESCRIPTOR.full_name
+    if (message.encoding, message.schema) != ("protobuf", wanted):
+        raise RecordingContentError(
+            f"{topic} has messages of type {message.schema[:60]!r} in encoding {message.encoding[:20]!r}; "
+            f"only {wanted!r} in encoding 'protobuf' is read"
+        )
+    if topic in (POSE, CALIBRATION) and len(message.data) > limits.metadata_bytes:
+        raise RecordingTooLargeError(
+            f"{where}: {topic} has {len(message.data)} bytes; {limits.metadata_bytes} at most are read"
+        )
+    part: Any
+    if topic == POSE:
+        part, name = decode_pose(message.data, where), "pose"
+        if part is None:  # another edge of the frame tree
+            return
+    elif topic == CALIBRATION:
+        part, name = decode_calibration(message.data, where), "calibration"
+    elif topic == DEPTH:
+        part, name = decode_depth(message.data, where, limits.image_pixels), "depth"
+    else:
+        (part, kind), name = decode_colour(message.data, where), "colour"
+        if kind.lower() not in ("jpeg", "jpg"):
+            yield f"{where} has its colour image as {kind!r}; only jpeg is taken"
+            return
+    if index >= limits.views:
+        raise RecordingTooLargeError(f"{where} ({topic}): views, told by `sequence`, go from 0 to {limits.views - 1}")
+    parts = views.setdefault(index, Parts(message.log_time_ns))
+    if getattr(parts, name) is not None:
+        raise RecordingContentError(f"{where} is there twice: it has two messages on {topic}")
+    if parts.log_time_ns != message.log_time_ns:
+        raise RecordingContentError(
+            f"{where}: its messages are of different moments, {parts.log_time_ns} ns "
+            f"and {message.log_time_ns} ns ({topic})"
+        )
+    setattr(parts, name, part)

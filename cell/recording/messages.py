@@ -1,0 +1,161 @@
+"""A view as Foxglove's messages, and back. Every value of a message is checked before it is used."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from foxglove_schemas_protobuf.CameraCalibration_pb2 import CameraCalibration
+from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
+from foxglove_schemas_protobuf.FrameTransform_pb2 import FrameTransform
+from foxglove_schemas_protobuf.Quaternion_pb2 import Quaternion
+from foxglove_schemas_protobuf.RawImage_pb2 import RawImage
+from foxglove_schemas_protobuf.Vector3_pb2 import Vector3
+from google.protobuf.message import DecodeError
+from google.protobuf.timestamp_pb2 import Timestamp
+from numpy.typing import NDArray
+
+from calibration.geometry.transforms import NotRigidError, from_quaternion, to_quaternion
+from cell.devices import View
+from cell.recording.errors import RecordingContentError, RecordingTooLargeError
+
+POSE, CALIBRATION, DEPTH, COLOUR = "/tf", "/camera/calibration", "/camera/depth", "/camera/color"
+SCHEMAS = {
+    POSE: FrameTransform,
+    CALIBRATION: CameraCalibration,
+    DEPTH: RawImage,
+    COLOUR: CompressedImage,
+}
+"""Message type of each topic of a view."""
+
+BASE, FLANGE, CAMERA = "base", "flange", "camera"
+"""Frame names in a recording."""
+
+DEPTH_ENCODINGS = ("16UC1", "mono16")
+REACH_M = 100.0
+"""No arm's flange is farther from its base."""
+FOCAL_MAX = 1e6
+"""No depth camera has a longer focal length, pixels."""
+
+
+@dataclass(frozen=True, eq=False)
+class PinholeCalibration:
+    """The camera matrix K (3, 3) of images of one size, pixels."""
+
+    K: NDArray[np.float64]
+    width: int
+    height: int
+
+
+def encode_view(view: View, log_time_ns: int) -> list[tuple[str, Any]]:
+    """The messages of a view with their topics; the depth image keeps every count."""
+    stamp = Timestamp()
+    stamp.FromNanoseconds(log_time_ns)
+    height, width = view.depth.shape
+    x, y, z = (float(value) for value in view.T_base_flange[:3, 3])
+    qx, qy, qz, qw = (float(value) for value in to_quaternion(view.T_base_flange))
+    pose = FrameTransform(
+        timestamp=stamp,
+        parent_frame_id=BASE,
+        child_frame_id=FLANGE,
+        translation=Vector3(x=x, y=y, z=z),
+        rotation=Quaternion(x=qx, y=qy, z=qz, w=qw),
+    )
+    calibration = CameraCalibration(
+        timestamp=stamp,
+        frame_id=CAMERA,
+        width=width,
+        height=height,
+        distortion_model="plumb_bob",
+        D=[0.0] * 5,
+        K=view.K.ravel().tolist(),
+        R=np.eye(3).ravel().tolist(),
+        P=np.column_stack([view.K, np.zeros(3)]).ravel().tolist(),
+    )
+    depth = RawImage(
+        timestamp=stamp,
+        frame_id=CAMERA,
+        width=width,
+        height=height,
+        encoding=DEPTH_ENCODINGS[0],
+        step=2 * width,
+        data=view.depth.astype("<u2").tobytes(),
+    )
+    messages: list[tuple[str, Any]] = [(POSE, pose), (CALIBRATION, calibration), (DEPTH, depth)]
+    if view.colour_jpeg is not None:
+        colour = CompressedImage(timestamp=stamp, frame_id=CAMERA, format="jpeg", data=view.colour_jpeg)
+        messages.append((COLOUR, colour))
+    return messages
+
+
+def decode_pose(data: bytes, where: str) -> NDArray[np.float64] | None:
+    """T_base_flange (4, 4) of a foxglove.FrameTransform; None when it relates two other frames."""
+    message = _decode(FrameTransform(), data, f"{where}: {POSE}")
+    if (message.parent_frame_id, message.child_frame_id) != (BASE, FLANGE):
+        return None
+    t, q = message.translation, message.rotation
+    try:
+        # The length of an absurdly long quaternion overflows to infinity, which is refused as well.
+        with np.errstate(over="ignore"):
+            T = from_quaternion((t.x, t.y, t.z), (q.x, q.y, q.z, q.w), f"{where}: T_base_flange")
+    except NotRigidError as error:
+        raise RecordingContentError(str(error)) from error
+    if np.abs(T[:3, 3]).max() > REACH_M:
+        raise RecordingContentError(f"{where}: T_base_flange is at {T[:3, 3].tolist()} m; translations are metres")
+    return T
+
+
+def decode_calibration(data: bytes, where: str) -> PinholeCalibration:
+    """K and image size of a foxglove.CameraCalibration, which must be an undistorted pinhole camera's."""
+    message = _decode(CameraCalibration(), data, f"{where}: {CALIBRATION}")
+    if len(message.K) != 9:
+        raise RecordingContentError(f"{where}: {CALIBRATION} has {len(message.K)} values of K; 9 are needed")
+    K = np.array(message.K, dtype=np.float64).reshape(3, 3)
+    if not np.isfinite(K).all():
+        raise RecordingContentError(f"{where}: K holds NaN or infinity: {K.tolist()}")
+    if np.any(np.asarray(message.D, dtype=np.float64) != 0):
+        raise RecordingContentError(
+            f"{where}: {CALIBRATION} has distortion {list(message.D[:8])}; "
+            "record rectified depth images, which have none"
+        )
+    if K[0, 1] != 0 or K[1, 0] != 0 or not np.array_equal(K[2], (0, 0, 1)):
+        raise RecordingContentError(f"{where}: K is {K.tolist()}; [[fx, 0, cx], [0, fy, cy], [0, 0, 1]] is needed")
+    if not (1 <= K[0, 0] <= FOCAL_MAX and 1 <= K[1, 1] <= FOCAL_MAX):
+        raise RecordingContentError(f"{where}: K has focal lengths {K[0, 0]:g}, {K[1, 1]:g} pixels; not a camera's")
+    return PinholeCalibration(K, message.width, message.height)
+
+
+def decode_depth(data: bytes, where: str, max_pixels: int) -> NDArray[np.uint16]:
+    """Depth (H, W) of a foxglove.RawImage of 16 bit counts, little-endian as Foxglove defines them."""
+    message = _decode(RawImage(), data, f"{where}: {DEPTH}")
+    height, width, step = message.height, message.width, message.step
+    if message.encoding not in DEPTH_ENCODINGS:
+        raise RecordingContentError(
+            f"{where}: the depth image has encoding {message.encoding[:40]!r}; only 16UC1 is read"
+        )
+    if height * width == 0:
+        raise RecordingContentError(f"{where}: the depth image is empty ({width}x{height})")
+    if height * width > max_pixels:
+        raise RecordingTooLargeError(
+            f"{where}: the depth image announces {width}x{height} pixels; {max_pixels} at most are read"
+        )
+    pixels = message.data
+    if step < 2 * width or step * height != len(pixels):
+        raise RecordingContentError(
+            f"{where}: the depth image of {width}x{height} pixels, {step} bytes a row, is {len(pixels)} bytes"
+        )
+    rows = np.frombuffer(pixels, dtype=np.uint8).reshape(height, step)[:, : 2 * width]
+    return np.ascontiguousarray(rows).view("<u2").astype(np.uint16)
+
+
+def decode_colour(data: bytes, where: str) -> tuple[bytes, str]:
+    """The compressed colour image of a foxglove.CompressedImage and its format's name."""
+    message = _decode(CompressedImage(), data, f"{where}: {COLOUR}")
+    return message.data, message.format[:20]
+
+
+def _decode(message: Any, data: bytes, where: str) -> Any:
+    try:
+        message.ParseFromString(data)
+    except DecodeError as error:
+        raise RecordingContentError(f"{where} is not a {message.DESCRIPTOR.full_name}: {error}") from error
+    return message

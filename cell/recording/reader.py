@@ -1,0 +1,165 @@
+"""Read the views of an MCAP file: the complete ones in order, and messages about what is missing."""
+
+import json
+import os
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NoReturn
+
+from calibration.geometry.transforms import NotRigidError
+from cell.devices import InvalidViewError, View
+from cell.recording.contents import Contents, Parts, collect
+from cell.recording.errors import (
+    RecordingContentError,
+    RecordingEmptyError,
+    RecordingHeaderError,
+)
+from cell.recording.header import HAND_EYE, METADATA, RecordingHeader, parse_header
+from cell.recording.limits import DEFAULT_LIMITS, Limits
+from cell.recording.mcap_stream import TopicMessage, read_contents
+from cell.recording.messages import (
+    CALIBRATION,
+    DEPTH,
+    POSE,
+)
+
+MODEL = "/result/model"
+
+
+@dataclass(frozen=True, eq=False)
+class Recording:
+    """The content of a recording."""
+
+    header: RecordingHeader
+    """The values that hold for all views."""
+    views: tuple[View, ...]
+    """The complete views, at least one, in the order in which they were taken."""
+    missing: tuple[str, ...]
+    """Messages about what is missing; empty if the recording is complete."""
+
+
+def read_recording(path: str | os.PathLike[str], limits: Limits = DEFAULT_LIMITS) -> Recording:
+    """Read all complete views of a recording, of ours or of another writer.
+
+    A view without pose, calibration or depth image is left out and named in `missing`. `missing` also says if the file
+    was cut off. A view with wrong content makes the whole recording refused.
+
+    Args:
+        path: The MCAP file.
+        limits: Sizes up to which the file is read.
+
+    Returns:
+        The header and the views, in the order in which they were taken.
+
+    Raises:
+        RecordingError: The recording cannot be used. The subclass and the message say why and where.
+    """
+    path = Path(path)
+    contents = collect(path, limits)
+    header = header_of(contents, path.name)
+    complete: list[View] = []
+    missing = contents.not_taken
+    for index in range(max(contents.views, default=-1) + 1):
+        parts = contents.views.get(index)
+        view = view_of(index, parts, header)
+        if view is None:
+            missing.append(f"view {index} {_lacking(parts)}")
+        else:
+            complete.append(view)
+    # In the order in which they were taken: recognition of a replay then does what it did while the arm moved.
+    complete.sort(key=lambda view: view.stamp_s)
+    if not complete:
+        raise RecordingEmptyError(f"{path.name} has no complete view: {_why_none(contents)}")
+    if contents.cut:
+        missing.append(f"{contents.cut}; whatever followed view {complete[-1].index}, the last one taken, is lost")
+    return Recording(header, tuple(complete), tuple(missing))
+
+
+def read_result(path: str | os.PathLike[str], limits: Limits = DEFAULT_LIMITS) -> dict[str, Any] | None:
+    """Read the model document that was stored last in a recording.
+
+    Args:
+        path: The MCAP file.
+        limits: Sizes up to which the file is read.
+
+    Returns:
+        The document, or None if the recording has none.
+
+    Raises:
+        RecordingError: As for `read_recording`, or the stored document is not a JSON object.
+    """
+    path = Path(path)
+    last = None
+    for item in read_contents(path, limits):
+        if isinstance(item, TopicMessage) and item.topic == MODEL:
+            last = item.data
+    if last is None:
+        return None
+    try:
+        model = json.loads(last, parse_constant=_refuse_constant)
+    except (ValueError, RecursionError) as error:
+        raise RecordingContentError(f"{MODEL} in {path.name} is not JSON: {error}") from error
+    if not isinstance(model, dict):
+        raise RecordingContentError(f"{MODEL} in {path.name} is a {type(model).__name__}; a JSON object is needed")
+    return model
+
+
+def header_of(contents: Contents, name: str) -> RecordingHeader:
+    """The header of what was met of the file `name`. Raises RecordingHeaderError."""
+    cut = f" ({contents.cut})" if contents.cut else ""
+    if contents.metadata is None:
+        raise RecordingHeaderError(f"{name} has no {METADATA!r} metadata{cut}: it is no recording of a scan")
+    if contents.hand_eye is None:
+        raise RecordingHeaderError(f"{name} has no attachment {HAND_EYE}{cut}: where the camera was is not known")
+    return parse_header(contents.metadata, contents.hand_eye)
+
+
+def _lacking(parts: Parts | None) -> str:
+    """What an incomplete view lacks, in words."""
+    if parts is None:
+        return "is not in the file"
+    needed = {
+        f"pose ({POSE}, base to flange)": parts.pose,
+        f"calibration ({CALIBRATION})": parts.calibration,
+        f"depth image ({DEPTH})": parts.depth,
+    }
+    return "has " + ", ".join(f"no {name}" for name, part in needed.items() if part is None)
+
+
+def view_of(index: int, parts: Parts | None, header: RecordingHeader) -> View | None:
+    """The view, or None when a part is missing."""
+    if parts is None or parts.pose is None or parts.calibration is None or parts.depth is None:
+        return None
+    height, width = parts.depth.shape
+    calibration = parts.calibration
+    if (calibration.width, calibration.height) != (width, height):
+        raise RecordingContentError(
+            f"view {index}: the calibration is of {calibration.width}x{calibration.height} pixels, "
+            f"the depth image of {width}x{height}"
+        )
+    try:
+        return View(
+            index=index,
+            depth=parts.depth,
+            depth_unit_m=header.depth_unit_m,
+            K=calibration.K,
+            T_base_flange=parts.pose,
+            T_flange_camera=header.T_flange_camera,
+            stamp_s=parts.log_time_ns / 1_000_000_000,
+            colour_jpeg=parts.colour,
+        )
+    except (InvalidViewError, NotRigidError) as error:
+        raise RecordingContentError(str(error)) from error
+
+
+def _why_none(contents: Contents) -> str:
+    by_reason: dict[str, list[str]] = {}
+    for index in sorted(contents.views):
+        by_reason.setdefault(_lacking(contents.views[index]), []).append(str(index))
+    reasons = [f"view {', '.join(indices)} {reason}" for reason, indices in by_reason.items()]
+    reasons = reasons or ["it has no message of any view"]
+    return "; ".join([*reasons, contents.cut] if contents.cut else reasons)
+
+
+def _refuse_constant(name: str) -> NoReturn:
+    raise ValueError(f"it holds {name}")

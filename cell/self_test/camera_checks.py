@@ -1,0 +1,103 @@
+"""The camera's part of testing a cell: that it is the right one, healthy, and sees something."""
+
+import time
+
+import numpy as np
+
+from cell.camera.frame_averaging import NoFramesError
+from cell.camera.optics import CameraOptics, camera_optics
+from cell.devices import CameraInfo, Frame
+from cell.errors import BadFrameError
+from cell.self_test.check_result import Grounds, Step, failed, ok
+from cell.self_test.table_check import share_in_view
+
+HOT_C = 85.0
+"""The chip slows down, and in the end switches itself off, not far above."""
+LEAST_MEASURED = 0.3
+"""A table in front of a camera gives more than this share of its pixels a depth."""
+LEAST_IN_VIEW = 0.2
+"""Of the workspace: the camera then looks at the table."""
+AS_IT_STANDS = "from where the arm stands"
+TURN_IT = "to have that tested, move the arm by hand (freedrive) so that the camera looks at the workspace"
+OLDEST_S, CLOCK_S = 2.0, 0.1
+"""A frame of now is neither older when it arrives, exposures and their median included, nor of the future."""
+OTHER_LENS_SHARE = 0.1
+"""The focal lengths of one product differ by less."""
+DEPTH_IMAGE = "depth image"
+
+
+def camera(grounds: Grounds) -> Step:
+    """The camera is found and gives images."""
+    grounds.camera = grounds.equipment.camera.connect()
+    return camera_found(grounds.camera)
+
+
+def camera_found(info: CameraInfo) -> Step:
+    """What a camera says of itself."""
+    words = f"{info.product} {info.device_id}, {info.width}x{info.height}, {info.connection}"
+    warnings = list(info.warnings)
+    if info.temperature_c is not None:
+        words += f", {info.temperature_c:.0f} degrees C"
+        if info.temperature_c > HOT_C:
+            warnings.append("that is hot: give the camera air, or screw it to metal")
+    return ok("camera", words, warnings)
+
+
+def frame(grounds: Grounds) -> Step:
+    """One look gives a depth image of now that can be."""
+    aside = _looks_aside(grounds)
+    began_s = time.monotonic()
+    try:
+        got = grounds.equipment.camera.capture(began_s)
+    except NoFramesError:
+        raise
+    except BadFrameError as error:
+        if not aside:
+            raise
+        return Step(DEPTH_IMAGE, "warning", f"{error}, but {AS_IT_STANDS} it does not look at the workspace", TURN_IT)
+    step = depth_image(got, time.time() - got.stamp_s, camera_optics(grounds.settings.camera), aside)
+    if step.outcome != "failed":
+        grounds.frame = got
+    return step
+
+
+def depth_image(got: Frame, age_s: float, optics: CameraOptics, aside: bool) -> Step:
+    """Whether a frame that came `age_s` after its exposure can be; `aside`: it need not show much."""
+    if not -CLOCK_S <= age_s <= OLDEST_S:
+        return failed(
+            DEPTH_IMAGE,
+            [BadFrameError(f"the frame is said to be {age_s:.1f} s old: restart the camera, its clock is wrong")],
+        )
+    measured = got.depth[got.depth > 0] * got.depth_unit_m
+    share = measured.size / got.depth.size
+    low, middle, high = np.quantile(measured, (0.05, 0.5, 0.95)) if measured.size else (0.0, 0.0, 0.0)
+    words = (
+        f"median of {got.exposures} exposures, {age_s:.1f} s old: {100 * share:.0f} % of the pixels measured, "
+        f"{low:.2f} to {high:.2f} m away"
+    )
+    warnings = []
+    if share < LEAST_MEASURED and not aside:
+        warnings.append(
+            "that is little: let it look at the table; if it does, give it more light or a table with more texture"
+        )
+    elif measured.size and middle < optics.near_m:
+        warnings.append(f"most is nearer than the {optics.near_m:.2f} m it can measure: clear what is in front of it")
+    # The share of the image's width that a metre takes up, however many pixels that is.
+    wide, planned = got.K[0, 0] / got.depth.shape[1], optics.K[0, 0] / optics.width
+    if abs(wide / planned - 1) > OTHER_LENS_SHARE:
+        angle, planned_angle = (np.rad2deg(2 * np.arctan(0.5 / f)) for f in (wide, planned))
+        warnings.append(
+            f"it sees {angle:.0f} degrees across, and viewpoints are planned for {planned_angle:.0f}: set "
+            "camera.product, and camera.working_m to the distances that suit it"
+        )
+    return ok(DEPTH_IMAGE, words, warnings)
+
+
+def _looks_aside(grounds: Grounds) -> bool:
+    """It is known that the camera does not look at the workspace now."""
+    if grounds.state is None or grounds.hand_eye is None:
+        return False
+    optics = camera_optics(grounds.settings.camera)
+    T_base_camera = grounds.state.T_base_flange @ grounds.hand_eye.T_flange_camera
+    size = optics.width, optics.height
+    return share_in_view(T_base_camera, optics.K, size, grounds.settings) < LEAST_IN_VIEW

@@ -1,0 +1,81 @@
+"""Tests a whole cell step by step, and says of each step what was found and what to do. Nothing moves."""
+
+from collections.abc import Callable, Iterator
+
+from cell.config.arm_config import SimulatedArm
+from cell.config.camera_config import SimulatedCamera
+from cell.config.cell_config import CellSettings
+from cell.control.equipment import Equipment
+from cell.devices import InvalidViewError
+from cell.errors import CellError
+from cell.self_test import arm_checks, camera_checks, setup_checks
+from cell.self_test.check_result import Grounds, Step, failed, ok
+
+REDUCED_M_S = 0.25
+"""Fastest flange where people may be near: what safety standards call reduced speed."""
+
+NEEDS = {
+    "address": "the controller",
+    "arm": "a robot that may be driven",
+    "state": "the connection to the arm",
+    "camera": "the camera",
+    "frame": "a depth image",
+    "hand_eye": "the hand-eye calibration",
+}
+"""What a later step may build on, by its name in `Grounds`."""
+
+
+def check_cell(settings: CellSettings) -> Iterator[Step]:
+    """The steps, each when it is done. A step whose ground is missing is skipped and says so.
+
+    The arm is connected and let go again, which ends no program of anybody's; it does not move. A simulated cell is
+    started for the test.
+    """
+    grounds = Grounds(settings, Equipment(settings))
+    steps: list[tuple[str, tuple[str, ...], Callable[[Grounds], Step]]] = [
+        ("configuration", (), _configuration),
+        ("controller", (), arm_checks.controller),
+        ("robot", ("address",), arm_checks.robot),
+        ("connection", ("arm",), arm_checks.connection),
+        ("arm model", ("state",), arm_checks.kinematics),
+        ("camera", (), camera_checks.camera),
+        ("calibration", (), setup_checks.calibration),
+        ("depth image", ("camera",), camera_checks.frame),
+        ("table", ("frame", "state", "hand_eye"), setup_checks.table),
+        ("viewpoints", ("hand_eye",), setup_checks.viewpoints),
+    ]
+    try:
+        for name, needs, test in steps:
+            missing = [NEEDS[need] for need in needs if getattr(grounds, need) is None]
+            if missing:
+                yield Step(name, "skipped", f"it needs {' and '.join(missing)}")
+                continue
+            try:
+                step = test(grounds)
+            except (CellError, InvalidViewError) as error:
+                step = failed(name, [error])
+            yield step
+    finally:
+        grounds.equipment.close()
+
+
+def _configuration(grounds: Grounds) -> Step:
+    settings = grounds.settings
+    arm, camera, scan = settings.arm, settings.camera, settings.scan
+    words = [
+        f"{'simulated ' if isinstance(arm, SimulatedArm) else ''}{arm.model}"
+        + (f" at {arm.host}" if arm.host is not None else ""),
+        f"simulated {camera.model} that sees {camera.scene}"
+        if isinstance(camera, SimulatedCamera)
+        else f"{camera.product} camera" + (f" {camera.device}" if camera.device else ""),
+        "workspace " + " x ".join(f"{low:g}..{high:g}" for low, high in settings.workspace_m) + " m",
+        f"{scan.views} views, {scan.min_views} at least",
+        f"up to {arm.speed_rad_s:g} rad/s and {arm.flange_speed_m_s:g} m/s",
+    ]
+    warnings = []
+    if arm.flange_speed_m_s > REDUCED_M_S and not isinstance(arm, SimulatedArm):
+        warnings.append(
+            f"arm.flange_speed_m_s is above {REDUCED_M_S:g}: keep people out of the cell by other means, the software "
+            "is no safeguard at any speed"
+        )
+    return ok("configuration", ", ".join(words), warnings)

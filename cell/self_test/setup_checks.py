@@ -1,0 +1,110 @@
+"""What joins arm and camera, as a part of testing a cell: the calibration, the table, and the viewpoints."""
+
+from datetime import UTC, datetime
+
+import numpy as np
+
+from calibration.errors import HandEyeError
+from calibration.storage.hand_eye_file import CHECK_ROTATION, camera_faces_arm_message, require_match
+from cell.control.active_calibration import file_in_use, hand_eye_in_use
+from cell.devices import View
+from cell.errors import CalibrationError
+from cell.planning.viewpoints import plan_viewpoints
+from cell.self_test.camera_checks import AS_IT_STANDS, LEAST_IN_VIEW, TURN_IT
+from cell.self_test.check_result import Grounds, Step, failed, ok
+from cell.self_test.table_check import share_in_view, table_seen
+from recognition.preprocessing.table_plane import MAX_HEIGHT_ERROR_M, MAX_TILT_RAD
+
+LEAST_PLANE = 0.5
+"""Of what is seen near the table's height, this much must be the table."""
+SHOW_IT_ALL = "make x_m and y_m in [workspace] smaller, or let the camera look from farther off by camera.working_m"
+HIDDEN_COSINE = float(np.cos(np.deg2rad(150.0)))
+"""Cosine of the largest angle between the camera's view and the flange's z. Beyond it the arm hides the workspace: 20
+to 82 % of the table in the views of a ur5e at 150 degrees, 55 to 100 % at 180 degrees."""
+MISPLACED = 3.0
+"""So many times what recognition corrects, the table is elsewhere."""
+
+
+def calibration(grounds: Grounds) -> Step:
+    """There is a hand-eye calibration, young enough, of this camera and this robot."""
+    name = "calibration"
+    settings, world = grounds.settings.hand_eye, grounds.equipment.world
+    try:
+        hand_eye = hand_eye_in_use(settings, world)
+        require_match(
+            hand_eye,
+            None if grounds.camera is None else grounds.camera.device_id,
+            None if grounds.arm is None else grounds.arm.serial,
+        )
+    except (CalibrationError, HandEyeError) as error:
+        return failed(name, [error])
+    file, now = file_in_use(settings), datetime.now(UTC)
+    if file is None:
+        grounds.hand_eye = hand_eye
+        return ok(name, "that of the simulated cell")
+    grounds.hand_eye = hand_eye
+    T = hand_eye.T_flange_camera
+    words = f"{file}: the camera is {1000 * np.linalg.norm(T[:3, 3]):.0f} mm from the flange"
+    if hand_eye.created is not None:
+        words += f", measured {(now - hand_eye.created).total_seconds() / 86400:.1f} days ago"
+    return ok(name, words, hand_eye.warnings)
+
+
+def table(grounds: Grounds) -> Step:
+    """The table is seen where the configuration has it, from where the arm stands."""
+    name, settings = "table", grounds.settings
+    frame, state, hand_eye = grounds.frame, grounds.state, grounds.hand_eye
+    assert frame is not None
+    assert state is not None
+    assert hand_eye is not None
+    view = View(0, frame.depth, frame.depth_unit_m, frame.K, state.T_base_flange, hand_eye.T_flange_camera)
+    height, width = frame.depth.shape
+    share = share_in_view(view.T_base_camera, frame.K, (width, height), settings)
+    if share < LEAST_IN_VIEW:
+        return Step(name, "skipped", f"the camera sees {100 * share:.0f} % of the workspace, {AS_IT_STANDS}", TURN_IT)
+    seen = table_seen(view, settings)
+    if seen is None or seen.share < LEAST_PLANE:
+        return Step(
+            name,
+            "failed",
+            f"no plane is seen within 10 cm of mounting.table_z_m, {settings.mounting.table_z_m:g} m",
+            "check mounting.table_z_m and the workspace, that the calibration is of this mounting, and that the table "
+            "is neither covered nor mirroring",
+        )
+    tilt = f"{np.rad2deg(seen.tilt_rad):.2f} degrees"
+    words = f"seen {1000 * seen.height_m:+.1f} mm from mounting.table_z_m and tilted by {tilt}"
+    off = max(abs(seen.height_m) / MAX_HEIGHT_ERROR_M, seen.tilt_rad / MAX_TILT_RAD)
+    if off > MISPLACED:
+        return Step(name, "failed", words, "correct mounting.table_z_m; if it is right, calibrate the camera anew")
+    if off > 1.0:
+        advice = "measure mounting.table_z_m again; if it is right, calibrate the camera anew"
+        return ok(name, words, [f"that is more than recognition corrects in a view: {advice}"])
+    return ok(name, words)
+
+
+def viewpoints(grounds: Grounds) -> Step:
+    """Enough viewpoints can be reached from where the arm stands; from home where that is not known."""
+    name, least = "viewpoints", grounds.settings.scan.min_views
+    assert grounds.hand_eye is not None
+    T_flange_camera = grounds.hand_eye.T_flange_camera
+    if T_flange_camera[2, 2] <= HIDDEN_COSINE:  # the planner does not look for the arm in the pictures
+        message = f"{camera_faces_arm_message(T_flange_camera)}, so that the arm itself hides the workspace"
+        return Step(name, "failed", message, CHECK_ROTATION)
+    q_rad = None if grounds.state is None else grounds.state.q_rad
+    plan = plan_viewpoints(grounds.settings, T_flange_camera, q_rad)
+    skipped = {viewpoint.index: viewpoint.reason for viewpoint in plan.viewpoints if viewpoint.reason is not None}
+    start = "home" if q_rad is None else "where the arm stands"
+    words = f"{plan.reached} of {len(plan.viewpoints)} reached from {start}, planned in {plan.planning_s:.1f} s"
+    unseen = [] if plan.unseen is None else [f"{plan.unseen}: {SHOW_IT_ALL}"]
+    if not skipped:
+        return ok(name, words, unseen)
+    words += "; " + "; ".join(f"{index}: {reason}" for index, reason in skipped.items())
+    advice = (
+        "change x_m, y_m or top_m in [workspace] so that the arm reaches round it; `pointchain viewpoints --picture "
+        "plan.png` shows it"
+    )
+    if plan.reached < least:
+        return Step(name, "failed", f"{words}; scan.min_views is {least}", advice)
+    if plan.unseen is not None:
+        words, advice = f"{words}; {plan.unseen}", f"{advice}; {SHOW_IT_ALL}"
+    return Step(name, "warning", words, advice)

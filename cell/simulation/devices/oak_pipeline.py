@@ -1,0 +1,205 @@
+"""The simulated camera as a node of a host-only depthai pipeline."""
+
+import logging
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from datetime import timedelta
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cell.camera.oak_stream import Fault, Stream, load, next_message
+from cell.config.camera_config import SimulatedCamera
+from cell.devices import CameraInfo
+from cell.errors import CameraLostError, CameraUnreachableError
+from cell.simulation.devices.flange_pose import PoseSource
+from cell.simulation.devices.frame_source import FrameSource
+from cell.simulation.devices.world import SimulatedWorld
+
+log = logging.getLogger(__name__)
+
+EXPOSURE_US = 4000
+"""To which the automatic exposure settles."""
+IDLE_TICKS = 5
+"""While nobody waits for images only every so many are taken: the others would be thrown away unseen."""
+STALE_S = 3600.0
+
+
+@dataclass(frozen=True, eq=False)
+class Taken:
+    """One exposure."""
+
+    began_s: float
+    """`time.monotonic()`"""
+    depth: NDArray[np.uint16]
+    picture: NDArray[np.uint8] | None
+
+
+class Lens:
+    """What the node takes images of and when; lives on this side of depthai, so that it can be told things."""
+
+    def __init__(self, frames: FrameSource, pose: PoseSource, fps: float) -> None:
+        self._frames, self._pose, self._period_s = frames, pose, 1 / fps
+        self._change = threading.Condition()
+        self._wanted, self._ended = False, False
+        self._fault: Fault = "none"
+        self._due_s = time.monotonic()
+        self.trouble: str | None = None
+        """Why it cannot go on, if it cannot."""
+
+    def want(self, wanted: bool) -> None:
+        """Whether somebody waits for images; if nobody does, it takes fewer."""
+        with self._change:
+            self._wanted = wanted
+            self._change.notify()
+
+    def fail(self, kind: Fault) -> None:
+        """Fails from now on."""
+        self._fault = kind
+        if kind == "lost":
+            self.end()
+
+    def end(self) -> None:
+        """No further images."""
+        with self._change:
+            self._ended = True
+            self._change.notify()
+
+    def take(self, pictured: bool) -> Taken | None:
+        """The next image, now, with a picture if `pictured`; None: it does not come out."""
+        began_s = time.monotonic()
+        T_base_flange = self._pose()
+        depth = self._frames.expose(T_base_flange)
+        picture = self._frames.picture(T_base_flange) if pictured else None
+        match self._fault:
+            case "zero":
+                return Taken(began_s, np.zeros_like(depth), None if picture is None else np.zeros_like(picture))
+            case "constant":
+                return Taken(began_s, np.full_like(depth, 5000), None if picture is None else np.full_like(picture, 99))
+            case "stale":
+                return Taken(began_s - STALE_S, depth, picture)
+            case "silent":
+                return None
+            case _:
+                return Taken(began_s, depth, picture)
+
+    def wait(self) -> bool:
+        """Until the next image is due; false: there is no next. Images are due at even times, or are left out."""
+        with self._change:
+            ticks = 0
+            while not self._ended:
+                late_s = time.monotonic() - self._due_s
+                if late_s < 0:
+                    self._change.wait(-late_s)
+                    continue
+                self._due_s += self._period_s * (late_s // self._period_s + 1)
+                ticks += 1
+                if self._wanted or ticks >= IDLE_TICKS:
+                    return True
+        return False
+
+
+def open_simulated(settings: SimulatedCamera, world: SimulatedWorld, make_pose: Callable[[], PoseSource]) -> Stream:
+    """A running pipeline whose images show `world` from where the flange is.
+
+    Raises:
+        CameraUnreachableError: nobody tells where the flange is.
+    """
+    load()
+    import depthai as dai
+
+    try:
+        pose = make_pose()
+        pose()
+    except (OSError, ValueError, EOFError) as error:
+        raise CameraUnreachableError(
+            f"the simulated camera cannot learn from the arm's controller where it is: {error}"
+        ) from error
+    model = world.camera
+    lens = Lens(FrameSource(world), pose, settings.fps)
+    # What is told of a camera beside its own matrix: it is the left one, and the reference.
+    place = dai.Extrinsics(np.eye(4).tolist(), dai.CameraBoardSocket.CAM_B)
+    view = dai.ImgTransformation(
+        model.width, model.height, model.K.tolist(), dai.CameraModel.Perspective, [0.0] * 14, place
+    )
+
+    closed: type[Exception] = dai.MessageQueue.QueueException
+
+    class SimulatedOak(dai.node.ThreadedHostNode):
+        """Sends depth images as a camera does, and pictures while its gate is open. Its exposure time runs up to a
+        steady one until it is locked."""
+
+        def __init__(self) -> None:
+            super().__init__()
+            self.depth = self.createOutput()
+            self.pictures = self.createOutput()
+            self.control = self.createInput()
+            self.gate = self.createInput()
+
+        def run(self) -> None:
+            try:
+                self._run()
+            except (closed, CameraLostError):  # it is being closed
+                return
+            except OSError as error:
+                lens.trouble = f"the simulated camera no longer learns where the arm is: {error}"
+            except Exception as error:  # depthai ends the whole process for one that gets out
+                log.exception("the simulated camera ended")
+                lens.trouble = f"the simulated camera ended: {type(error).__name__}: {error}"
+
+        def _run(self) -> None:
+            exposure_us, number, locked, gate_open = EXPOSURE_US / 8, 0, False, False
+            while self.isRunning() and lens.wait():
+                while not locked and (control := next_message(self.control, 0.0)) is not None:
+                    locked = control.getCommand(dai.CameraControl.Command.AE_LOCK)
+                while (change := next_message(self.gate, 0.0)) is not None:
+                    gate_open = change.open
+                exposure_us = exposure_us if locked else min(exposure_us * 2, EXPOSURE_US)
+                taken = lens.take(gate_open)
+                if taken is None:
+                    continue
+                if taken.picture is not None:
+                    self.pictures.send(self._message(taken.picture, taken.began_s, int(exposure_us), number))
+                self.depth.send(self._message(taken.depth, taken.began_s, int(exposure_us), number))
+                number += 1
+
+        def _message(self, pixels: NDArray[Any], began_s: float, exposure_us: int, number: int) -> dai.ImgFrame:
+            message = dai.ImgFrame()
+            message.setType(dai.ImgFrame.Type.RAW16 if pixels.itemsize == 2 else dai.ImgFrame.Type.RAW8)
+            message.setWidth(model.width)
+            message.setHeight(model.height)
+            message.setStride(pixels.itemsize * model.width)
+            message.setData(pixels.astype(pixels.dtype.newbyteorder("<")).tobytes())
+            message.setTransformation(view)
+            message.setInstanceNum(int(dai.CameraBoardSocket.CAM_B.value))
+            message.setSequenceNum(number)
+            message.cam.exposureTimeUs = exposure_us
+            # A camera stamps the end of the exposure.
+            message.setTimestamp(timedelta(seconds=began_s, microseconds=exposure_us))
+            return message
+
+    pipeline = dai.Pipeline(False)
+    node = pipeline.create(SimulatedOak)
+    depth = node.depth.createOutputQueue(maxSize=1, blocking=False)
+    pictures = node.pictures.createOutputQueue(maxSize=settings.exposures, blocking=False)
+    controls, gate = [node.control.createInputQueue()], node.gate.createInputQueue()
+    info = CameraInfo(
+        product=f"simulated {model.name}",
+        device_id=world.camera_id,
+        width=model.width,
+        height=model.height,
+        connection="simulated",
+        temperature_c=None,
+        warnings=(),
+    )
+
+    def close() -> None:
+        lens.end()
+        pipeline.stop()
+        pipeline.wait()  # else the thread of the node meets the end of what it sends to
+
+    pipeline.start()
+    return Stream(pipeline, depth, depth, controls, lambda: info, close, pictures, gate, rehearsal=lens)

@@ -1,0 +1,141 @@
+"""A simulated scan: the views of a scene as a cell would record them, and the truth."""
+
+import json
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cell.devices import View
+from cell.recording.writer import RecordingExistsError, RecordingHeader, RecordingWriter
+from cell.simulation.pose_errors import T_FLANGE_CAMERA, PoseErrors, perturbed, told_flange_poses, viewpoints
+from cell.simulation.rendering.depth_camera import CameraModel, DepthCamera
+from cell.simulation.scenes.clutter import footprint
+from cell.simulation.scenes.ground_truth import scene_truth
+from cell.simulation.scenes.scenes import StringScene
+
+WORKSPACE_TOP_M = 0.12
+"""Height of the recorded workspace."""
+WORKSPACE_HALF_M = 0.26
+"""Least half width of the recorded workspace."""
+
+_FIRST_STAMP_S = 1_767_225_600.0
+"""The beginning of 2026: simulated scans must not depend on the clock."""
+_VIEW_TIME_S = 3.0
+
+# Streams of one seed: what is drawn for one purpose does not depend on another.
+_SESSION, _POSES, _VIEW = range(3)
+
+
+class ViewCountError(ValueError):
+    """A number of views that no scan has."""
+
+    slug = "views"
+
+
+@dataclass(frozen=True, eq=False)
+class SimulatedScan:
+    """What `simulate` gives."""
+
+    views: tuple[View, ...]
+    header: RecordingHeader
+    truth: Mapping[str, Any]
+    """JSON of `cell.simulation.scenes.ground_truth.scene_truth`."""
+
+
+def simulate(
+    scene: StringScene, camera: CameraModel, seed: int, errors: PoseErrors | None = None, views: int = 8
+) -> SimulatedScan:
+    """A scan of `scene` from look-at viewpoints on two rings, with told poses that differ from the true ones.
+
+    The same arguments give the same content. `errors` are the defaults of `PoseErrors` unless given.
+
+    Raises:
+        ViewCountError: `views` is not from 1 to 64.
+    """
+    if not 1 <= views <= 64:
+        raise ViewCountError(f"{views} views; from 1 to 64 are taken")
+    errors = PoseErrors() if errors is None else errors
+    points = _subject(scene)
+    size = (camera.width, camera.height)
+    T_base_camera = viewpoints(points, camera.K, size, camera.near_m, camera.working_m, views)
+    pose_rng = np.random.default_rng([seed, _POSES])
+    T_flange_camera = T_FLANGE_CAMERA
+    told_T_flange_camera = perturbed(T_flange_camera, errors.hand_eye_m, errors.hand_eye_rad, pose_rng)
+    told_T_base_flange = told_flange_poses(T_base_camera, T_flange_camera, errors, pose_rng)
+    bias_px = 0.0
+    if camera.noise is not None:
+        bias_px = camera.noise.bias_px * np.random.default_rng([seed, _SESSION]).standard_normal()
+    depth_camera = DepthCamera(camera, scene, bias_px)
+    half = max(WORKSPACE_HALF_M, float(np.abs(points[:, :2]).max()) + 0.03)
+    header = RecordingHeader(
+        depth_unit_m=camera.depth_unit_m,
+        string_radius_m=scene.radius_m,
+        table_z_m=0.0,
+        workspace_m=((-half, half), (-half, half), (0.0, WORKSPACE_TOP_M)),
+        T_flange_camera=told_T_flange_camera,
+        provenance={
+            "camera": f"simulated {camera.name}",
+            "robot": "simulated",
+            "scene": scene.name,
+            "seed": str(seed),
+        },
+    )
+    taken = tuple(
+        View(
+            index=k,
+            depth=depth_camera.capture(T_base_camera[k], np.random.default_rng([seed, _VIEW, k])),
+            depth_unit_m=camera.depth_unit_m,
+            K=camera.K,
+            T_base_flange=told_T_base_flange[k],
+            T_flange_camera=told_T_flange_camera,
+            stamp_s=_FIRST_STAMP_S + k * _VIEW_TIME_S,
+        )
+        for k in range(views)
+    )
+    return SimulatedScan(taken, header, scene_truth(scene, T_base_camera, T_flange_camera))
+
+
+def _subject(scene: StringScene) -> NDArray[np.float64]:
+    """Points (N, 3) that the camera looks at: the strings, or where there are none what else lies there."""
+    if scene.curves:
+        return np.vstack(scene.curves)
+    flat = [footprint(box) for box in scene.boxes] + [np.array([clump.centre_m]) for clump in scene.clumps]
+    on_table = np.vstack([np.zeros((1, 2)), *flat])
+    return np.column_stack([on_table, np.zeros(len(on_table))])
+
+
+def truth_path(path: Path) -> Path:
+    """Where the truth of the recording at `path` is written: `scan.truth.json` beside `scan.mcap`."""
+    return path.with_suffix(".truth.json")
+
+
+def write_simulation(scan: SimulatedScan, path: Path) -> Path:
+    """Writes the recording to `path` and the truth beside it; returns the truth's path.
+
+    Either is complete or not there: both are written under other names first and then renamed.
+
+    Raises:
+        RecordingExistsError: one of the two is there already; nothing is overwritten.
+        RecordingError, OSError: the files cannot be written.
+    """
+    beside = truth_path(path)
+    for there in (path, beside):
+        if there.exists():
+            raise RecordingExistsError(f"{there} exists already; nothing is overwritten: choose another name")
+    unfinished = [target.with_name(f".{target.name}.{os.getpid()}.partial") for target in (path, beside)]
+    try:
+        with RecordingWriter(unfinished[0], scan.header) as writer:
+            for view in scan.views:
+                writer.write_view(view)
+        unfinished[1].write_text(json.dumps(scan.truth, allow_nan=False))
+        for source, target in zip(unfinished, (path, beside), strict=True):
+            source.replace(target)
+    finally:
+        for source in unfinished:
+            source.unlink(missing_ok=True)
+    return beside

@@ -1,0 +1,74 @@
+"""Where the simulated camera looks from, and how wrongly the arm and the calibration tell it."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.geometry.transforms import from_rotation_vector, inverse
+from cell.planning.look_at import least_distance, look_at, two_rings
+
+T_FLANGE_CAMERA = from_rotation_vector((0.03, -0.06, 0.05), (0.1, 0.05, 0.4))
+"""The simulated camera's mounting, before errors. Oblique, so that a wrong order of transforms shows."""
+
+
+@dataclass(frozen=True)
+class PoseErrors:
+    """Root mean square errors of told against true poses; each is drawn evenly over the directions."""
+
+    robot_m: float = 0.0005
+    """Of the flange's place, anew in each view."""
+    robot_rad: float = float(np.deg2rad(0.1))
+    hand_eye_m: float = 0.0007
+    """Of the calibration, once a scan."""
+    hand_eye_rad: float = float(np.deg2rad(0.15))
+
+    def scaled(self, factor: float) -> "PoseErrors":
+        """All of them times a factor."""
+        return PoseErrors(*(factor * e for e in (self.robot_m, self.robot_rad, self.hand_eye_m, self.hand_eye_rad)))
+
+
+NO_ERRORS = PoseErrors(0.0, 0.0, 0.0, 0.0)
+
+
+def viewpoints(
+    points: NDArray[np.float64],
+    K: NDArray[np.float64],
+    size: tuple[int, int],
+    near_m: float,
+    working_m: tuple[float, float],
+    views: int,
+) -> list[NDArray[np.float64]]:
+    """`T_base_camera` of look-at poses about the origin, on two rings in turn, evenly round it.
+
+    All have one distance: the least within `working_m` from which each sees all `points` (N, 3) within the
+    middle `FILL` of its image of `size` (width, height) and none nearer than `near_m`; the far end of it where
+    none is enough.
+    """
+    bearings = two_rings(views)
+    needed = max(least_distance(points, K, size, near_m, bearing) for bearing in bearings)
+    distance = min(max(working_m[0], needed), working_m[1])
+    return [look_at(np.zeros(3), b.azimuth_rad, b.elevation_rad, distance, b.roll_rad) for b in bearings]
+
+
+def told_flange_poses(
+    T_base_camera: Sequence[NDArray[np.float64]],
+    T_flange_camera: NDArray[np.float64],
+    errors: PoseErrors,
+    rng: np.random.Generator,
+) -> list[NDArray[np.float64]]:
+    """The `T_base_flange` that the robot tells for true camera poses and the true mounting of the camera."""
+    return [perturbed(T @ inverse(T_flange_camera), errors.robot_m, errors.robot_rad, rng) for T in T_base_camera]
+
+
+def perturbed(
+    T: NDArray[np.float64], error_m: float, error_rad: float, rng: np.random.Generator
+) -> NDArray[np.float64]:
+    """`T` moved and, about its own origin, turned by errors of these root mean square sizes."""
+    shift, turn = rng.standard_normal((2, 3)) / np.sqrt(3.0)
+    error = from_rotation_vector(error_m * shift, error_rad * turn)
+    result = np.eye(4)
+    result[:3, :3] = error[:3, :3] @ T[:3, :3]
+    result[:3, 3] = T[:3, 3] + error[:3, 3]
+    return result

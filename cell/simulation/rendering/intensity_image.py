@@ -1,0 +1,120 @@
+"""What the simulated camera's sensor makes of the scene: grey levels.
+
+Faithful in: perspective, averaging over a pixel's area where a calibration board is printed, a lamp that stands
+somewhere and lights the table unevenly, shading by the angle to it, a lens that is darker to its edges and a little
+soft, and the noise and rounding of the sensor. Not modelled: shadows, shine, lens distortion left after rectification,
+blur of motion, and dots of a projector.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cell.simulation.rendering.calibration_board import Print
+from cell.simulation.rendering.depth_camera import DepthCamera, Surfaces
+from cell.simulation.rendering.meshes import TABLE_HALF_M
+
+STRING, TABLE, CLUTTER, PAPER, INK = 0.12, 0.42, 0.30, 0.85, 0.06
+"""Shares of the light that they throw back."""
+NOTHING = 0.05
+"""What is seen where nothing is."""
+AMBIENT = 0.4
+"""Share of the light that comes from everywhere."""
+WHITE = 235.0
+"""Grey level of a white surface in full light in the middle of the image."""
+BLACK = 6.0
+"""Grey level of no light."""
+VIGNETTE = 0.3
+"""So much darker are the image's corners."""
+BLUR_PX = 0.5
+"""Of the lens, beside the pixel's own area."""
+DARK_NOISE, SHOT_NOISE = 1.5, 2.0
+"""Grey levels: without light, and by the light alone at the level 255."""
+_TEXEL_M = 0.002
+"""Of the table's texture."""
+
+
+@dataclass(frozen=True, eq=False)
+class Lighting:
+    """A lamp above the table, and how the table looks."""
+
+    lamp_m: NDArray[np.float64]
+    """(3,) scene frame."""
+    table: NDArray[np.float32]
+    """(N, N) shares of the light that the table throws back, for its square from corner to corner."""
+
+
+def lighting(rng: np.random.Generator) -> Lighting:
+    """A lamp a metre and more above the table, aside, and a table with spots of a few millimetres to centimetres."""
+    from scipy.ndimage import gaussian_filter
+
+    bearing = rng.uniform(0, 2 * np.pi)
+    aside_m = rng.uniform(0.3, 0.6)
+    lamp_m = np.array([aside_m * np.cos(bearing), aside_m * np.sin(bearing), rng.uniform(1.0, 1.4)])
+    texels = round(2 * TABLE_HALF_M / _TEXEL_M)
+    white = rng.standard_normal((texels, texels), dtype=np.float32)
+    spots = sum(size * gaussian_filter(white, size, mode="wrap") for size in (1.5, 4.0, 12.0))
+    return Lighting(lamp_m, (TABLE * (1 + 0.12 * spots / np.std(spots))).clip(0.1, 0.7).astype(np.float32))
+
+
+class PictureCamera:
+    """The camera of the depth images, as it takes pictures."""
+
+    def __init__(self, camera: DepthCamera, light: Lighting, board: Print | None = None) -> None:
+        """`board` is what is printed on the first thing that lies beside the strings."""
+        self._camera, self._light, self._board = camera, light, board
+        width, height = camera.model.width, camera.model.height
+        v, u = np.mgrid[:height, :width]
+        middle = (height - 1) / 2, (width - 1) / 2
+        off = ((v - middle[0]) ** 2 + (u - middle[1]) ** 2) / (middle[0] ** 2 + middle[1] ** 2)
+        self._lens = (1 - VIGNETTE * off).astype(np.float32)
+
+    def still(self, T_scene_camera: NDArray[np.float64]) -> NDArray[np.float32]:
+        """What all pictures from this pose have in common: grey levels (H, W), not rounded, without noise."""
+        import cv2
+
+        surfaces = self._camera.surfaces(T_scene_camera)
+        grey = self._thrown_back(surfaces)
+        on_plate = surfaces.part == self._camera.strings + 1
+        if self._board is not None and on_plate.any():
+            seen = self._board.seen(T_scene_camera, self._camera.model.K, on_plate)
+            around = grey[seen.rows, seen.columns]
+            grey[seen.rows, seen.columns] = (
+                PAPER * seen.white + INK * seen.black + (1 - seen.white - seen.black) * around
+            )
+        grey *= self._lit(surfaces, T_scene_camera)
+        grey[surfaces.part < 0] = NOTHING
+        blurred = cv2.GaussianBlur(grey * self._lens, (5, 5), BLUR_PX)
+        return np.asarray(BLACK + (WHITE - BLACK) * blurred, dtype=np.float32)
+
+    def _thrown_back(self, surfaces: Surfaces) -> NDArray[np.float32]:
+        """Share of the light (H, W) that each pixel's surface throws back, but for a print."""
+        import cv2
+
+        strings = self._camera.strings
+        share = np.where(surfaces.part < strings, np.float32(STRING), np.float32(CLUTTER))
+        texel = (surfaces.points[..., :2] + TABLE_HALF_M) / _TEXEL_M - 0.5
+        x, y = cv2.split(texel)
+        on_table = cv2.remap(self._light.table, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REFLECT)
+        return np.where(surfaces.part == strings, on_table, share)
+
+    def _lit(self, surfaces: Surfaces, T_scene_camera: NDArray[np.float64]) -> NDArray[np.float32]:
+        """Light (H, W) on each pixel's surface; 1 on the table in the middle of the scene."""
+        points, normals = surfaces.points, surfaces.normals
+        lamp, eye = self._light.lamp_m.astype(np.float32), T_scene_camera[:3, 3].astype(np.float32)
+        # A mesh's normal may be to either side: the one that is seen counts.
+        off = np.einsum("hwi,hwi->hw", normals, points)
+        towards = (normals @ lamp - off) * np.sign(normals @ eye - off)
+        to_lamp = points - lamp
+        square = np.einsum("hwi,hwi->hw", to_lamp, to_lamp)
+        # By the cosine and the square of the distance, both as in the middle of the table.
+        direct = np.maximum(towards, 0) / (square * np.sqrt(square)) * np.float32(np.linalg.norm(lamp) ** 3 / lamp[2])
+        return np.float32(AMBIENT) + np.float32(1 - AMBIENT) * direct
+
+
+def developed(still: NDArray[np.float32], rng: np.random.Generator) -> NDArray[np.uint8]:
+    """One picture (H, W) of what does not change."""
+    spread = np.sqrt(DARK_NOISE**2 + SHOT_NOISE**2 / 255 * np.maximum(still, 0))
+    noisy = still + spread * rng.standard_normal(still.shape, dtype=np.float32)
+    return np.rint(noisy.clip(0, 255)).astype(np.uint8)

@@ -1,0 +1,191 @@
+"""How the strings of a scene are to lie on the table: courses and radii, and which strand is the upper one."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from cell.simulation.scenes import contacts, shapes
+from cell.simulation.scenes.planar_crossings import PlanCrossing, plan_crossings
+from cell.simulation.scenes.random_walk import Manner, wander
+from cell.simulation.scenes.shapes import Plan
+from cell.simulation.scenes.strand_clearance import CROSSING_CLEARANCE
+
+_MIXED_DRAWS = 30
+"""Courses drawn for strings of which two must cross."""
+
+
+class SceneError(ValueError):
+    """A scene that does not exist or can't be laid as wished."""
+
+    slug = "scene"
+
+
+@dataclass(frozen=True)
+class Wish:
+    """What is asked of a scene; None leaves it to the seed."""
+
+    name: str
+    radius_m: float
+    length_m: float
+    softness: float
+    crossings: int | None
+    strings: int | None
+    clearance: float
+
+
+@dataclass(frozen=True, eq=False)
+class Draft:
+    """Strings on the table before they are laid over one another."""
+
+    plan: list[Plan]
+    """Courses (N, 2) in even steps."""
+    lengths_m: list[float]
+    radii_m: list[float]
+    crossings: int | None = None
+    """How many it must have, where the course does not tell by itself."""
+    touching: bool = False
+    """Whether strands may touch, or end, beside others."""
+    from_start: bool = False
+    """Whether strings keep their first points where they are, and what lifting takes comes from their other ends."""
+
+
+def draft(rng: np.random.Generator, wish: Wish) -> Draft:
+    """Courses as wished, drawn at random.
+
+    Raises:
+        SceneError: none was found.
+    """
+    match wish.name:
+        case "several" | "random" | "settled":
+            return _wandering(rng, wish)
+        case "tangle":
+            return _tangle(rng, wish)
+        case "mixed-radii":
+            return _mixed(rng, wish)
+        case "ring" | "long" | "stacked" | "side-by-side" | "end-on-strand":
+            return _arranged(rng, wish)
+    return _alone(_shape(rng, wish), wish)
+
+
+def _shape(rng: np.random.Generator, wish: Wish) -> Plan:
+    """One string of a named shape."""
+    match wish.name:
+        case "straight":
+            return shapes.straight(rng, wish.length_m)
+        case "arc":
+            return shapes.arc(rng, wish.length_m)
+        case "loop":
+            return shapes.loop(rng, wish.length_m)
+        case "figure-eight":
+            return shapes.figure_eight(rng, wish.length_m)
+        case "overhand-knot":
+            return shapes.overhand_knot(rng, wish.length_m)
+        case "coil":
+            return shapes.coil(rng, wish.length_m, 2 if wish.crossings is None else wish.crossings)
+    raise SceneError(f"there is no scene {wish.name!r}")
+
+
+def _arranged(rng: np.random.Generator, wish: Wish) -> Draft:
+    """Strings of a named arrangement, which tells how often they cross."""
+    radius_m, length_m = wish.radius_m, wish.length_m
+    match wish.name:
+        case "ring":
+            crossings = int(rng.integers(2)) if wish.crossings is None else wish.crossings
+            return _alone(shapes.ring(rng, length_m, crossings), wish, crossings)
+        case "long":
+            return _alone(shapes.spiral(rng, length_m, 6 * radius_m), wish, 0)
+        case "stacked":
+            plan, crossings = contacts.stack(rng, length_m, radius_m), 3
+        case "side-by-side":
+            strings = int(rng.integers(1, 3)) if wish.strings is None else wish.strings
+            plan, crossings = (contacts.hairpin if strings == 1 else contacts.pair)(rng, length_m, radius_m), 0
+        case _:
+            crossings = int(rng.integers(2)) if wish.crossings is None else wish.crossings
+            plan = contacts.end_on_strand(rng, length_m, radius_m, bool(crossings))
+    laid_end = wish.name == "end-on-strand"
+    return Draft(plan, [length_m] * len(plan), [radius_m] * len(plan), crossings, touching=True, from_start=laid_end)
+
+
+def _alone(course: Plan, wish: Wish, crossings: int | None = None) -> Draft:
+    return Draft([course], [wish.length_m], [wish.radius_m], crossings)
+
+
+def choose_over(name: str, rng: np.random.Generator, crossings: Sequence[PlanCrossing]) -> list[bool]:
+    """For each crossing, whether its first strand lies above."""
+    match name:
+        case "coil":
+            return [False] * len(crossings)
+        case "overhand-knot":
+            # Passes alternate; a crossing's two passes are an odd number apart, so that its first decides.
+            passes = sorted(position for x in crossings for position in (x.first, x.second))
+            start = int(rng.integers(2))
+            return [(passes.index(x.first) + start) % 2 == 0 for x in crossings]
+        case "stacked":
+            # Three strands that lie in turn over one another would have to weave.
+            level = rng.permutation(3)
+            return [bool(level[x.first[0]] > level[x.second[0]]) for x in crossings]
+        case "end-on-strand":
+            return [False] * len(crossings)
+    return [bool(rng.integers(2)) for _ in crossings]
+
+
+def _wandering(rng: np.random.Generator, wish: Wish) -> Draft:
+    """One string, or several, with as many crossings as wished."""
+    several = wish.name == "several"
+    strings = (int(rng.integers(2, 4)) if several else 1) if wish.strings is None else wish.strings
+    most = (1, 5) if several else (0, 3)
+    crossings = int(rng.integers(*most)) if wish.crossings is None else wish.crossings
+    return _wander(rng, wish, [wish.length_m] * strings, Manner(wish.radius_m, wish.clearance), crossings)
+
+
+def _tangle(rng: np.random.Generator, wish: Wish) -> Draft:
+    """Cables as they lie about: of unlike length, gently curved with a tight bend here and there, some side by side.
+
+    They cross at angles down to 25 degrees.
+    """
+    strings = int(rng.integers(1, 4)) if wish.strings is None else wish.strings
+    most = min(3 * strings + 1, int(strings * wish.length_m / (50 * wish.radius_m)))
+    crossings = int(rng.integers(min(most, 1), most + 1)) if wish.crossings is None else wish.crossings
+    shares = rng.uniform(0.6, 1.4, strings) if strings > 1 else np.ones(1)
+    lengths_m = [float(length_m) for length_m in wish.length_m * strings * shares / shares.sum()]
+    manner = Manner(
+        wish.radius_m,
+        min(wish.clearance, 2.6),
+        bend_radius=float(rng.uniform(5.0, 9.0)),
+        bends_per_m=12.0,
+        gentleness=2.0,
+        min_angle_rad=float(np.deg2rad(25.0)),
+    )
+    return _wander(rng, wish, lengths_m, manner, crossings)
+
+
+def _mixed(rng: np.random.Generator, wish: Wish) -> Draft:
+    """Thick and thin strings that cross: of the wished radius, and of 0.55 to 0.75 of it, in any order."""
+    strings = 2 if wish.strings is None else wish.strings
+    crossings = int(rng.integers(1, strings + 1)) if wish.crossings is None else wish.crossings
+    shares = np.concatenate([[1.0], rng.uniform(0.55, 0.75, strings - 1)])
+    lengths_m = [wish.length_m] * strings
+    for _ in range(_MIXED_DRAWS):
+        laid = _wander(rng, wish, lengths_m, Manner(wish.radius_m, wish.clearance), crossings)
+        if not crossings or any(x.first[0] != x.second[0] for x in plan_crossings(laid.plan)):
+            break
+    else:
+        raise SceneError(f"{wish.name}: no two strings came to cross; use longer strings")
+    return Draft(laid.plan, lengths_m, [float(wish.radius_m * share) for share in rng.permutation(shares)])
+
+
+def _wander(rng: np.random.Generator, wish: Wish, lengths_m: list[float], manner: Manner, crossings: int) -> Draft:
+    count = len(lengths_m)
+    # Crossings' two passes, and strings' ends, keep this far apart along the strings.
+    if sum(lengths_m) < CROSSING_CLEARANCE * manner.radius_m * (2 * crossings + count):
+        plan = None
+    else:
+        plan = wander(rng, lengths_m, manner, crossings)
+    if plan is None:
+        raise SceneError(
+            f"{wish.name}: found no way to lay {count} string(s) of {wish.length_m:g} m and radius "
+            f"{wish.radius_m:g} m with {crossings} crossings; use longer strings for more crossings, thinner or "
+            "shorter ones for fewer"
+        )
+    return Draft(plan, lengths_m, [manner.radius_m] * count)

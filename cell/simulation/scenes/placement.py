@@ -1,0 +1,87 @@
+"""From courses on the table to strings in space, checked to be such as can lie there."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cell.simulation.scenes.layout import Draft, Wish, choose_over
+from cell.simulation.scenes.planar_crossings import PlanCrossing, is_closed, plan_crossings
+from cell.simulation.scenes.rod_relaxation import settle
+from cell.simulation.scenes.shapes import STEP_M, tightest_bend
+from cell.simulation.scenes.stacking_heights import HeightsError, lay
+from cell.simulation.scenes.strand_clearance import MIN_SIDE_CLEARANCE, deepest_overlap, strands_apart
+from recognition.geometry.polyline import arc_length, points_at
+
+MIN_BEND = 2.5
+"""No string is bent tighter than this many radii: it would buckle."""
+
+HANG_RADII = (11.0, 17.0)
+"""How far from a crossing settled strings come down to the table, in radii."""
+SET_SHARE = (0.75, 0.95)
+"""How much of their curvature settled strings have taken on."""
+
+_TOUCH = 0.02
+"""Strands may stand this share of their radii's sum in one another: contacts are asked for at points 1 mm apart."""
+
+
+def lay_down(rng: np.random.Generator, drawn: Draft, wish: Wish) -> list[NDArray[np.float64]]:
+    """Centre lines (N, 3) of a draft's strings, over and under drawn at random.
+
+    Raises:
+        HeightsError: they can't lie like that.
+    """
+    plan, radii_m = drawn.plan, drawn.radii_m
+    found = plan_crossings(plan)
+    if any(tightest_bend(curve) < MIN_BEND * radius_m for curve, radius_m in zip(plan, radii_m, strict=True)):
+        raise HeightsError("bends get too tight")
+    if drawn.crossings is not None and len(found) != drawn.crossings:
+        raise HeightsError(f"strands cross {len(found)} times instead of {drawn.crossings}")
+    if not drawn.touching and not strands_apart(plan, found, MIN_SIDE_CLEARANCE * max(radii_m)):
+        raise HeightsError("strands touch side by side")
+    over = choose_over(wish.name, rng, found)
+    raised = _raised(drawn, found, over, wish.softness)
+    if wish.name == "settled":
+        raised = _settled(rng, raised, found, wish)
+    curves = [_cut(curve, length_m, drawn.from_start) for curve, length_m in zip(raised, drawn.lengths_m, strict=True)]
+    if deepest_overlap(curves, radii_m) > 1 - wish.softness + _TOUCH:
+        raise HeightsError("strands stand in one another")
+    return curves
+
+
+def _raised(
+    drawn: Draft, found: tuple[PlanCrossing, ...], over: list[bool], softness: float
+) -> list[NDArray[np.float64]]:
+    """The courses (N, 3) with their heights; rings, which can't be cut, drawn in by what lifting takes."""
+    heights = lay(drawn.plan, found, over, drawn.radii_m, softness)
+    curves = [np.column_stack([xy, z]) for xy, z in zip(drawn.plan, heights, strict=True)]
+    if not any(is_closed(curve) for curve in curves):
+        return curves
+    shrunk = [
+        xy * (length_m / arc_length(curve)[-1])
+        for xy, length_m, curve in zip(drawn.plan, drawn.lengths_m, curves, strict=True)
+    ]
+    heights = lay(shrunk, plan_crossings(shrunk), over, drawn.radii_m, softness)
+    return [np.column_stack([xy, z]) for xy, z in zip(shrunk, heights, strict=True)]
+
+
+def _settled(
+    rng: np.random.Generator, raised: list[NDArray[np.float64]], found: tuple[PlanCrossing, ...], wish: Wish
+) -> list[NDArray[np.float64]]:
+    """The strings at rest, of a stiffness and a memory of their bends drawn at random."""
+    curves = settle(
+        raised, wish.radius_m, wish.softness, float(rng.uniform(*HANG_RADII)), float(rng.uniform(*SET_SHARE))
+    )
+    if len(plan_crossings(curves)) != len(found):
+        raise HeightsError("strands slid off one another")
+    return curves
+
+
+def _cut(curve: NDArray[np.float64], length_m: float, from_start: bool) -> NDArray[np.float64]:
+    """`curve` (N, 3) in even steps, cut to a length at both ends or the last: lifting has made it longer.
+
+    A ring is not cut.
+    """
+    s = arc_length(curve)
+    spare = 0.0 if is_closed(curve) else (s[-1] - length_m) / 2
+    first = 0.0 if from_start else spare
+    last = s[-1] - (2 * spare if from_start else spare)
+    return points_at(curve, np.linspace(first, last, int(np.ceil(length_m / STEP_M - 1e-9)) + 1))

@@ -1,0 +1,184 @@
+"""String scenes: strings lying on a table, over and under one another."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cell.config.strict_model import unit_hint
+from cell.simulation.scenes.clutter import Box, Clump, fixture_edge, place_boxes, place_clump
+from cell.simulation.scenes.layout import SceneError, Wish, draft
+from cell.simulation.scenes.placement import lay_down
+from cell.simulation.scenes.planar_crossings import is_closed
+from cell.simulation.scenes.stacking_heights import HeightsError
+from cell.simulation.scenes.strand_clearance import MIN_SIDE_CLEARANCE, SIDE_CLEARANCE
+
+__all__ = ["SCENES", "SceneError", "StringScene", "make_scene"]
+
+
+@dataclass(frozen=True, eq=False)
+class StringScene:
+    """Strings on the table z = 0 of the base frame, about its origin."""
+
+    name: str
+    radius_m: float
+    """Of the first string."""
+    curves: tuple[NDArray[np.float64], ...]
+    """Centre line of each string, (N, 3), in steps of about 1 mm; strings end square, without a cap."""
+    boxes: tuple[Box, ...] = field(default=())
+    """Clutter."""
+    clumps: tuple[Clump, ...] = field(default=())
+    """More clutter."""
+    radii_m: tuple[float, ...] = field(default=())
+    """Of each string; all of `radius_m` unless given."""
+
+    def __post_init__(self) -> None:
+        if not self.radii_m:
+            object.__setattr__(self, "radii_m", (self.radius_m,) * len(self.curves))
+        if len(self.radii_m) != len(self.curves):
+            raise SceneError(f"{self.name}: {len(self.curves)} strings have {len(self.radii_m)} radii")
+
+    @property
+    def closed(self) -> tuple[bool, ...]:
+        """For each string, whether it is a ring: its last point is then its first."""
+        return tuple(is_closed(curve) for curve in self.curves)
+
+
+SCENES = (
+    "straight",
+    "arc",
+    "loop",
+    "figure-eight",
+    "overhand-knot",
+    "coil",
+    "several",
+    "random",
+    "tangle",
+    "settled",
+    "mixed-radii",
+    "ring",
+    "stacked",
+    "side-by-side",
+    "end-on-strand",
+    "long",
+    "empty",
+)
+"""The names that `make_scene` knows."""
+
+_DRAWS = 12
+"""Drafts of a scene before it is given up."""
+
+_ONE_OR_NO_CROSSING = ("ring", "end-on-strand")
+_CROSSINGS = ("coil", "several", "random", "tangle", "settled", "mixed-radii", *_ONE_OR_NO_CROSSING)
+_STRINGS = {
+    "several": (1, 6),
+    "random": (1, 6),
+    "tangle": (1, 6),
+    "settled": (1, 6),
+    "mixed-radii": (2, 6),
+    "side-by-side": (1, 2),
+}
+
+
+def make_scene(
+    name: str,
+    seed: int,
+    radius_m: float = 0.0042,
+    length_m: float = 0.4,
+    softness: float = 1.0,
+    crossings: int | None = None,
+    clutter: int = 0,
+    strings: int | None = None,
+    clearance: float = SIDE_CLEARANCE,
+) -> StringScene:
+    """The scene of that name and seed; the same arguments give the same arrays.
+
+    straight, arc: no crossing. loop, figure-eight: one. overhand-knot: three, alternating, of equal sign.
+    coil: `crossings` turns (2 unless said), each over the one before. several: `strings` (2 or 3) strings
+    with 1 to 4 crossings or as many as wished. random: one string (or `strings`) with 0 to 2 or as many as wished.
+    tangle: cables of unlike length as they lie about, curved now more, now less, partly side by side, crossing at
+    25 degrees and more. settled: like random, then let go under weight, stiffness and contact. mixed-radii: thick and
+    thin strings that cross. ring: a closed string, with or without a crossing. stacked: three strands over one place.
+    side-by-side: a string folded back, or two strings, in contact over 30 to 80 mm. end-on-strand: an end that lies on
+    another strand (`crossings` 1) or butts against it (0). long: a flat spiral. empty: no string, but a fixture's edge,
+    a clump as of a hand, and boxes.
+
+    Args:
+        radius_m: of every string; in mixed-radii of the thickest.
+        length_m: of every string, along its centre line in space; in tangle their mean.
+        softness: 1.0: centre lines are 2 r apart where strands cross; 0.6: pressed together to 0.6 of that.
+        crossings: how many, for the scenes with a number to choose.
+        clutter: number of boxes beside the strings.
+        strings: how many, for the scenes with a number to choose.
+        clearance: least distance of strands that do not cross, in radii, for the random ones; 2.4 lets them lie
+            side by side all but touching.
+
+    Raises:
+        SceneError: an unknown name, values out of range, or no such scene can be laid.
+    """
+    _check(name, seed, radius_m, length_m, softness, crossings, clutter, strings, clearance)
+    rng = np.random.default_rng([SCENES.index(name), seed])
+    curves, radii_m = _lay(rng, Wish(name, radius_m, length_m, softness, crossings, strings, clearance))
+    edges = (fixture_edge(rng),) if name == "empty" else ()
+    boxes = place_boxes(rng, curves, radius_m, clutter, edges)
+    clump = place_clump(rng, boxes) if name == "empty" and boxes is not None else None
+    if boxes is None or (name == "empty" and clump is None):
+        raise SceneError(f"{name}: there is no room for {clutter} boxes beside the strings; use fewer")
+    clumps = () if clump is None else (clump,)
+    return StringScene(f"{name}-{seed}", radii_m[0] if radii_m else radius_m, curves, boxes, clumps, radii_m)
+
+
+def _lay(rng: np.random.Generator, wish: Wish) -> tuple[tuple[NDArray[np.float64], ...], tuple[float, ...]]:
+    """Centre lines (N, 3) of the strings and their radii, drawn again where strands touch or can't pass one another."""
+    if wish.name == "empty":
+        return (), ()
+    reason = ""
+    for _ in range(_DRAWS):
+        drawn = draft(rng, wish)
+        try:
+            curves = lay_down(rng, drawn, wish)
+        except HeightsError as error:
+            reason = str(error)
+            continue
+        return tuple(curves), tuple(drawn.radii_m)
+    raise SceneError(
+        f"{wish.name}: {reason} when a string of {wish.length_m:g} m has a radius of {wish.radius_m:g} m; "
+        "use a longer or a thinner one"
+    )
+
+
+def _check(
+    name: str,
+    seed: int,
+    radius_m: float,
+    length_m: float,
+    softness: float,
+    crossings: int | None,
+    clutter: int,
+    strings: int | None,
+    clearance: float,
+) -> None:
+    if name not in SCENES:
+        raise SceneError(f"there is no scene {name!r}; known are {', '.join(SCENES)}")
+    most_strings = _STRINGS.get(name, (1, 6))
+    for what, value, low, high in (
+        ("seed", seed, 0, 2**63),
+        ("radius_m", radius_m, 0.0005, 0.02),
+        ("length_m", length_m, 0.05, 12.0),
+        ("softness", softness, 0.6, 1.0),
+        ("clutter", clutter, 0, 20),
+        ("crossings", 0 if crossings is None else crossings, 0, 1 if name in _ONE_OR_NO_CROSSING else 40),
+        ("strings", most_strings[0] if strings is None else strings, *most_strings),
+        ("clearance", clearance, MIN_SIDE_CLEARANCE, 20.0),
+    ):
+        if not low <= value <= high:
+            hint = unit_hint(what, value, low, high)
+            raise SceneError(f"{name}: {what} is {value!r}; from {low:g} to {high:g} is taken{hint}")
+    if length_m < 12 * radius_m:
+        raise SceneError(f"{name}: a string of {length_m:g} m is too short for a radius of {radius_m:g} m")
+    if crossings is not None and name not in _CROSSINGS:
+        raise SceneError(f"{name} has a fixed number of crossings; {', '.join(_CROSSINGS)} take one")
+    if strings is not None and name not in _STRINGS:
+        raise SceneError(f"{name} has a fixed number of strings; {', '.join(_STRINGS)} take one")
+    if name == "coil" and crossings == 0:
+        raise SceneError("coil: at least one crossing is needed")

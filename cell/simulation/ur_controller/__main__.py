@@ -1,0 +1,79 @@
+"""`python -m cell.simulation.ur_controller --host 127.0.0.2`: the virtual controller as a process."""
+
+import argparse
+import asyncio
+import contextlib
+import json
+import os
+import signal
+import socket
+import sys
+
+from cell.simulation.ur_controller.servers.sockets import listening
+
+FIRST, LAST = 2, 250
+"""Addresses 127.0.0.x that are tried where none is given. 127.0.0.1 is not: ur_rtde leaves out a check there."""
+
+
+def main() -> int:
+    """Runs until interrupted. Says on standard output where it listens, as one line of JSON."""
+    parser = argparse.ArgumentParser(
+        prog="python -m cell.simulation.ur_controller", description="A virtual UR controller."
+    )
+    parser.add_argument("--model", default="ur5e", help="ur3e, ur5e or ur10e")
+    parser.add_argument("--host", help="loopback address; the first free one from 127.0.0.2 on unless given")
+    parser.add_argument("--time-factor", type=float, default=1.0, help="the arm moves so many times as fast")
+    parser.add_argument("--q-rad", type=float, nargs=6, help="joint angles at the start")
+    parser.add_argument("--table-z-m", type=float, help="safety plane that the flange must not come below")
+    parser.add_argument("--software", default="5.25.1", help="the version it tells")
+    parser.add_argument("--with-parent", action="store_true", help="ends when standard input is closed")
+    options = parser.parse_args()
+    try:
+        major, minor, bugfix = (int(part) for part in options.software.split("."))
+    except ValueError:
+        parser.error(f"--software {options.software}: three numbers are needed, as 5.25.1")
+    if not options.time_factor > 0:
+        parser.error("--time-factor must be positive")
+    try:
+        host, sockets = _listen(options.host)
+    except OSError as error:
+        where = options.host or f"any address 127.0.0.{FIRST} to 127.0.0.{LAST}"
+        reason = f"a virtual controller can't listen on {where}: {error.strerror or error}"
+        print(json.dumps({"error": reason}), flush=True)
+        return 1
+
+    # Only now: a taken address is said at once, and not after the imports of scipy.
+    from cell.kinematics.ur_kinematics import ARMS
+    from cell.simulation.ur_controller.controller import HOME_Q_RAD, ControllerOptions, serve
+
+    if options.model not in ARMS:
+        parser.error(f"--model {options.model}: one of {', '.join(ARMS)} is needed")
+    made = ControllerOptions(
+        options.model,
+        tuple(options.q_rad or HOME_Q_RAD),
+        options.time_factor,
+        options.table_z_m,
+        (major, minor, bugfix, 0),
+    )
+    if options.with_parent:
+        signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent ends it in its own time
+    print(json.dumps({"host": host, "pid": os.getpid()}), flush=True)
+    asyncio.run(serve(made, sockets, options.with_parent))
+    return 0
+
+
+def _listen(host: str | None) -> tuple[str, dict[int, socket.socket]]:
+    """The address and its listening sockets. Raises OSError: all addresses that may be used are taken."""
+    last: OSError | None = None
+    for candidate in [host] if host else [f"127.0.0.{k}" for k in range(FIRST, LAST + 1)]:
+        try:
+            return candidate, listening(candidate)
+        except OSError as error:
+            last = error
+    assert last is not None
+    raise last
+
+
+if __name__ == "__main__":
+    with contextlib.suppress(KeyboardInterrupt):
+        sys.exit(main())

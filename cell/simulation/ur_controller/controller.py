@@ -1,0 +1,139 @@
+"""The virtual controller as a whole: its ports and its cycle."""
+
+import asyncio
+import functools
+import os
+import socket
+import sys
+from dataclasses import dataclass
+
+import numpy as np
+
+from cell.config.arm_config import ArmModelName, simulated_serial
+from cell.simulation.ur_controller.robot.event_log import EventLog
+from cell.simulation.ur_controller.robot.robot import Robot
+from cell.simulation.ur_controller.robot.safety_limits import SafetyLimits
+from cell.simulation.ur_controller.servers.admin_server import AdminServer
+from cell.simulation.ur_controller.servers.dashboard_server import DashboardServer, Identity
+from cell.simulation.ur_controller.servers.rtde_server import RATE_HZ, RtdeClient, RtdeServer
+from cell.simulation.ur_controller.servers.script_server import ScriptServer
+from cell.simulation.ur_controller.servers.sockets import (
+    ADMIN_PORT,
+    DASHBOARD_PORT,
+    RTDE_PORT,
+    SCRIPT_PORT,
+    Links,
+    bound,
+)
+
+IDLE_HZ = 50.0
+"""Cycles while nobody listens and nothing moves: an idle controller costs next to nothing."""
+HOME_Q_RAD = tuple(np.deg2rad((0.0, -90.0, 90.0, -90.0, -90.0, 0.0)).tolist())
+LATE_S = 0.02
+"""A cycle later than this was kept from the processor by other work of the machine."""
+PARENT_S = 1.0
+"""How often it looks whether the parent process is still there."""
+
+
+@dataclass(frozen=True)
+class ControllerOptions:
+    """What a virtual controller is made of."""
+
+    model: ArmModelName
+    q_rad: tuple[float, ...]
+    """(6,) where the arm is at the start."""
+    time_factor: float
+    """The arm moves so many times as fast; nothing else does."""
+    table_z_m: float | None
+    """Safety plane; see SafetyLimits."""
+    version: tuple[int, int, int, int]
+    """Of the software, as the controller tells it."""
+
+
+async def serve(options: ControllerOptions, sockets: dict[int, socket.socket], with_parent: bool) -> None:
+    """Runs the controller on listening sockets until the process is to end.
+
+    `with_parent`: it ends when standard input is closed, as it is when the parent process dies.
+    """
+    loop = asyncio.get_running_loop()
+    log, links = EventLog(), Links()
+    q_rad = np.array(options.q_rad, dtype=np.float64)
+    robot = Robot(options.model, q_rad, options.time_factor, SafetyLimits(options.table_z_m), log, loop.time())
+    rtde = RtdeServer(robot, links, options.version)
+    identity = Identity(options.version, serial=simulated_serial(options.model))
+    listeners = _Listeners(
+        sockets,
+        {
+            RTDE_PORT: functools.partial(RtdeClient, rtde),
+            SCRIPT_PORT: functools.partial(ScriptServer, robot, links),
+            DASHBOARD_PORT: functools.partial(DashboardServer, robot, links, identity),
+        },
+    )
+    await listeners.listen(True)
+    await loop.create_server(lambda: AdminServer(robot, links, listeners.listen), sock=sockets[ADMIN_PORT])
+    end = loop.create_future()
+    if with_parent:
+        loop.add_reader(sys.stdin.fileno(), _read_end, end)
+    cycle = _Cycle(robot, rtde, os.getppid() if with_parent else None, end)
+    cycle.run()
+    await end
+
+
+class _Cycle:
+    """The controller's cycle, again and again by the clock.
+
+    A chain of timer calls: a coroutine that sleeps costs half as much again.
+    """
+
+    def __init__(self, robot: Robot, rtde: RtdeServer, parent_pid: int | None, end: "asyncio.Future[None]") -> None:
+        self._robot, self._rtde, self._parent_pid, self._end = robot, rtde, parent_pid, end
+        self._loop = asyncio.get_running_loop()
+        self._due_s = self._parent_s = self._loop.time()
+
+    def run(self) -> None:
+        """One cycle, and the next one planned."""
+        try:
+            self._run(self._loop.time())
+        except Exception as error:  # noqa: BLE001 (handed on to whoever waits for the end)
+            if not self._end.done():
+                self._end.set_exception(error)
+
+    def _run(self, now_s: float) -> None:
+        robot, rtde = self._robot, self._rtde
+        if now_s - self._due_s > LATE_S:  # a real controller is never kept from its work
+            robot.watchdog.excuse(self._due_s, now_s)
+        robot.advance(now_s)
+        robot.cycle()
+        rtde.send(now_s)
+        self._due_s = max(self._due_s + 1.0 / (RATE_HZ if rtde.streaming or robot.arm.busy else IDLE_HZ), now_s)
+        self._loop.call_at(self._due_s, self.run)
+        if self._parent_pid is not None and now_s > self._parent_s + PARENT_S:
+            self._parent_s = now_s
+            # Standard input stays open where a fork of the parent lives on.
+            if os.getppid() != self._parent_pid and not self._end.done():
+                self._end.set_result(None)
+
+
+class _Listeners:
+    """The robot's own ports: answered, or refused."""
+
+    def __init__(self, sockets: dict[int, socket.socket], makers: dict[int, functools.partial]) -> None:
+        self._sockets, self._makers = sockets, makers
+        self._servers: dict[int, asyncio.Server] = {}
+
+    async def listen(self, on: bool) -> None:
+        """Answers connections from now on, or refuses them."""
+        loop = asyncio.get_running_loop()
+        for port, maker in self._makers.items():
+            if on and port not in self._servers:
+                self._servers[port] = await loop.create_server(maker, sock=self._sockets[port])
+            elif not on and port in self._servers:
+                host = self._sockets[port].getsockname()[0]
+                self._servers.pop(port).close()
+                # Bound but not listening: connections are refused, and nobody else takes the port.
+                self._sockets[port] = bound(host, port)
+
+
+def _read_end(end: "asyncio.Future[None]") -> None:
+    if not os.read(sys.stdin.fileno(), 4096) and not end.done():
+        end.set_result(None)

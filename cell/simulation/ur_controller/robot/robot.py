@@ -1,0 +1,259 @@
+"""The controller's states and what changes them: power, safety, remote control, the program."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from cell.config.arm_config import ArmModelName
+from cell.simulation.ur_controller.robot.arm import HANDOVER_RAD_S2, PROTECTIVE_RAD_S2, Arm, Goal, UnreachableGoalError
+from cell.simulation.ur_controller.robot.event_log import EventLog
+from cell.simulation.ur_controller.robot.registers import Registers
+from cell.simulation.ur_controller.robot.safety_limits import SafetyLimits
+from cell.simulation.ur_controller.robot.states import RobotMode, RuntimeState, SafetyMode
+from cell.simulation.ur_controller.robot.tcp import Tool
+from cell.simulation.ur_controller.robot.trajectories import Joints
+from cell.simulation.ur_controller.robot.urscript_program import ControlProgram, ScriptError
+from cell.simulation.ur_controller.robot.watchdog import Watchdog
+
+UNLOCK_AFTER_S = 5.0
+"""A protective stop can't be unlocked earlier."""
+POWER_STEP_S = 0.3
+"""From power off to idle, and from idle to running. Real arms take some seconds."""
+START_S = 0.01
+"""From the upload of a program to its first cycle."""
+
+
+@dataclass(frozen=True)
+class ForeignProgram:
+    """A program of somebody else's. It runs and does nothing until it is stopped."""
+
+    name: str
+
+    def run(self) -> Iterator[None]:
+        """One cycle after the other."""
+        while True:
+            yield
+
+
+class Robot:
+    """One robot: arm, registers and states. Time comes in with `advance`."""
+
+    def __init__(
+        self, model: ArmModelName, q_rad: Joints, time_factor: float, limits: SafetyLimits, log: EventLog, now_s: float
+    ) -> None:
+        self.log, self.limits = log, limits
+        self.arm = Arm(model, q_rad, time_factor, log, now_s)
+        self.tool = Tool(self.arm)
+        self.registers = Registers()
+        self.watchdog = Watchdog()
+        self.started_s = self.now_s = now_s
+        self.mode, self.safety, self.runtime = RobotMode.RUNNING, SafetyMode.NORMAL, RuntimeState.STOPPED
+        self.remote = True
+        """Remote control: scripts and dashboard commands are obeyed."""
+        self.loaded: str | None = None
+        """The program that the pendant has loaded."""
+        self.program: ControlProgram | ForeignProgram | None = None
+        self.payload_kg, self.payload_cog_m = 0.0, [0.0, 0.0, 0.0]
+        self.digital_outputs = 0
+        """Bits 0-7 standard, 8-15 configurable, 16-17 tool."""
+        self.planned_stops_s: list[float] = []
+        """Moments at which the safety system will stop the arm."""
+        self.planned_stop_shares: list[float] = []
+        """Shares of a move at which it will."""
+        self._cycles: Iterator[None] | None = None
+        self._program_start_s = 0.0
+        self._paused_goal: Goal | None = None
+        self._protective_s = -np.inf
+        self._powering: tuple[float, RobotMode] | None = None
+
+    @property
+    def status_bits(self) -> int:
+        """RTDE's robot_status_bits."""
+        powered = self.mode in (RobotMode.POWER_ON, RobotMode.IDLE, RobotMode.RUNNING)
+        return int(powered) | (int(self.program is not None) << 1)
+
+    def advance(self, now_s: float) -> None:
+        """Brings arm, safety and power to `now_s`."""
+        if self.planned_stops_s or self.planned_stop_shares:
+            self._make_planned_stops(now_s)
+        self._advance(now_s)
+
+    def _make_planned_stops(self, now_s: float) -> None:
+        for planned, moment in ((self.planned_stops_s, float), (self.planned_stop_shares, self.arm.moment_of)):
+            for stop in list(planned):
+                stop_s = moment(stop)
+                if stop_s is not None and stop_s <= now_s:
+                    planned.remove(stop)
+                    self._advance(stop_s)
+                    self.protective_stop("asked for")
+
+    def _advance(self, now_s: float) -> None:
+        self.now_s = now_s
+        moving = not self.arm.still
+        try:
+            self.arm.advance(now_s)
+        except UnreachableGoalError as error:
+            self.protective_stop(str(error))
+        if moving and self.safety is SafetyMode.NORMAL:
+            violation = self.limits.violation(self.arm.model, self.arm.q)
+            if violation is not None:
+                self.protective_stop(violation)
+        if self.runtime is RuntimeState.STOPPING and self.arm.still:
+            self._set_runtime(RuntimeState.STOPPED)
+        if self._powering is not None and now_s >= self._powering[0]:
+            self._set_mode(self._powering[1])
+            self._powering = None if self.mode is not RobotMode.POWER_ON else (now_s + POWER_STEP_S, RobotMode.IDLE)
+
+    def cycle(self) -> None:
+        """One cycle of the running program."""
+        if self.runtime is not RuntimeState.PLAYING or self._cycles is None or self.now_s < self._program_start_s:
+            return
+        if self.watchdog.hungry(self.now_s):
+            watchdog = self.watchdog
+            silence_s, excused_s = watchdog.silence_s(self.now_s), watchdog.excused_s
+            self.log.add("watchdog_expired", self.now_s, hz=watchdog.hz, silence_s=silence_s, excused_s=excused_s)
+            self.stop_program("watchdog")
+            return
+        try:
+            next(self._cycles)
+        except StopIteration:
+            self.stop_program("ended")
+        except ScriptError as error:
+            self.log.add("script_error", self.now_s, error=str(error))
+            self.stop_program("script error")
+
+    def arm_watchdog(self, hz: float) -> None:
+        """The program wants to be fed so often."""
+        self.watchdog.arm(hz, self.now_s)
+        self.log.add("watchdog_armed", self.now_s, hz=hz)
+
+    def why_no_program(self) -> str | None:
+        """What keeps a program from being started now; None if nothing does."""
+        if not self.remote:
+            return "not in remote control"
+        if self.mode is not RobotMode.RUNNING:
+            return f"robot mode {self.mode.name}"
+        if self.safety not in (SafetyMode.NORMAL, SafetyMode.REDUCED):
+            return f"safety mode {self.safety.name}"
+        return None
+
+    def run_program(self, program: ControlProgram | ForeignProgram) -> None:
+        """Starts a program; one that runs is killed."""
+        if self.program is not None:
+            self.log.add("program_killed", self.now_s, name=self.program.name, by=program.name)
+            self.stop_program("killed by another program")
+        self.program, self._cycles = program, program.run()
+        self._program_start_s = self.now_s + START_S
+        self.watchdog.arm(0.0, self.now_s)
+        self._set_runtime(RuntimeState.PLAYING)
+
+    def stop_program(self, reason: str) -> bool:
+        """Ends the program; the arm brakes. False if there was none."""
+        if self.program is None:
+            return False
+        self.log.add("program_stopped", self.now_s, name=self.program.name, reason=reason)
+        self.program, self._cycles, self._paused_goal = None, None, None
+        self.watchdog.hz = 0.0
+        self.arm.brake(HANDOVER_RAD_S2, reason)
+        self._set_runtime(RuntimeState.STOPPED if self.arm.still else RuntimeState.STOPPING)
+        return True
+
+    def pause_program(self, deceleration_rad_s2: float, reason: str) -> bool:
+        """Pauses the program and its move. False if none plays."""
+        playing = self.runtime is RuntimeState.PLAYING
+        goal = self.arm.pause(deceleration_rad_s2, reason)
+        if playing:
+            self._paused_goal = goal
+            self._set_runtime(RuntimeState.PAUSED)
+        return playing
+
+    def play(self) -> bool:
+        """Goes on with a paused program *and its move*, or starts the loaded one. False if it can't."""
+        if self.why_no_program() is not None:
+            return False
+        if self.runtime is RuntimeState.PAUSED:
+            self.watchdog.feed(self.now_s)
+            self._set_runtime(RuntimeState.PLAYING)
+            goal, self._paused_goal = self._paused_goal, None
+            if goal is not None:
+                try:
+                    self.arm.go(goal)
+                except UnreachableGoalError as error:
+                    self.protective_stop(str(error))
+            return True
+        if self.program is None and self.loaded is not None:
+            self.run_program(ForeignProgram(self.loaded))
+            return True
+        return False
+
+    def protective_stop(self, cause: str) -> None:
+        """The safety system stops the arm and pauses the program."""
+        if self.safety is not SafetyMode.NORMAL:
+            return
+        self._protective_s = self.now_s
+        self._set_safety(SafetyMode.PROTECTIVE_STOP, cause)
+        self.pause_program(PROTECTIVE_RAD_S2, "protective stop")
+
+    def unlock(self) -> bool:
+        """Ends a protective stop; the program stays paused. False if it is too early."""
+        if self.now_s - self._protective_s < UNLOCK_AFTER_S:
+            return False
+        if self.safety is SafetyMode.PROTECTIVE_STOP:
+            self._set_safety(SafetyMode.NORMAL, "unlocked")
+        return True
+
+    def emergency_stop(self, pressed: bool) -> None:
+        """The red button. Released, the arm is still without power."""
+        if not pressed:
+            if self.safety is SafetyMode.ROBOT_EMERGENCY_STOP:
+                self._set_safety(SafetyMode.NORMAL, "released")
+            return
+        self._set_safety(SafetyMode.ROBOT_EMERGENCY_STOP, "pressed")
+        self.arm.brake(PROTECTIVE_RAD_S2, "emergency stop")
+        self.stop_program("emergency stop")
+        self.power_off()
+
+    def power_off(self) -> None:
+        """The arm loses its power; it is braked."""
+        self.arm.brake(PROTECTIVE_RAD_S2, "power off")
+        self.stop_program("power off")
+        self._powering = None
+        self._set_mode(RobotMode.POWER_OFF)
+
+    def power_on(self) -> None:
+        """To idle, brakes still closed."""
+        if self.mode is RobotMode.POWER_OFF and self.safety is SafetyMode.NORMAL:
+            self._powering = (self.now_s + POWER_STEP_S, RobotMode.POWER_ON)
+
+    def release_brakes(self) -> None:
+        """From idle to running; an arm without power is given it first."""
+        if self.mode in (RobotMode.POWER_ON, RobotMode.IDLE) and self.safety is SafetyMode.NORMAL:
+            self._powering = (self.now_s + POWER_STEP_S, RobotMode.RUNNING)
+
+    def set_right(self, q_rad: Joints | None = None) -> None:
+        """As if a person had put everything right at the pendant: power, safety, remote control, no program."""
+        self.stop_program("put right")
+        self.arm.place(self.arm.q if q_rad is None else q_rad)
+        self.arm.speed_fraction, self.digital_outputs = 1.0, 0
+        self.registers.outputs.clear()
+        self.tool.T_flange_tcp, self.remote, self.loaded, self._powering = np.eye(4), True, None, None
+        self._set_mode(RobotMode.RUNNING)
+        self._set_safety(SafetyMode.NORMAL, "put right")
+        self._set_runtime(RuntimeState.STOPPED)
+
+    def _set_mode(self, mode: RobotMode) -> None:
+        if mode is not self.mode:
+            self.mode = mode
+            self.log.add("robot_mode", self.now_s, mode=mode.name)
+
+    def _set_safety(self, safety: SafetyMode, cause: str) -> None:
+        if safety is not self.safety:
+            self.safety = safety
+            self.log.add("safety", self.now_s, mode=safety.name, cause=cause)
+
+    def _set_runtime(self, runtime: RuntimeState) -> None:
+        if runtime is not self.runtime:
+            self.runtime = runtime
+            name = None if self.program is None else self.program.name
+            self.log.add("program_state", self.now_s, state=runtime.name, name=name)

@@ -1,0 +1,38 @@
+"""What the simulated safety system allows."""
+
+import math
+from dataclasses import dataclass
+from functools import cache
+
+from cell.config.arm_config import ArmModelName
+from cell.kinematics import ur_kinematics
+from cell.simulation.ur_controller.robot.trajectories import Joints
+
+JOINT_MARGIN_RAD = math.radians(3.0)
+"""The safety configuration as delivered lets each joint turn to 363 degrees."""
+
+
+@dataclass(frozen=True)
+class SafetyLimits:
+    """Where the arm may be."""
+
+    table_z_m: float | None = None
+    """A safety plane: below it the flange must not come. None for no plane."""
+
+    def violation(self, model: ArmModelName, q: Joints) -> str | None:
+        """What is violated at the joint angles (6,), in words; None if nothing is."""
+        # Plain floats: this runs at the rate of the stream, where numpy's calls would take longer than the sums.
+        for k, (angle, limit) in enumerate(zip(q.tolist(), _limits(model), strict=True)):
+            if not abs(angle) <= limit:
+                return f"joint {k + 1} at {math.degrees(angle):.1f} degrees is beyond its limit"
+        if self.table_z_m is None:
+            return None
+        z = float(ur_kinematics.forward(model, q)[2, 3])
+        if z < self.table_z_m:
+            return f"the flange at z = {z:.3f} m is below the plane at {self.table_z_m:.3f} m"
+        return None
+
+
+@cache
+def _limits(model: ArmModelName) -> tuple[float, ...]:
+    return tuple((ur_kinematics.joint_limits(model) + JOINT_MARGIN_RAD).tolist())

@@ -1,0 +1,235 @@
+"""The RTDE server: robot state out at up to 500 Hz, input registers in."""
+
+import asyncio
+import math
+import struct
+from typing import Any
+
+from cell.simulation.ur_controller.robot import urscript_program
+from cell.simulation.ur_controller.robot.robot import Robot
+from cell.simulation.ur_controller.servers import rtde_variables
+from cell.simulation.ur_controller.servers.rtde_recipes import InputRecipe, OutputRecipe, input_recipe, output_recipe
+from cell.simulation.ur_controller.servers.sockets import RTDE_PORT, Links
+
+RATE_HZ = 500.0
+UNSENT_BYTES = 200_000
+"""A client that reads so little is disconnected, as a real controller does when its buffer overflows."""
+LONGEST_PACKAGE = 0xFFFF
+ERROR, WARNING = 1, 2
+COMMAND_REGISTER = "input_int_register_0"
+
+_MASKED = {
+    "standard_digital_output": ("standard_digital_output_mask", 0),
+    "configurable_digital_output": ("configurable_digital_output_mask", 8),
+    "tool_digital_output": ("tool_digital_output_mask", 16),
+}
+"""Digital outputs, the variable that says which of them are meant, and their first bit."""
+
+
+class RtdeServer:
+    """All RTDE clients."""
+
+    def __init__(self, robot: Robot, links: Links, version: tuple[int, int, int, int]) -> None:
+        self.robot, self.links, self.version = robot, links, version
+        self.clients: set[RtdeClient] = set()
+        self.owners: dict[str, RtdeClient] = {}
+        """Which client may write an input variable."""
+
+    @property
+    def streaming(self) -> bool:
+        """Some client wants data."""
+        return any(client.started for client in self.clients)
+
+    def send(self, now_s: float) -> None:
+        """Sends each client's package if it is due."""
+        if self.links.frozen:
+            return
+        for client in list(self.clients):
+            client.send(now_s)
+
+
+class RtdeClient(asyncio.Protocol):
+    """One connection."""
+
+    def __init__(self, server: RtdeServer) -> None:
+        self._server, self._robot = server, server.robot
+        self._buffer = bytearray()
+        self._version = 1
+        self._output: OutputRecipe | None = None
+        self._inputs: dict[int, InputRecipe] = {}
+        self._period_s, self._due_s = 1.0 / RATE_HZ, 0.0
+        self.started = False
+        self._transport: asyncio.Transport
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        """asyncio's call."""
+        assert isinstance(transport, asyncio.Transport)
+        self._transport = transport
+        self._peer = list(transport.get_extra_info("peername") or ())
+        self._robot.log.add("connected", port=RTDE_PORT, peer=self._peer)
+        if self._server.links.opened(transport, RTDE_PORT):
+            self._server.clients.add(self)
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        """asyncio's call."""
+        self._robot.log.add("disconnected", port=RTDE_PORT, peer=self._peer)
+        self._server.links.closed(self._transport)
+        self._server.clients.discard(self)
+        self._server.owners = {name: owner for name, owner in self._server.owners.items() if owner is not self}
+
+    def data_received(self, data: bytes) -> None:
+        """asyncio's call: takes the packages that are whole."""
+        self._buffer += data
+        while len(self._buffer) >= 3:
+            size, kind = struct.unpack_from(">HB", self._buffer)
+            if size < 3:
+                self._robot.log.add("rtde_refused", reason=f"a package of {size} bytes")
+                self._transport.abort()
+                return
+            if len(self._buffer) < size:
+                return
+            payload = bytes(self._buffer[3:size])
+            del self._buffer[:size]
+            self._take(chr(kind), payload)
+
+    def send(self, now_s: float) -> None:
+        """Sends a package if one is due."""
+        if not self.started or self._output is None or now_s < self._due_s:
+            return
+        links = self._server.links
+        period_s = self._period_s if links.rate_hz is None else max(self._period_s, 1.0 / links.rate_hz)
+        # By the clock; a controller that came late skips packages, it does not send them in a burst.
+        self._due_s = max(self._due_s + period_s, now_s - period_s) if self._due_s > 0 else now_s + period_s
+        if self._transport.get_write_buffer_size() > UNSENT_BYTES:
+            self._robot.log.add("rtde_overflow", peer=self._peer)
+            self._transport.abort()
+            return
+        package = self._output.package()
+        if links.delay_s > 0:
+            asyncio.get_running_loop().call_later(links.delay_s, self._write, package)
+        else:
+            self._transport.write(package)
+
+    def _write(self, package: bytes) -> None:
+        if not self._transport.is_closing():
+            self._transport.write(package)
+
+    def _answer(self, kind: str, payload: bytes) -> None:
+        self._write(struct.pack(">HB", 3 + len(payload), ord(kind)) + payload)
+
+    def _complain(self, text: str, level: int = WARNING) -> None:
+        self._robot.log.add("rtde_refused", reason=text)
+        if self._version > 1:
+            message, source = text.encode()[:255], b"RTDE"
+            payload = bytes([len(message)]) + message + bytes([len(source)]) + source + bytes([level])
+        else:
+            payload = bytes([level]) + text.encode()[:255]
+        self._answer("M", payload)
+
+    def _take(self, kind: str, payload: bytes) -> None:
+        try:
+            match kind:
+                case "U":
+                    self._take_data(payload)
+                case "V":
+                    (wanted,) = struct.unpack(">H", payload)
+                    if accepted := wanted in (1, 2):
+                        self._version = wanted
+                    self._answer("V", bytes([accepted]))
+                case "v":
+                    self._answer("v", struct.pack(">4I", *self._server.version))
+                case "M":
+                    self._robot.log.add("rtde_text", text=payload.decode(errors="replace"))
+                case "O":
+                    self._set_up_outputs(payload)
+                case "I":
+                    self._set_up_inputs(payload)
+                case "S":
+                    self.started = self._output is not None and self._output.valid
+                    self._due_s = 0.0
+                    self._answer("S", bytes([self.started]))
+                    self._robot.log.add("rtde_start", peer=self._peer, accepted=self.started)
+                case "P":
+                    self.started = False
+                    self._answer("P", b"\x01")
+                case _:
+                    self._complain(f"unknown package type {ord(kind)}", ERROR)
+        except (struct.error, UnicodeDecodeError, ValueError) as error:
+            self._complain(f"a {kind} package that can not be read: {error}", ERROR)
+
+    def _set_up_outputs(self, payload: bytes) -> None:
+        rate_hz = RATE_HZ
+        if self._version > 1:
+            (rate_hz,) = struct.unpack_from(">d", payload)
+            payload = payload[8:]
+        names = _names(payload)
+        if not (math.isfinite(rate_hz) and 0 < rate_hz <= RATE_HZ and names):
+            self._output = None
+            self._answer("O", b"\x00" if self._version > 1 else b"")
+            self._complain(f"{len(names)} variables at {rate_hz:g} Hz; 1 to {RATE_HZ:g} Hz are possible", ERROR)
+            return
+        self._period_s = 1.0 / rate_hz
+        self._output = output_recipe(self._robot, names, self._version)
+        if self._output.layout.size > LONGEST_PACKAGE:
+            self._output = None
+            self._answer("O", b"\x00" if self._version > 1 else b"")
+            self._complain(f"{len(names)} variables do not fit into a package", ERROR)
+            return
+        head = bytes([self._output.recipe_id if self._output.valid else 0]) if self._version > 1 else b""
+        self._answer("O", head + ",".join(self._output.types).encode())
+
+    def _set_up_inputs(self, payload: bytes) -> None:
+        owners = self._server.owners
+        recipe = input_recipe(_names(payload), lambda name: owners.get(name, self) is not self)
+        number = 0
+        if recipe.valid and len(self._inputs) < 255:
+            number = len(self._inputs) + 1
+            self._inputs[number] = recipe
+            owners.update(dict.fromkeys(recipe.names, self))
+        else:
+            self._robot.log.add("rtde_refused", reason=f"input recipe: {','.join(recipe.types)}")
+        self._answer("I", bytes([number]) + ",".join(recipe.types).encode())
+
+    def _take_data(self, payload: bytes) -> None:
+        recipe = self._inputs.get(payload[0]) if payload else None
+        if recipe is None:
+            self._complain("data for an input recipe that was not set up", ERROR)
+            return
+        if len(payload) != 1 + recipe.layout.size:
+            self._complain(f"data of {len(payload)} bytes; the recipe has {1 + recipe.layout.size}", ERROR)
+            return
+        values = recipe.values(payload[1:])
+        for name, value in values.items():
+            rtde_variables.write_input(self._robot, name, value)
+        self._set_outputs(values)
+        if COMMAND_REGISTER in values:
+            now_s = asyncio.get_running_loop().time()
+            self._robot.watchdog.feed(now_s)
+            if values[COMMAND_REGISTER] not in (0, urscript_program.KICK):
+                self._robot.log.add("command", now_s, **_command(self._robot, values[COMMAND_REGISTER]))
+
+    def _set_outputs(self, values: dict[str, Any]) -> None:
+        if values.get("speed_slider_mask"):
+            self._robot.arm.speed_fraction = min(1.0, max(0.0, values.get("speed_slider_fraction", 1.0)))
+            self._robot.log.add("speed_slider", fraction=self._robot.arm.speed_fraction)
+        for name, (mask_name, first) in _MASKED.items():
+            if mask := values.get(mask_name):
+                kept = self._robot.digital_outputs & ~(mask << first)
+                self._robot.digital_outputs = kept | (values.get(name, 0) & mask) << first
+
+
+def _names(payload: bytes) -> list[str]:
+    return [name.strip() for name in payload.decode("ascii").split(",") if name.strip()]
+
+
+def _command(robot: Robot, number: int) -> dict[str, Any]:
+    """What the registers ask the program to do, for the log."""
+    bank = robot.registers.inputs
+    details: dict[str, Any] = {"number": number, "name": urscript_program.NAMES.get(number, "unknown")}
+    if number in (1, 2, 3, 4):
+        details |= {"target": bank.doubles[:6], "speed": bank.doubles[6], "acceleration": bank.doubles[7]}
+    if number in (1, 2, 3, 4, 33, 34, 45):
+        details["asynchronous"] = bank.integers[1] == 1
+    if number in (33, 34, 35):
+        details["value"] = bank.doubles[0]
+    return details

@@ -1,0 +1,166 @@
+"""RTDE's variables by name: their types on the wire and where their values come from."""
+
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+from cell.simulation.ur_controller.robot.poses import pose_vector
+from cell.simulation.ur_controller.robot.robot import Robot
+from cell.simulation.ur_controller.robot.states import RuntimeState
+
+FORMATS = {
+    "BOOL": "?", "UINT8": "B", "UINT32": "I", "UINT64": "Q", "INT32": "i", "DOUBLE": "d", "VECTOR3D": "3d",
+    "VECTOR6D": "6d", "VECTOR6INT32": "6i", "VECTOR6UINT32": "6I",
+}  # fmt: skip
+"""The types and how `struct` packs them."""
+
+Value = Sequence[float] | float
+Getter = Callable[[Robot], Value]
+
+_NUMBERED = re.compile(r"(input|output)_(bit|int|double)_register_(\d+)")
+_WORD = re.compile(r"(input|output)_bit_registers(0_to_31|32_to_63)")
+_ZERO6 = [0.0] * 6
+
+
+def _all(names: str, kind: str, source: "Getter | Value") -> "dict[str, tuple[str, Getter | Value]]":
+    """The same for several variables."""
+    return dict.fromkeys(names.split(), (kind, source))
+
+
+def _turning(robot: Robot) -> float:
+    return float(robot.runtime is not RuntimeState.PAUSED)
+
+
+OUTPUTS: dict[str, tuple[str, Getter | Value]] = {
+    "timestamp": ("DOUBLE", lambda robot: robot.now_s - robot.started_s),
+    **_all("target_q actual_q", "VECTOR6D", lambda robot: robot.tool.q_rad),
+    **_all("target_qd actual_qd", "VECTOR6D", lambda robot: robot.tool.qd_rad_s),
+    **_all("target_TCP_pose actual_TCP_pose", "VECTOR6D", lambda robot: robot.tool.pose),
+    **_all("target_TCP_speed actual_TCP_speed", "VECTOR6D", lambda robot: robot.tool.speed),
+    "tcp_offset": ("VECTOR6D", lambda robot: pose_vector(robot.tool.T_flange_tcp)),
+    "robot_mode": ("INT32", lambda robot: robot.mode.value),
+    **_all("safety_mode safety_status", "INT32", lambda robot: robot.safety.value),
+    "robot_status_bits": ("UINT32", lambda robot: robot.status_bits),
+    "safety_status_bits": ("UINT32", lambda robot: robot.safety.bits),
+    "runtime_state": ("UINT32", lambda robot: robot.runtime.value),
+    "speed_scaling": ("DOUBLE", _turning),
+    "target_speed_fraction": ("DOUBLE", lambda robot: robot.arm.speed_fraction),
+    "actual_digital_output_bits": ("UINT64", lambda robot: robot.digital_outputs),
+    "payload": ("DOUBLE", lambda robot: robot.payload_kg),
+    "payload_cog": ("VECTOR3D", lambda robot: robot.payload_cog_m),
+    "joint_mode": ("VECTOR6INT32", [253] * 6),  # running
+    "joint_temperatures": ("VECTOR6D", [30.0] * 6),
+    "actual_joint_voltage": ("VECTOR6D", [48.0] * 6),
+    "actual_tool_accelerometer": ("VECTOR3D", [0.0, 0.0, 9.81]),
+    "tool_temperature": ("DOUBLE", 30.0),
+    "tool_output_voltage": ("INT32", 0),
+    "time_scale_source": ("INT32", -1),
+    **_all("actual_main_voltage actual_robot_voltage", "DOUBLE", 48.0),
+    **_all("elbow_position elbow_velocity", "VECTOR3D", [0.0] * 3),
+    **_all(
+        """target_qdd target_current target_moment actual_current actual_current_window actual_current_as_torque
+        joint_control_output actual_TCP_force ft_raw_wrench actual_TCP_acceleration target_TCP_acceleration
+        payload_inertia""",
+        "VECTOR6D",
+        _ZERO6,
+    ),
+    **_all(
+        """actual_execution_time target_execution_time actual_momentum tcp_force_scalar actual_robot_current io_current
+        tool_output_current tool_analog_input0 tool_analog_input1 standard_analog_input0 standard_analog_input1
+        standard_analog_output0 standard_analog_output1 joint_position_deviation_ratio collision_detection_ratio""",
+        "DOUBLE",
+        0.0,
+    ),
+    **_all("actual_digital_input_bits actual_configurable_digital_input_bits", "UINT64", 0),
+    **_all(
+        """analog_io_types tool_mode tool_analog_input_types euromap67_input_bits euromap67_output_bits
+        script_control_line""",
+        "UINT32",
+        0,
+    ),
+    **_all("tool_output_mode tool_digital_output0_mode tool_digital_output1_mode", "UINT8", 0),
+}
+"""Variables that the controller gives, with how to get the value. Those with a value are there for clients that ask for
+everything: it never changes."""
+
+INPUTS = {
+    "speed_slider_mask": "UINT32",
+    "speed_slider_fraction": "DOUBLE",
+    "standard_digital_output_mask": "UINT8",
+    "standard_digital_output": "UINT8",
+    "configurable_digital_output_mask": "UINT8",
+    "configurable_digital_output": "UINT8",
+    "tool_digital_output_mask": "UINT8",
+    "tool_digital_output": "UINT8",
+    "standard_analog_output_mask": "UINT8",
+    "standard_analog_output_type": "UINT8",
+    "standard_analog_output_0": "DOUBLE",
+    "standard_analog_output_1": "DOUBLE",
+    "external_force_torque": "VECTOR6D",
+}
+"""Variables that a client may write, beside the input registers."""
+
+
+def register_type(name: str, direction: str | None = None) -> str | None:
+    """The type of a register by its name; None if there is no such register (of that direction, if given)."""
+    if word := _WORD.fullmatch(name):
+        return "UINT32" if direction in (None, word[1]) else None
+    numbered = _NUMBERED.fullmatch(name)
+    if numbered is None or direction not in (None, numbered[1]):
+        return None
+    kind, number = numbered[2], int(numbered[3])
+    if kind == "bit":
+        return "BOOL" if 64 <= number <= 127 else None
+    if number > 47:
+        return None
+    return "INT32" if kind == "int" else "DOUBLE"
+
+
+@dataclass(frozen=True)
+class RegisterSource:
+    """The values of one register, or of several that follow one another."""
+
+    bank: list[Any]
+    first: int
+    count: int = 1
+
+    def __call__(self) -> Any:
+        if self.count == 1:
+            return self.bank[self.first]
+        return self.bank[self.first : self.first + self.count]
+
+
+def _bank(robot: Robot, side: str, kind: str) -> list[Any]:
+    bank = robot.registers.inputs if side == "input" else robot.registers.outputs
+    return {"bit": bank.bits, "int": bank.integers, "double": bank.doubles}[kind]
+
+
+def output(robot: Robot, name: str) -> tuple[str, Callable[[], Value] | Value] | None:
+    """Type and source of an output variable, or its fixed value; None if the controller has none of that name."""
+    if name in OUTPUTS:
+        kind, source = OUTPUTS[name]
+        return kind, partial(source, robot) if callable(source) else source
+    kind = register_type(name)
+    if kind is None:
+        return None
+    if word := _WORD.fullmatch(name):
+        bank = robot.registers.inputs if word[1] == "input" else robot.registers.outputs
+        return kind, partial(bank.bits_word, 0 if word[2] == "0_to_31" else 32)
+    numbered = _NUMBERED.fullmatch(name)
+    assert numbered is not None
+    return kind, RegisterSource(_bank(robot, numbered[1], numbered[2]), int(numbered[3]))
+
+
+def input_type(name: str) -> str | None:
+    """Type of an input variable; None if the controller has none of that name."""
+    return INPUTS.get(name) or register_type(name, "input")
+
+
+def write_input(robot: Robot, name: str, value: Any) -> None:
+    """Takes over a client's value of a register; of another variable than a register nothing is kept here."""
+    if word := _WORD.fullmatch(name):
+        robot.registers.inputs.set_bits_word(0 if word[2] == "0_to_31" else 32, value)
+    elif numbered := _NUMBERED.fullmatch(name):
+        _bank(robot, "input", numbered[2])[int(numbered[3])] = value

@@ -1,0 +1,349 @@
+"""What goes wrong while the arm moves: noticed in time, ended safely, and never moved on from by itself.
+
+Times are of the controller's log, or from the fault to the exception; what is promised for them is asserted.
+"""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from cell.arm.ur_arm import UrArm
+from cell.errors import (
+    CellError,
+    EmergencyStopError,
+    MotionError,
+    ProtectiveStopError,
+    RobotLostError,
+    RobotNotReadyError,
+    RobotUnreachableError,
+    StoppedError,
+    TooEarlyError,
+)
+from cell.process.child import Child
+from cell.simulation.ur_controller.launcher import RunningController
+from tests.cell.arm.virtual_arm import (
+    FAST,
+    HOME,
+    dashboard_commands,
+    far,
+    fresh,
+    kinds,
+    motion_commands,
+    moving,
+    thread_of,
+    until,
+)
+from tests.cell.loopback import free_host
+
+pytestmark = pytest.mark.xdist_group("cell")  # one at a time: each is several busy processes
+
+LOST_S = 0.5
+"""A lost robot is noticed so soon."""
+PROTECTIVE_S = 0.1
+"""A protective stop is noticed so soon."""
+
+
+@pytest.fixture
+def arm(controller: RunningController) -> Iterator[UrArm]:
+    """Connected, at HOME."""
+    fresh(controller)
+    arm = UrArm(FAST, controller.host)
+    arm.connect()
+    yield arm
+    controller.admin.clear()
+    arm.close()
+
+
+def hit(
+    controller: RunningController, arm: UrArm, strike: Callable[[], Any], within_s: float
+) -> tuple[BaseException, list[dict[str, Any]]]:
+    """Strikes in the middle of a move, which ends `within_s`: how it ended, and what the controller saw since.
+
+    A machine that is busy with something else may make it late once or twice; what comes late by itself does so always.
+    """
+    took_s: list[float] = []
+    while len(took_s) < 3:
+        if took_s:
+            fresh(controller)
+            arm.connect()
+        with thread_of(lambda: arm.move(far())) as result:
+            moving(controller)
+            begin = controller.admin.state().events
+            struck_s = time.monotonic()
+            strike()
+        error, noticed_s = result
+        assert isinstance(error, CellError), f"the move returned {error}"
+        took_s.append(noticed_s - struck_s)
+        if took_s[-1] <= within_s:
+            return error, controller.admin.log(begin)
+    pytest.fail(f"noticed after {took_s} s, {within_s:g} s is promised")
+
+
+def is_over(controller: RunningController, arm: UrArm, events: list[dict[str, Any]]) -> None:
+    """No move was sent again, the arm is still, short of its target, and program and connection have ended."""
+    until(lambda: not controller.admin.state().moving, 2.0)
+    state = controller.admin.state()
+    assert state.q_rad[0] < 1.6
+    assert state.program_state == "STOPPED"
+    assert not motion_commands(events)
+    assert not kinds(events, "script_upload", "motion_start")
+    with pytest.raises(CellError):
+        arm.move(far())
+    with pytest.raises(CellError):
+        arm.check_ready()
+
+
+@pytest.mark.parametrize("fault", ["drop", "freeze", "unreachable"])
+def test_a_lost_link(controller: RunningController, arm: UrArm, fault: str):
+    error, events = hit(controller, arm, getattr(controller.admin, fault), LOST_S)
+    assert isinstance(error, RobotLostError)
+    time.sleep(0.2)  # ur_rtde would have been back by now
+    controller.admin.clear()
+    until(lambda: not controller.admin.state().moving, 2.0)
+    is_over(controller, arm, events + controller.admin.log(events[-1]["index"] + 1))
+    # A person looks, acknowledges, and it goes on from where the arm is.
+    arm.acknowledge()
+    arm.connect()
+    arm.move(HOME)
+
+
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP])
+def test_a_child_that_dies_or_hangs(controller: RunningController, arm: UrArm, number: signal.Signals):
+    struck: list[Child] = []
+
+    def strike() -> None:
+        assert arm._link.child is not None
+        struck.append(arm._link.child)
+        os.kill(struck[-1].pid, number)
+
+    error, events = hit(controller, arm, strike, LOST_S)
+    assert isinstance(error, RobotLostError)
+    is_over(controller, arm, events)
+    assert not any(child.alive for child in struck)
+    arm.connect()
+    arm.move(HOME)
+
+
+def test_a_stop_that_is_interrupted_itself(controller: RunningController, arm: UrArm, monkeypatch: pytest.MonkeyPatch):
+    """As by Ctrl-C while it waits for its turn: whoever moves the arm must not go on with it."""
+
+    def interrupted(*arguments: object, **named: object) -> None:
+        raise KeyboardInterrupt
+
+    with thread_of(lambda: arm.move(far())) as result:
+        moving(controller)
+        begin, child = controller.admin.state().events, arm._link.child
+        assert child is not None
+        call = child.call
+        monkeypatch.setattr(
+            child, "call", lambda *args, **of: (interrupted if args[0] == "stop" else call)(*args, **of)
+        )
+        with pytest.raises(KeyboardInterrupt):
+            arm.stop()
+    assert isinstance(result[0], StoppedError)
+    is_over(controller, arm, controller.admin.log(begin))
+
+
+def test_a_protective_stop_is_ended_by_a_person_only(controller: RunningController, arm: UrArm):
+    error, events = hit(controller, arm, controller.admin.protective_stop, PROTECTIVE_S)
+    assert isinstance(error, ProtectiveStopError)
+    stopped = kinds(events, "safety")[0]
+    is_over(controller, arm, events)
+    begin = controller.admin.state().events
+
+    # Connecting does not unlock it.
+    with pytest.raises(ProtectiveStopError):
+        arm.connect()
+    # Too early: the robot itself refuses for 5 s.
+    for early_s in (2.0, 4.9):
+        until(lambda early_s=early_s: time.monotonic() >= stopped["stamp_s"] + early_s, 10.0)
+        with pytest.raises(TooEarlyError, match=r"try again in [0-9.]+ s"):
+            arm.acknowledge()
+    assert controller.admin.state().safety_mode == "PROTECTIVE_STOP"
+    until(lambda: time.monotonic() >= stopped["stamp_s"] + 5.1, 10.0)
+    arm.acknowledge()
+    assert controller.admin.state().safety_mode == "NORMAL"
+    events = controller.admin.log(begin)
+    unlocks = [event for event in kinds(events, "dashboard") if "releasing" in event["details"]["answer"]]
+    assert [event["details"]["command"] for event in unlocks] == ["unlock protective stop"]
+    assert unlocks[0]["stamp_s"] - stopped["stamp_s"] >= 5.0
+    assert "play" not in dashboard_commands(events)
+    assert not kinds(events, "motion_start", "command", "script_upload")
+    with pytest.raises(RobotNotReadyError, match="connect first"):
+        arm.move(HOME)
+    arm.connect()
+    arm.move(HOME)
+
+
+@pytest.mark.parametrize("order", ["before", "after"])
+def test_a_stop_by_request_hides_no_protective_stop(controller: RunningController, arm: UrArm, order: str):
+    """Unlocked and played on at the pendant, a program that was only paused would finish its move."""
+    with thread_of(lambda: arm.move(far())) as result:
+        moving(controller)
+        begin = controller.admin.state().events
+        strikes = [controller.admin.protective_stop, arm.stop]
+        for strike in strikes if order == "before" else reversed(strikes):
+            strike()
+    assert isinstance(result[0], ProtectiveStopError)
+    is_over(controller, arm, controller.admin.log(begin))
+
+
+def test_whoever_did_not_see_the_stop_is_refused_by_the_robot_itself(controller: RunningController):
+    """A service that was started again after the stop."""
+    begin = fresh(controller)
+    controller.admin.protective_stop()
+    arm = UrArm(FAST, controller.host)
+    with pytest.raises(TooEarlyError, match="does not let itself be unlocked yet"):
+        arm.acknowledge()
+    controller.admin.local_mode()
+    with pytest.raises(RobotNotReadyError, match="unlock it at its pendant"):
+        arm.acknowledge()
+    controller.admin.clear()
+    assert not kinds(controller.admin.log(begin), "motion_start", "script_upload", "command")
+
+
+def test_acknowledging_without_a_fault_does_nothing_to_a_foreign_program(controller: RunningController):
+    fresh(controller)
+    controller.admin.foreign_program()
+    arm = UrArm(FAST, controller.host)
+    arm.acknowledge()
+    assert controller.admin.state().program_state == "PLAYING"
+    with pytest.raises(RobotUnreachableError):
+        UrArm(FAST, free_host()).acknowledge()
+
+
+def test_what_is_let_go_late_is_not_somebody_elses_program(controller: RunningController, arm: UrArm):
+    """Out of reach, ours was ended by its watchdog; until somebody acknowledges that, another one may run."""
+    hit(controller, arm, controller.admin.unreachable, LOST_S)
+    until(lambda: controller.admin.state().program_state == "STOPPED", 5.0)
+    controller.admin.clear()
+    controller.admin.foreign_program()
+    arm.acknowledge()
+    with pytest.raises(RobotNotReadyError, match=r"another program \(welding.urp\)"):
+        arm.connect()
+    assert controller.admin.state().program == "welding.urp"
+
+
+@pytest.mark.parametrize(
+    ("fault", "kind"),
+    [("emergency_stop", EmergencyStopError), ("power_off", RobotNotReadyError)],
+)
+def test_stops_from_the_cell(controller: RunningController, arm: UrArm, fault: str, kind: type[CellError]):
+    error, events = hit(controller, arm, getattr(controller.admin, fault), PROTECTIVE_S)
+    assert isinstance(error, kind)
+    is_over(controller, arm, events)
+    with pytest.raises(kind):
+        arm.connect()
+    with pytest.raises(kind):
+        arm.acknowledge()
+
+
+def test_another_program_in_the_middle_of_a_move(controller: RunningController, arm: UrArm, monkeypatch):
+    """It ends ours; that something plays is then no sign of life."""
+    monkeypatch.setattr("cell.arm.motion.STALL_S", 0.5)
+    error, events = hit(controller, arm, controller.admin.foreign_program, 5.0)
+    assert isinstance(error, MotionError | RobotLostError)
+    assert not motion_commands(events)
+    assert not kinds(events, "script_upload", "motion_start")
+
+
+def test_faults_of_an_arm_at_rest_are_noticed_too(controller: RunningController, arm: UrArm):
+    controller.admin.protective_stop()
+    with pytest.raises(ProtectiveStopError):
+        until(lambda: bool(arm.check_ready()), 2.0)
+    assert arm.latest is not None
+    assert arm.latest.safety_mode == "protective_stop"
+    fresh(controller)
+    arm.connect()
+    controller.admin.freeze()
+    time.sleep(0.5)
+    with pytest.raises(RobotLostError):
+        arm.state()
+
+
+def test_a_slow_link_is_no_lost_one(controller: RunningController, arm: UrArm):
+    controller.admin.slow(delay_s=0.03, rate_hz=50.0)
+    arm.move(far(0.2))
+
+
+def test_a_watchdog_that_fired_between_moves_ends_the_connection(controller: RunningController, arm: UrArm):
+    begin = controller.admin.state().events
+    child = arm._link.child
+    assert child is not None
+    os.kill(child.pid, signal.SIGSTOP)
+    until(lambda: bool(kinds(controller.admin.log(begin), "watchdog_expired")), 5.0)
+    os.kill(child.pid, signal.SIGCONT)
+    with pytest.raises(RobotLostError):
+        arm.move(far())
+    assert not motion_commands(controller.admin.log(begin))
+
+
+def in_time(expired: dict[str, Any], silent_from_s: float) -> bool:
+    """The watchdog fired as soon as is promised, but for the time in which this machine kept the controller itself."""
+    late_s = expired["details"]["excused_s"]
+    return expired["stamp_s"] - silent_from_s - late_s <= 1.1 / FAST.watchdog_hz
+
+
+PARENT = """
+import sys
+sys.path.insert(0, {root!r})
+from cell.arm.ur_arm import UrArm
+from cell.errors import CellError
+from tests.cell.arm.virtual_arm import FAST, far
+arm = UrArm(FAST, {host!r})
+arm.connect()
+print("connected", flush=True)
+try:
+    arm.move(far())
+except CellError as error:
+    print(type(error).__name__, flush=True)
+arm.close()
+"""
+
+
+def test_a_process_that_is_suspended_in_the_middle_of_a_move(controller: RunningController, tmp_path: Path):
+    """The controller's own watchdog stops the arm; woken up, the process does not go on."""
+    begin = fresh(controller)
+    script = tmp_path / "parent.py"
+    script.write_text(PARENT.format(root=str(Path(__file__).parents[3]), host=controller.host))
+    with subprocess.Popen([sys.executable, str(script)], stdout=subprocess.PIPE, text=True) as parent:
+        assert parent.stdout is not None
+        try:
+            assert parent.stdout.readline().strip() == "connected"
+            moving(controller)
+            parent.send_signal(signal.SIGSTOP)
+            suspended_s = time.monotonic()
+            until(lambda: not controller.admin.state().moving, 5.0)
+            events = controller.admin.log(begin)
+            (expired,) = kinds(events, "watchdog_expired")
+            assert in_time(expired, suspended_s)
+            assert controller.admin.state().q_rad[0] < 1.6
+        finally:
+            parent.send_signal(signal.SIGCONT)
+        assert parent.stdout.readline().strip() == "RobotLostError"
+        assert parent.wait(timeout=20.0) == 0
+    assert len(motion_commands(controller.admin.log(begin))) == 1
+
+
+def test_a_process_that_is_killed_in_the_middle_of_a_move(controller: RunningController, tmp_path: Path):
+    begin = fresh(controller)
+    script = tmp_path / "parent.py"
+    script.write_text(PARENT.format(root=str(Path(__file__).parents[3]), host=controller.host))
+    with subprocess.Popen([sys.executable, str(script)], stdout=subprocess.PIPE, text=True) as parent:
+        assert parent.stdout is not None
+        assert parent.stdout.readline().strip() == "connected"
+        moving(controller)
+        parent.kill()
+        killed_s = time.monotonic()
+    until(lambda: not controller.admin.state().moving, 5.0)
+    (expired,) = kinds(controller.admin.log(begin), "watchdog_expired")
+    assert in_time(expired, killed_s)
+    # Its child went with it.
+    until(lambda: controller.admin.state().connections["rtde"] == 0, 5.0)

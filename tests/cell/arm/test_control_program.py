@@ -1,0 +1,80 @@
+"""The end of a program over the dashboard."""
+
+import pytest
+
+from cell.arm.control_program import OurProgram
+from cell.arm.dashboard import Command, Dashboard, stop_program
+from cell.arm.fault_recovery import acknowledge_protective_stop
+from cell.errors import RobotNotReadyError
+from cell.simulation.ur_controller.launcher import RunningController
+from tests.cell.arm.virtual_arm import dashboard_commands, fresh, until
+
+pytestmark = pytest.mark.xdist_group("cell")  # one at a time: each is several busy processes
+
+
+def paused_program(controller: RunningController) -> OurProgram:
+    """A program that stands for ours; paused, since one that plays would be ended by its watchdog."""
+    fresh(controller)
+    program = OurProgram(controller.host, watchdog_hz=2.5)
+    controller.admin.foreign_program("rtde_control")
+    program.started()
+    controller.admin.protective_stop()
+    until(lambda: controller.admin.state().program_state == "PAUSED", 5.0)
+    return program
+
+
+def test_a_robot_that_refuses_to_end_it_is_asked_again(controller: RunningController):
+    program = paused_program(controller)
+    controller.admin.local_mode()
+    program.end(5.0, whatever_plays=True)
+    program.wait()
+    assert program.there
+    assert controller.admin.state().program_state == "PAUSED"
+    controller.admin.clear()
+    program.end(5.0, whatever_plays=False)
+    program.wait()
+    assert not program.there
+    assert controller.admin.state().program_state == "STOPPED"
+
+
+def test_one_that_is_gone_is_not_looked_for_again(controller: RunningController):
+    program = paused_program(controller)
+    assert stop_program(controller.host, 5.0) == "Stopped"
+    begin = controller.admin.state().events
+    for _ in range(2):
+        program.end(5.0, whatever_plays=True)
+        program.wait()
+    assert not program.there
+    assert dashboard_commands(controller.admin.log(begin)) == ["stop"]
+
+
+def test_nothing_is_unlocked_while_its_program_is_there(controller: RunningController, monkeypatch: pytest.MonkeyPatch):
+    """Somebody has the pendant for the moment in which the program should be ended."""
+    paused_program(controller)
+    begin = controller.admin.state().events
+    ask = Dashboard.ask
+
+    def local_for_the_stop(dashboard: Dashboard, command: Command) -> str:
+        if command == "stop":
+            controller.admin.local_mode()
+        answer = ask(dashboard, command)
+        controller.admin.clear()
+        return answer
+
+    monkeypatch.setattr(Dashboard, "ask", local_for_the_stop)
+    with pytest.raises(RobotNotReadyError, match=r"still on it .*stop it at the pendant"):
+        acknowledge_protective_stop(controller.host, None, program_ours=True)
+    assert controller.admin.state().program_state == "PAUSED"
+    assert "unlock protective stop" not in dashboard_commands(controller.admin.log(begin))
+
+
+def test_a_program_that_can_not_be_ended_is_not_acknowledged_away(controller: RunningController):
+    fresh(controller)
+    controller.admin.foreign_program("rtde_control")
+    controller.admin.local_mode()
+    with pytest.raises(RobotNotReadyError, match=r"still on it .*stop it at the pendant"):
+        acknowledge_protective_stop(controller.host, None, program_ours=True)
+    assert controller.admin.state().program_state == "PLAYING"
+    controller.admin.reset()  # somebody ends it there, and stays in local mode
+    controller.admin.local_mode()
+    acknowledge_protective_stop(controller.host, None, program_ours=True)

@@ -1,0 +1,194 @@
+"""The driver in its child process, with the real ur_rtde against the virtual controller."""
+
+import contextlib
+import signal
+import socket
+import time
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+
+from calibration.geometry.transforms import from_rotation_vector
+from cell.arm.preflight import RTDE_PORT
+from cell.arm.rtde_driver import UrDriver, _not_connected, same_pose
+from cell.arm.ur_reading import Reading, safety
+from cell.errors import RobotLostError, RobotNotReadyError, RobotUnreachableError, StoppedError
+from cell.process.child import Child, ChildLostError
+from cell.simulation.ur_controller.launcher import RunningController
+from tests.cell.arm.pendant import Pendant
+from tests.cell.arm.virtual_arm import HOME, far, fresh, kinds, motion_commands, moving, until
+from tests.cell.loopback import free_host
+
+pytestmark = pytest.mark.xdist_group("cell")  # one at a time: each is several busy processes
+
+ANSWER_S = 20.0
+"""Starting Python and connecting, on a busy machine."""
+HZ = 2.5
+
+
+@pytest.fixture
+def driver(controller: RunningController) -> Iterator[Child]:
+    fresh(controller)
+    child = Child("arm", UrDriver, controller.host, HZ)
+    child.call("poll", timeout_s=ANSWER_S)
+    yield child
+    child.close()
+
+
+def test_it_reads_what_the_controller_says(controller: RunningController, driver: Child):
+    reading: Reading = driver.call("poll", timeout_s=ANSWER_S)
+    assert (reading.robot_mode, reading.safety_mode, reading.program) == ("running", "normal", "playing")
+    assert reading.connected
+    assert not reading.operating
+    assert reading.speed_fraction == 1.0
+    np.testing.assert_allclose(reading.q_rad, HOME, atol=1e-9)
+    time.sleep(0.1)
+    later: Reading = driver.call("poll", timeout_s=ANSWER_S)
+    # The controller's clock runs on, and is fresh: it comes 125 times a second.
+    assert later.controller_s > reading.controller_s + 0.05
+    assert later.age_s < 0.1
+
+
+def test_a_tool_set_at_the_pendant_is_told_with_its_pose(controller: RunningController):
+    fresh(controller)
+    tool = (0.02, -0.03, 0.17, 0.3, -0.2, 0.5)
+    setter = Child("tool", Pendant, controller.host)
+    setter.call("set_tool", tool, timeout_s=ANSWER_S)
+    setter.close()
+    until(lambda: controller.admin.state().connections["rtde"] == 0, 5.0)
+    driver = Child("arm", UrDriver, controller.host, HZ)
+    try:
+        reading, told = driver.call("at_rest", timeout_s=ANSWER_S)
+    finally:
+        driver.close()
+    np.testing.assert_allclose(told, tool, atol=1e-9)
+    T_base_tcp = from_rotation_vector(reading.base_tcp[:3], reading.base_tcp[3:])
+    T_base_flange = controller.admin.state().T_base_flange
+    T_flange_tcp = from_rotation_vector(tool[:3], tool[3:])
+    np.testing.assert_allclose(T_base_tcp, T_base_flange @ T_flange_tcp, atol=1e-9)
+
+
+def test_a_move_runs_while_other_calls_are_answered(controller: RunningController, driver: Child):
+    begin = controller.admin.state().events
+    before = driver.call("start_move", tuple(far(0.3).tolist()), 1.0, 2.0, timeout_s=ANSWER_S)
+    seen: list[Reading] = []
+
+    def ended() -> bool:
+        seen.append(driver.call("poll", timeout_s=ANSWER_S))
+        return seen[-1].operation != before and not seen[-1].operating
+
+    until(ended, 10.0)
+    assert any(reading.operating and 0.05 < reading.q_rad[0] < 0.25 for reading in seen)
+    np.testing.assert_allclose(seen[-1].q_rad, far(0.3), atol=1e-3)
+    (command,) = motion_commands(controller.admin.log(begin))
+    assert command["details"]["asynchronous"]
+    assert (command["details"]["speed"], command["details"]["acceleration"]) == (1.0, 2.0)
+
+
+def test_after_a_stop_this_process_sends_no_move(controller: RunningController, driver: Child):
+    driver.call("start_move", tuple(far().tolist()), 1.0, 2.0, timeout_s=ANSWER_S)
+    moving(controller, share=0.02)
+    driver.call("stop", 4.0, timeout_s=ANSWER_S)
+    begin = controller.admin.state().events
+    with pytest.raises(StoppedError):
+        driver.call("start_move", tuple(HOME.tolist()), 1.0, 2.0, timeout_s=ANSWER_S)
+    until(lambda: not controller.admin.state().moving, 5.0)
+    assert not motion_commands(controller.admin.log(begin))
+
+
+def test_between_moves_the_watchdog_is_quiet_without_the_parent(controller: RunningController, driver: Child):
+    begin = controller.admin.state().events
+    time.sleep(3.0 / HZ)
+    assert controller.admin.state().program_state == "PLAYING"
+    assert not kinds(controller.admin.log(begin), "watchdog_expired")
+
+
+def test_but_only_for_as_long_as_the_parent_is_heard(controller: RunningController):
+    begin = fresh(controller)
+    child = Child("arm", UrDriver, controller.host, HZ, ANSWER_S, 0.5)
+    try:
+        child.call("poll", timeout_s=ANSWER_S)
+        until(lambda: bool(kinds(controller.admin.log(begin), "watchdog_expired")), 10.0)
+        until(lambda: child.call("poll", timeout_s=ANSWER_S).program == "stopped", 5.0)
+    finally:
+        child.close()
+
+
+def test_during_a_move_only_the_parents_polls_keep_it_quiet(controller: RunningController, driver: Child):
+    begin = controller.admin.state().events
+    driver.call("start_move", tuple(far().tolist()), 1.0, 2.0, timeout_s=ANSWER_S)
+    until(lambda: bool(kinds(controller.admin.log(begin), "watchdog_expired")), 10.0)
+    until(lambda: not controller.admin.state().moving, 5.0)
+    assert controller.admin.state().q_rad[0] < 1.5
+
+
+def test_a_broken_connection_is_never_made_again(controller: RunningController, driver: Child):
+    """ur_rtde would reconnect by itself, upload its script and send its last command once more."""
+    driver.call("start_move", tuple(far().tolist()), 1.0, 2.0, timeout_s=ANSWER_S)
+    moving(controller, share=0.02)
+    begin = controller.admin.state().events
+    controller.admin.drop()
+    # Whether it is told as a reading or as an error is a matter of moments; and once in some hundred times ur_rtde's
+    # threads crash over it, for which among others they have a process of their own.
+    with contextlib.suppress(RobotLostError, ChildLostError):
+        until(lambda: not driver.call("poll", timeout_s=ANSWER_S).connected, 5.0)
+    time.sleep(0.5)  # reconnecting takes ur_rtde about 50 ms
+    events = controller.admin.log(begin)
+    assert not kinds(events, "connected", "script_upload", "command")
+
+
+def test_a_constructor_that_hangs_is_ended_though_it_holds_the_interpreters_lock():
+    host = free_host()
+    with socket.create_server((host, RTDE_PORT)):
+        child = Child("arm", UrDriver, host, HZ, 0.3)
+        with pytest.raises(ChildLostError, match=rf"exit code -{signal.SIGALRM.value}"):
+            child.call("poll", timeout_s=ANSWER_S)
+        child.close()
+
+
+def test_nobody_there_is_told():
+    child = Child("arm", UrDriver, free_host(), HZ)
+    with pytest.raises(RobotUnreachableError, match="connecting to the robot at"):
+        child.call("poll", timeout_s=ANSWER_S)
+    child.close()
+
+
+def test_two_cannot_drive_one_robot(controller: RunningController, driver: Child):
+    other = Child("arm", UrDriver, controller.host, HZ)
+    try:
+        with pytest.raises(RobotNotReadyError, match="something else writes the robot's RTDE registers"):
+            other.call("poll", timeout_s=ANSWER_S)
+    finally:
+        other.close()
+
+
+def test_bits_know_of_stops_that_the_mode_does_not_tell_yet():
+    assert safety(1, 0b1) == "normal"
+    assert safety(2, 0b10) == "reduced"
+    assert safety(1, 0b101) == "protective_stop"
+    assert safety(1, 1 << 6 | 1 << 7) == "robot_emergency_stop"
+    assert safety(3, 0b1) == "protective_stop"
+    assert safety(99, 0) == "undefined"
+    assert {safety(kind, 0) for kind in (5, 12, 13, 14)} == {"safeguard_stop"}
+
+
+def test_poses_are_the_same_whichever_way_half_a_turn_is_written():
+    down = (0.1, -0.4, 0.3, np.pi - 1e-5, 1e-5, 0.0)
+    assert same_pose(down, (0.1, -0.4, 0.3, 1e-5 - np.pi, 1e-5, 0.0))
+    assert same_pose((0.1, 0.0, 0.0, 0.0, 0.0, 0.0), (0.1, 0.0, 1e-4, 1e-4, 0.0, 0.0))
+    for shifted in ((0.102, *down[1:]), (*down[:3], np.pi - 0.01, 0.0, 0.0), (*down[:3], 0.0, np.pi, 0.0)):
+        assert not same_pose(down, shifted)
+
+
+@pytest.mark.parametrize(
+    ("said", "error"),
+    [
+        ("One of the RTDE input registers are already in use!", RobotNotReadyError),
+        ("ur_rtde: Please enable remote control on the robot!", RobotNotReadyError),
+        ("ur_rtde: Failed to start control script, before timeout of 5 seconds", RobotNotReadyError),
+        ("anything else", RobotUnreachableError),
+    ],
+)
+def test_the_vendors_words_become_errors_of_ours(said: str, error: type[Exception]):
+    assert type(_not_connected("10.0.0.7", said)) is error

@@ -1,0 +1,562 @@
+"""Of the camera's driver, what can be run without a camera: in this process, with the real depthai."""
+
+import re
+import resource
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from datetime import timedelta
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from calibration.geometry.transforms import inverse
+from cell.camera.frame_averaging import NoFramesError
+from cell.camera.oak_device import calibration_warnings, configure_depth, unreachable
+from cell.camera.oak_driver import OakDriver, settle_exposure
+from cell.camera.oak_stream import LONGEST_EXPOSURE_S, Stream, decode, decode_picture, load, next_message, send
+from cell.config.camera_config import OakCamera, SimulatedCamera
+from cell.config.cell_config import CellSettings
+from cell.devices import CameraInfo
+from cell.errors import BadFrameError, CameraLostError, CameraUnreachableError, CellError
+from cell.planning.look_at import look_at
+from cell.self_test.check_result import failed
+from cell.simulation.devices.frame_source import FrameSource
+from cell.simulation.devices.world import SimulatedWorld, simulated_world
+from cell.simulation.rendering.depth_camera import camera_model
+
+load()
+import depthai as dai  # noqa: E402 (`load` sets what it reads)
+
+OAK = OakCamera(kind="oak")
+K = np.array([[402.5, 0, 319.25], [0, 402.75, 199.5], [0, 0, 1]])
+NOBODY = CameraInfo("test", "0", 64, 40, "none", None, ())
+
+
+def message(depth: NDArray[np.uint16], padding: int = 0, exposure_us: int = 4000, end_s: float = 100.0) -> dai.ImgFrame:
+    """A depth message with rows of `padding` bytes more than they need."""
+    height, width = depth.shape
+    rows = np.full((height, 2 * width + padding), 0xAB, dtype=np.uint8)
+    rows[:, : 2 * width] = depth.astype("<u2").view(np.uint8)
+    image = dai.ImgFrame()
+    image.setType(dai.ImgFrame.Type.RAW16)
+    image.setWidth(width)
+    image.setHeight(height)
+    image.setStride(2 * width + padding)
+    image.setData(rows.tobytes())
+    place = dai.Extrinsics(np.eye(4).tolist(), dai.CameraBoardSocket.CAM_B)
+    image.setTransformation(
+        dai.ImgTransformation(width, height, K.tolist(), dai.CameraModel.Perspective, [0.0] * 14, place)
+    )
+    image.cam.exposureTimeUs = exposure_us
+    image.setTimestamp(timedelta(seconds=end_s))
+    return image
+
+
+def picture_message(pixels: NDArray[np.uint8], kind: dai.ImgFrame.Type, padding: int = 0) -> dai.ImgFrame:
+    """A picture (H, W) or (H, W, 3) with padded rows, as `message` but for its kind; NV12's colours come after it."""
+    height, width = pixels.shape[:2]
+    row = pixels.size // height
+    rows = np.full((height * 3 // 2, row + padding), 0xAB, dtype=np.uint8)
+    rows[:height, :row] = pixels.reshape(height, row)
+    result = message(np.ones((height, width), np.uint16))
+    result.setType(kind)
+    result.setStride(row + padding)
+    result.setData(rows.tobytes())
+    return result
+
+
+@pytest.mark.parametrize("padding", [0, 64])
+@pytest.mark.parametrize("kind", ["GRAY8", "RAW8", "NV12", "BGR888i"])
+def test_a_picture_is_decoded_as_it_was_sent(kind: str, padding: int) -> None:
+    shape = (40, 64, 3) if kind == "BGR888i" else (40, 64)
+    pixels = np.random.default_rng(0).integers(0, 256, shape).astype(np.uint8)
+    picture = decode_picture(picture_message(pixels, getattr(dai.ImgFrame.Type, kind), padding))
+    assert picture.pixels.dtype == np.uint8
+    assert np.array_equal(picture.pixels, pixels)
+    assert np.abs(picture.K - K).max() < 1e-4
+    # 4 ms before the stamp of 100 s.
+    assert picture.began_s == pytest.approx(99.996, abs=1e-6)
+
+
+def test_what_is_no_picture_is_refused() -> None:
+    grey = np.ones((4, 4), np.uint8)
+    cut = picture_message(grey, dai.ImgFrame.Type.GRAY8)
+    cut.setHeight(7)
+    for wrong in (
+        picture_message(grey, dai.ImgFrame.Type.RAW16),
+        picture_message(grey, dai.ImgFrame.Type.BITSTREAM),
+        picture_message(grey, dai.ImgFrame.Type.BGR888i),  # rows too short for three colours
+        cut,
+    ):
+        with pytest.raises(BadFrameError, match=r"24 bytes of type .* no picture"):
+            decode_picture(wrong)
+
+
+@pytest.mark.parametrize("padding", [0, 64])
+def test_an_image_is_decoded_as_it_was_sent(padding: int) -> None:
+    depth = np.random.default_rng(0).integers(0, 65536, (400, 640)).astype(np.uint16)
+    exposure = decode(message(depth, padding))
+    assert exposure.depth.dtype == np.uint16
+    assert np.array_equal(exposure.depth, depth)
+    # depthai keeps the matrix in single precision.
+    assert np.abs(exposure.K - K).max() < 1e-4
+    assert np.array_equal(exposure.K[[0, 1, 2, 2], [1, 0, 0, 1]], [0, 0, 0, 0])
+    assert exposure.K[2, 2] == 1.0
+
+
+def test_an_exposure_began_before_the_moment_that_its_stamp_tells() -> None:
+    depth = np.ones((4, 4), np.uint16)
+    assert decode(message(depth, exposure_us=8000, end_s=100.0)).began_s == pytest.approx(99.992, abs=1e-6)
+    # Where the camera does not tell how long it exposed, the longest is taken.
+    assert decode(message(depth, exposure_us=0)).began_s == pytest.approx(100.0 - LONGEST_EXPOSURE_S, abs=1e-6)
+
+
+def test_what_is_no_depth_image_is_refused() -> None:
+    grey = message(np.ones((4, 4), np.uint16))
+    grey.setType(dai.ImgFrame.Type.GRAY8)
+    short = message(np.ones((4, 4), np.uint16))
+    short.setHeight(5)
+    for wrong in (grey, short):
+        with pytest.raises(BadFrameError, match=r"32 bytes of type .* no depth image"):
+            decode(wrong)
+    for width, height in ((0, 4), (4, 0)):
+        empty = message(np.ones((4, 4), np.uint16))
+        empty.setWidth(width)
+        empty.setHeight(height)
+        with pytest.raises(BadFrameError, match=rf"{width}x{height}, stride 8: that is no depth image"):
+            decode(empty)
+
+
+def test_a_full_disk_is_still_an_error_after_depthai_was_loaded(tmp_path: Path) -> None:
+    """Its own handler of the signal would end the process."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (1024, hard))
+    try:
+        with (tmp_path / "file").open("wb", buffering=0) as file:
+            file.write(bytes(1024))
+            with pytest.raises(OSError, match="too large"):
+                file.write(b"one more")
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+
+
+def test_depthai_s_clock_is_the_machine_s_monotonic_one() -> None:
+    before_s = time.monotonic()
+    clock: Any = dai.Clock
+    now_s = clock.now().total_seconds()
+    # It is told in whole microseconds.
+    assert before_s - 1e-6 <= now_s <= time.monotonic() + 1e-6
+
+
+def test_depthai_s_own_point_cloud_agrees() -> None:
+    """Its node and the pinhole formula of this project mean the same by an image and its matrix."""
+    depth = np.random.default_rng(1).integers(2500, 6000, (40, 64)).astype(np.uint16)
+    host_only: Any = dai.Pipeline(False)
+    with host_only as pipeline:
+        node = pipeline.create(dai.node.PointCloud)
+        node.sync.setRunOnHost(True)
+        node.setRunOnHost(True)
+        node.initialConfig.setLengthUnit(dai.LengthUnit.METER)
+        images = node.inputDepth.createInputQueue()
+        clouds = node.outputPointCloud.createOutputQueue()
+        pipeline.start()
+        image = message(depth)
+        images.send(image)
+        cloud = clouds.get(timedelta(seconds=20))
+    assert isinstance(cloud, dai.PointCloudData)
+    points = np.asarray(cloud.getPoints(), dtype=np.float64)
+    # The node takes depth counts for millimetres: a tenth of them is meant.
+    z = depth.ravel() / 1000.0
+    v, u = (axis.ravel() for axis in np.indices(depth.shape))
+    expected = np.column_stack([(u - K[0, 2]) / K[0, 0] * z, (v - K[1, 2]) / K[1, 1] * z, z])
+    # Single precision.
+    assert points == pytest.approx(expected, abs=2e-6)
+
+
+def test_stereo_matching_is_set_for_thin_things_whatever_preset_came_before() -> None:
+    spoilt = dai.StereoDepthConfig()
+    spoilt.setMedianFilter(dai.StereoDepthConfig.MedianFilter.KERNEL_7x7)
+    spoilt.setSubpixelFractionalBits(3)
+    spoilt.postProcessing.decimationFilter.decimationFactor = 2
+    spoilt.postProcessing.thresholdFilter.maxRange = 3000
+    for name in ("spatialFilter", "temporalFilter", "speckleFilter", "holeFilling", "adaptiveMedianFilter"):
+        getattr(spoilt.postProcessing, name).enable = True
+    for config in (spoilt, dai.StereoDepthConfig()):
+        configure_depth(config, OakCamera(kind="oak", extended_disparity=True))
+        assert config.getConfidenceThreshold() == 55
+        assert config.getLeftRightCheckThreshold() == 5
+        assert config.getExtendedDisparity()
+        assert (config.getSubpixel(), config.getSubpixelFractionalBits()) == (True, 5)
+        # 10,000 counts to the metre are a tenth of a millimetre each.
+        assert (config.getDepthUnit(), config.getCustomDepthUnitMultiplier()) == (dai.LengthUnit.CUSTOM, 10_000)
+        assert config.getMedianFilter() == dai.StereoDepthConfig.MedianFilter.MEDIAN_OFF
+        assert config.algorithmControl.depthAlign == dai.StereoDepthConfig.AlgorithmControl.DepthAlign.RECTIFIED_LEFT
+        filters = config.postProcessing
+        assert filters.decimationFilter.decimationFactor == 1
+        assert filters.thresholdFilter.maxRange == 65535
+        for name in ("spatialFilter", "temporalFilter", "speckleFilter", "holeFilling", "adaptiveMedianFilter"):
+            assert not getattr(filters, name).enable, name
+
+
+def calibration(focal_px: float = 805.0, turned_deg: float = 0.0, apart_cm: float = 7.5) -> dai.CalibrationHandler:
+    handler: Any = dai.CalibrationHandler()
+    left, right = dai.CameraBoardSocket.CAM_B, dai.CameraBoardSocket.CAM_C
+    for socket in (left, right):
+        handler.setCameraIntrinsics(socket, [[focal_px, 0, 640], [0, focal_px, 400], [0, 0, 1]], 1280, 800)
+    c, s = np.cos(np.deg2rad(turned_deg)), np.sin(np.deg2rad(turned_deg))
+    turn = [[c, 0, s], [0, 1, 0], [-s, 0, c]]
+    handler.setCameraExtrinsics(right, left, turn, [apart_cm, 0, 0], [apart_cm, 0, 0])
+    return handler
+
+
+def test_a_camera_with_its_factory_calibration_gives_no_warning() -> None:
+    assert calibration_warnings(calibration(), calibration(), OAK) == []
+
+
+@pytest.mark.parametrize(
+    ("current", "words"),
+    [
+        # Half of it at half the resolution.
+        (calibration(focal_px=808.0), ["left lens' intrinsics in use differ .* by 1.5 pixels", "right lens'"]),
+        (calibration(turned_deg=0.2), [r"lenses are turned by 0\.20 degrees"]),
+        (calibration(apart_cm=2.0), ["product is oak-d-pro, whose lenses are 75 mm apart; this camera's are 20 mm"]),
+    ],
+)
+def test_another_calibration_than_the_factory_s_is_told(current: dai.CalibrationHandler, words: list[str]) -> None:
+    warnings = calibration_warnings(calibration(), current, OAK)
+    assert len(warnings) == len(words)
+    for warning, pattern in zip(warnings, words, strict=True):
+        assert re.search(pattern, warning), warning
+
+
+def test_what_to_check_fits_how_the_camera_is_connected() -> None:
+    assert "udev rule for vendor 03e7" in unreachable(None, "x")
+    assert "must be named by camera.device" in unreachable(None, "x")
+    assert "udev" not in unreachable("10.0.0.7", "x")
+    assert "the camera 10.0.0.7 was not found" in unreachable("10.0.0.7", "x")
+
+
+class Sensor(dai.node.ThreadedHostNode):
+    """Sends images whose exposure time goes through `times_us` and stays at the last; keeps what it is told."""
+
+    def __init__(self, times_us: list[int]) -> None:
+        super().__init__()
+        self.images, self.control = self.createOutput(), self.createInput()
+        self.pictures, self.gate = self.createOutput(), self.createInput()
+        self.times_us, self.locked_at_us = times_us, 0
+        self.lit: bool | None = None
+        """Whether its dots are on; None: it has none."""
+        self.pictureless = False
+
+    def switch_dots(self, on: bool) -> None:
+        self.lit = on
+
+    def run(self) -> None:
+        number, gate_open = 0, False
+        while self.isRunning():
+            exposure_us = self.times_us[min(number, len(self.times_us) - 1)]
+            try:
+                control = next_message(self.control, 0.0)
+                change = next_message(self.gate, 0.0)
+            except CameraLostError:
+                return
+            gate_open = gate_open if change is None else change.open
+            if gate_open and not self.pictureless:
+                pixels = np.where(np.indices((40, 64)).sum(axis=0) % 2, 200, 250 if self.lit else 50)
+                picture = picture_message(pixels.astype(np.uint8), dai.ImgFrame.Type.GRAY8)
+                picture.setTimestamp(timedelta(seconds=time.monotonic()))
+                self.pictures.send(picture)
+            if control is not None and control.getCommand(dai.CameraControl.Command.AE_LOCK):
+                self.locked_at_us = exposure_us
+            depth = (4000 + np.indices((40, 64)).sum(axis=0)).astype(np.uint16)
+            self.images.send(message(depth, exposure_us=exposure_us, end_s=time.monotonic()))
+            number += 1
+            time.sleep(0.01)
+
+
+@contextmanager
+def sensor(times_us: list[int]) -> Iterator[tuple[Sensor, Stream]]:
+    host_only: Any = dai.Pipeline(False)
+    with host_only as pipeline:
+        node = pipeline.create(Sensor, times_us)
+        # None is dropped: what is seen does not depend on how busy the machine is.
+        images = node.images.createOutputQueue(maxSize=1000, blocking=True)
+        control = node.control.createInputQueue()
+        pictures, gate = node.pictures.createOutputQueue(maxSize=5, blocking=False), node.gate.createInputQueue()
+        pipeline.start()
+        yield node, Stream(pipeline, images, images, [control], lambda: NOBODY, pipeline.stop, pictures, gate)
+
+
+def test_the_exposure_is_locked_when_it_has_settled() -> None:
+    with sensor([500, 1000, 2000, 4000, 3900, 4000]) as (node, stream):
+        assert settle_exposure(stream, SimulatedCamera()) == ()
+        until = time.monotonic() + 10
+        while not node.locked_at_us and time.monotonic() < until:
+            time.sleep(0.01)
+        assert node.locked_at_us == 4000
+
+
+def test_a_given_exposure_is_waited_for_and_not_locked() -> None:
+    with sensor([500] * 5 + [2000]) as (node, stream):
+        assert settle_exposure(stream, OakCamera(kind="oak", exposure_us=2000)) == ()
+        time.sleep(0.1)
+        assert node.locked_at_us == 0
+
+
+def test_an_exposure_that_does_not_settle_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("cell.camera.oak_driver.STEADY_S", 0.3)
+    with sensor([1000, 2000] * 500) as (_, stream):
+        (warning,) = settle_exposure(stream, SimulatedCamera())
+        assert "still changes" in warning
+    with sensor([1000]) as (_, stream):
+        (warning,) = settle_exposure(stream, OakCamera(kind="oak", exposure_us=2000))
+        assert "is 1000 microseconds and should be 2000" in warning
+
+
+ASKED = """
+import time
+import numpy as np
+from cell.camera.oak_driver import OakDriver
+from cell.config.camera_config import SimulatedCamera
+from cell.config.cell_config import CellSettings
+from cell.simulation.devices.world import simulated_world
+
+settings = CellSettings(camera=SimulatedCamera(model="ideal", fps=60.0))
+T_base_flange = np.diag([1.0, -1.0, -1.0, 1.0])
+T_base_flange[:3, 3] = 0.36, 0.0, 0.6
+driver = OakDriver(settings.camera, simulated_world(settings), lambda: lambda: T_base_flange)
+driver.open()
+driver._running().watch(True)
+until = time.monotonic() + 6
+while time.monotonic() < until:
+    driver.info()
+driver.close()
+"""
+
+
+def test_a_camera_can_be_asked_while_its_images_come() -> None:
+    """In a process of its own: one in which depthai and Python wait for one another can only be killed."""
+    subprocess.run([sys.executable, "-c", ASKED], timeout=120, check=True)
+
+
+def test_a_closed_stream_is_a_lost_camera() -> None:
+    with sensor([1000]) as (_, stream):
+        assert next_message(stream.depth, 5.0) is not None
+        stream.pipeline.stop()
+        stream.pipeline.wait()
+        with pytest.raises(CameraLostError, match="check its cable"):
+            next_message(stream.depth, 0.1)
+        with pytest.raises(CameraLostError, match="check its cable"):
+            send(stream.controls[0], dai.CameraControl())
+
+
+def test_a_camera_that_breaks_its_link_while_it_is_opened_is_told_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    def describe() -> CameraInfo:
+        raise RuntimeError("Original message: X_LINK_ERROR")
+
+    with sensor([1000]) as (_, stream):
+        oak = OakDriver(OAK)
+        monkeypatch.setattr(oak, "_start", lambda: replace(stream, describe=describe))
+        with pytest.raises(CameraUnreachableError) as refused:
+            oak.open()
+    step = failed("camera", [refused.value])
+    assert step.words == "the camera was found, but the camera does not answer"
+    assert step.what_to_do == "check its cable and power supply (Original message: X_LINK_ERROR)"
+
+
+@pytest.fixture(scope="module")
+def world() -> SimulatedWorld:
+    exact = simulated_world(CellSettings(camera=SimulatedCamera(model="ideal", errors=0.0, scene="straight")))
+    return replace(exact, camera=camera_model("ideal", (160, 100)))
+
+
+def looking_down(world: SimulatedWorld, azimuth_rad: float = 0.0) -> NDArray[np.float64]:
+    return look_at(world.T_base_scene[:3, 3], azimuth_rad, 1.2, 0.4, 0.1) @ inverse(world.T_flange_camera)
+
+
+@contextmanager
+def driver(world: SimulatedWorld, pose: Any) -> Iterator[OakDriver]:
+    settings = SimulatedCamera(model="ideal", fps=50.0)
+    result = OakDriver(settings, world, lambda: pose)
+    try:
+        yield result
+    finally:
+        result.close()
+
+
+def test_the_simulated_camera_s_frames_come_through_depthai_unchanged(world: SimulatedWorld) -> None:
+    T_base_flange = looking_down(world)
+    with driver(world, lambda: T_base_flange) as oak:
+        info = oak.open()
+        assert (info.width, info.height, info.connection) == (160, 100, "simulated")
+        assert (info.device_id, info.temperature_c, info.warnings) == (world.camera_id, None, ())
+        frame = oak.capture(time.monotonic(), 5.0, 10.0)
+    # The camera is exact: five exposures, their median and one image cast here are all the same.
+    assert np.array_equal(frame.depth, FrameSource(world).expose(T_base_flange))
+    assert np.abs(frame.K - world.camera.K).max() < 1e-4
+    assert frame.depth_unit_m == world.camera.depth_unit_m
+    assert frame.exposures == 5
+
+
+def test_frames_show_the_pose_at_the_moment_of_their_exposure(world: SimulatedWorld) -> None:
+    """The arm comes to rest while the driver already waits: no exposure of before may get into the frame."""
+    moving, rest = looking_down(world, 0.0), looking_down(world, 0.3)
+    after_s = time.monotonic() + 1e9
+
+    def pose() -> NDArray[np.float64]:
+        return rest if time.monotonic() > after_s else moving
+
+    with driver(world, pose) as oak:
+        oak.open()
+        after_s = time.monotonic() + 0.2
+        frame = oak.capture(after_s, 5.0, 10.0)
+    assert np.array_equal(frame.depth, FrameSource(world).expose(rest))
+
+
+def test_an_unwatched_simulated_camera_takes_fewer_images(world: SimulatedWorld) -> None:
+    asked: list[float] = []
+
+    def pose() -> NDArray[np.float64]:
+        asked.append(time.monotonic())
+        return looking_down(world)
+
+    with driver(world, pose) as oak:
+        oak.open()
+        asked.clear()
+        begun_s = time.monotonic()
+        time.sleep(1.0)
+        taken = len(asked)
+        # 50 a second, of which one in five is taken; a busy machine takes still fewer, and sleeps longer.
+        assert 1 <= taken <= 10 * (time.monotonic() - begun_s) + 2
+
+
+def test_a_pose_that_is_no_longer_told_is_a_lost_camera(world: SimulatedWorld) -> None:
+    gone = False
+
+    def pose() -> NDArray[np.float64]:
+        if gone:
+            raise ConnectionResetError("the controller has ended")
+        return looking_down(world)
+
+    with driver(world, pose) as oak:
+        oak.open()
+        gone = True
+        with pytest.raises(CameraLostError, match="the controller has ended"):
+            oak.capture(time.monotonic(), 0.5, 1.0)
+        with pytest.raises(CameraLostError, match="the controller has ended"):
+            oak.info()
+    with driver(world, pose) as oak, pytest.raises(CameraUnreachableError, match="the controller has ended"):
+        oak.open()
+
+
+def test_only_a_simulated_camera_fails_on_request_and_only_an_open_one_works(world: SimulatedWorld) -> None:
+    with driver(world, lambda: looking_down(world)) as oak:
+        for method in (oak.info, lambda: oak.capture(0.0, 1.0, 1.0), lambda: oak.fault("zero")):
+            with pytest.raises(CameraLostError, match="not open"):
+                method()
+    with sensor([1000]) as (_, stream):
+        oak = OakDriver(OAK)
+        oak._stream = stream
+        with pytest.raises(CellError, match="only a simulated camera"):
+            oak.fault("zero")
+
+
+def test_a_picture_comes_with_the_depth_only_when_it_is_asked_for(world: SimulatedWorld) -> None:
+    T_base_flange = looking_down(world)
+    with driver(world, lambda: T_base_flange) as oak:
+        oak.open()
+        plain = oak.capture(time.monotonic(), 5.0, 10.0)
+        assert plain.image is None
+        assert next_message(oak._running().pictures, 0.3) is None
+        pictured = oak.capture(time.monotonic(), 5.0, 10.0, image=True)
+        # The gate is shut again: after those that were under way no more come.
+        while next_message(oak._running().pictures, 0.3) is not None:
+            pass
+        assert oak.capture(time.monotonic(), 5.0, 10.0).image is None
+        assert next_message(oak._running().pictures, 0.3) is None
+    assert np.array_equal(pictured.depth, plain.depth)
+    assert pictured.image is not None
+    source = FrameSource(world)
+    truth = np.mean([source.picture(T_base_flange) for _ in range(100)], axis=0)
+    off = pictured.image - truth
+    # The noise of five of them, at most 2.5 grey levels each, and the mean's rounding. Nothing else, and no bias.
+    assert off.std() < np.hypot(2.5 / np.sqrt(5), np.sqrt(1 / 12))
+    # 16,000 pixels: 0.01 grey levels of spread.
+    assert abs(off.mean()) < 0.05
+
+
+def test_pictures_show_the_pose_at_the_moment_of_their_exposure(world: SimulatedWorld) -> None:
+    moving, rest = looking_down(world, 0.0), looking_down(world, 0.3)
+    after_s = time.monotonic() + 1e9
+
+    def pose() -> NDArray[np.float64]:
+        return rest if time.monotonic() > after_s else moving
+
+    with driver(world, pose) as oak:
+        oak.open()
+        after_s = time.monotonic() + 0.3
+        image = oak.capture(after_s, 5.0, 10.0, image=True).image
+    assert image is not None
+    there, elsewhere = (FrameSource(world).picture(T).astype(float) for T in (rest, moving))
+    assert np.abs(image - there).mean() < 3 < np.abs(image - elsewhere).mean()
+
+
+@pytest.mark.parametrize("fault", ["zero", "constant"])
+def test_a_picture_that_shows_nothing_is_refused_whatever_the_depth(world: SimulatedWorld, fault: Any) -> None:
+    with driver(world, lambda: looking_down(world)) as oak:
+        oak.open()
+        oak.fault(fault)
+        with pytest.raises(BadFrameError, match="picture shows nothing"):
+            oak.capture(time.monotonic(), 5.0, 10.0, image=True)
+
+
+def driving(stream: Stream) -> OakDriver:
+    result = OakDriver(OAK)
+    result._stream = stream
+    return result
+
+
+def test_a_camera_whose_pictures_stay_away_is_told_so() -> None:
+    with sensor([1000]) as (node, stream):
+        node.pictureless = True
+        with pytest.raises(NoFramesError, match=r"no picture for 1\.0 s"):
+            driving(stream).capture(time.monotonic(), 1.0, 20.0, image=True)
+
+
+def test_no_dots_are_in_a_picture_and_they_are_on_again_after_it() -> None:
+    switched: list[bool] = []
+    with sensor([1000]) as (node, stream):
+        node.lit = True
+
+        def dots(on: bool) -> None:
+            switched.append(on)
+            node.switch_dots(on)
+
+        with stream.sending_pictures():
+            assert decode_picture(next_message(stream.pictures, 5.0)).pixels.min() == 200
+        oak = driving(replace(stream, dots=dots))
+        image = oak.capture(time.monotonic(), 5.0, 10.0, image=True).image
+        assert image is not None
+        assert (image.min(), image.max()) == (50, 200)
+        assert switched == [False, True]
+        assert node.lit
+        # For depth alone they stay on.
+        oak.capture(time.monotonic(), 5.0, 10.0)
+        assert switched == [False, True]
+
+
+def test_dots_that_do_not_obey_are_a_lost_camera() -> None:
+    def dots(on: bool) -> None:
+        raise RuntimeError("the dot projector could not be switched")
+
+    with sensor([1000]) as (_, stream):
+        oak = driving(replace(stream, dots=dots))
+        with pytest.raises(CameraLostError, match="projector could not be switched"):
+            oak.capture(time.monotonic(), 5.0, 10.0, image=True)

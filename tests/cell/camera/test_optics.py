@@ -1,0 +1,60 @@
+import numpy as np
+import pytest
+from pydantic import ValidationError
+
+from cell.camera.optics import baseline_m, camera_optics
+from cell.config.camera_config import CameraName, OakCamera, OakProduct, SimulatedCamera
+from cell.simulation.rendering.depth_camera import CAMERAS
+
+
+@pytest.mark.parametrize("name", ["oak-d-sr", "oak-d-pro", "ideal"])
+def test_a_simulated_camera_s_optics_are_its_own(name: CameraName) -> None:
+    model, optics = CAMERAS[name], camera_optics(SimulatedCamera(model=name))
+    assert np.array_equal(optics.K, model.K)
+    assert (optics.width, optics.height, optics.near_m) == (model.width, model.height, model.near_m)
+    assert optics.working_m == model.working_m
+
+
+# The least depths that Luxonis gives for its products, rounded as it does.
+@pytest.mark.parametrize(
+    ("product", "size", "extended", "near_m", "tolerance_m"),
+    [
+        ("oak-d", (1280, 800), False, 0.70, 0.005),
+        ("oak-d", (640, 400), False, 0.35, 0.005),
+        ("oak-d", (640, 400), True, 0.20, 0.005),
+        ("oak-d-pro", (1280, 800), True, 0.32, 0.005),
+        ("oak-d-sr", (1280, 800), False, 0.20, 0.0),
+    ],
+)
+def test_an_oak_measures_from_where_its_maker_says(
+    product: OakProduct, size: tuple[int, int], extended: bool, near_m: float, tolerance_m: float
+) -> None:
+    camera = OakCamera(kind="oak", product=product, width=size[0], height=size[1], extended_disparity=extended)
+    optics = camera_optics(camera)
+    assert optics.near_m == pytest.approx(near_m, abs=tolerance_m)
+    assert (optics.width, optics.height) == size
+    near, far = optics.working_m
+    assert optics.near_m < near < far < 1.0
+    # A fifth of a pixel of disparity at the far end.
+    assert 0.2 * far**2 / (optics.K[0, 0] * baseline_m(product)) < 0.0023
+
+
+def test_the_field_of_view_does_not_depend_on_the_resolution() -> None:
+    half, full = (
+        camera_optics(OakCamera(kind="oak", width=width, height=height)) for width, height in ((640, 400), (1280, 800))
+    )
+    assert half.width / half.K[0, 0] == full.width / full.K[0, 0]
+    # 77 degrees across, of the rectified images.
+    assert 2 * np.arctan(full.width / 2 / full.K[0, 0]) == pytest.approx(np.deg2rad(77), abs=0.01)
+
+
+def test_a_working_range_that_is_given_is_taken() -> None:
+    for camera in (SimulatedCamera(working_m=(0.3, 0.5)), OakCamera(kind="oak", working_m=(0.3, 0.5))):
+        assert camera_optics(camera).working_m == (0.3, 0.5)
+
+
+def test_cameras_that_do_not_exist_are_refused() -> None:
+    with pytest.raises(ValidationError, match="an oak-d-sr has none"):
+        OakCamera(kind="oak", product="oak-d-sr", extended_disparity=True)
+    with pytest.raises(ValidationError, match="no images of 640x480"):
+        OakCamera(kind="oak", width=640, height=480)

@@ -1,0 +1,381 @@
+"""Calibrating a whole simulated cell: virtual controller, simulated camera and board, known mounting."""
+
+import json
+import resource
+from collections.abc import Callable, Iterator
+from contextlib import closing
+from dataclasses import replace
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from calibration.dataset.folder import HAND_EYE_FILE, read_folder
+from calibration.dataset.setup import Setup
+from calibration.dataset.view_detection import detect_views
+from calibration.errors import CalibrationFolderError
+from calibration.geometry.transforms import from_rotation_vector, inverse, rotation_angle
+from calibration.hand_eye import solve_hand_eye
+from calibration.storage.hand_eye_file import activate, load_hand_eye, write_hand_eye
+from calibration.target.board import Board
+from calibration.verification.verification import Verification
+from cell.config.arm_config import SimulatedArm, URArm
+from cell.config.camera_config import OakCamera, SimulatedCamera
+from cell.config.cell_config import CellSettings, HandEyeSettings
+from cell.control.board_observation import BoardSeen
+from cell.control.calibration_run import CalibrationRun, run_calibration, run_verification
+from cell.control.cell import Cell
+from cell.devices import View
+from cell.errors import CalibrationError, MissingViewsError, StoppedError
+from cell.simulation.devices.world import simulated_world
+from cell.simulation.pose_errors import T_FLANGE_CAMERA
+from cell.simulation.ur_controller.admin_client import AdminClient
+
+pytestmark = pytest.mark.xdist_group("cell")  # one at a time: each is several busy processes
+
+BOARD = Board()
+
+
+class Told:
+    """A listener that keeps what it was told."""
+
+    def __init__(self, on_recorded: Callable[[int], None] | None = None) -> None:
+        self.events: list[tuple[str, int]] = []
+        self.reasons: dict[int, str] = {}
+        self.coverage: list[float] = []
+        self.boards: dict[int, BoardSeen] = {}
+        self._on_recorded = on_recorded
+
+    def moving(self, index: int) -> None:
+        self.events.append(("moving", index))
+
+    def recorded(self, index: int) -> None:
+        self.events.append(("recorded", index))
+        if self._on_recorded is not None:
+            self._on_recorded(index)
+
+    def missing(self, index: int, reason: str) -> None:
+        self.reasons[index] = reason
+
+    def seen(self, index: int, board: BoardSeen, coverage: float) -> None:
+        self.boards[index] = board
+        self.coverage.append(coverage)
+
+    def unseen(self, index: int, reason: str) -> None:
+        self.reasons[index] = reason
+
+    def home(self) -> None:
+        self.events.append(("home", -1))
+
+
+def settings_with(folder: Path, **hand_eye: Any) -> CellSettings:
+    """The usual simulated cell, in a hurry."""
+    return CellSettings(
+        arm=SimulatedArm(time_factor=20.0, watchdog_hz=1.0),
+        camera=SimulatedCamera(fps=30.0, settle_s=0.0, exposures=2),
+        hand_eye=HandEyeSettings(folder=folder, **hand_eye),
+    )
+
+
+def error_of(X: NDArray[np.float64], settings: CellSettings) -> tuple[float, float]:
+    """How far X is off: metres, radians."""
+    off = inverse(simulated_world(settings).T_flange_camera) @ X
+    return float(np.linalg.norm(off[:3, 3])), rotation_angle(off)
+
+
+def controller_q(cell: Cell) -> NDArray[np.float64]:
+    assert cell.controller_host is not None
+    with closing(AdminClient(cell.controller_host)) as admin:
+        return admin.state().q_rad
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("calibration")
+
+
+@pytest.fixture(scope="module")
+def cell(folder: Path) -> Iterator[Cell]:
+    """One that all tests share; each leaves it able to work."""
+    cell = Cell(settings_with(folder))
+    yield cell
+    cell.close()
+
+
+@pytest.fixture(scope="module")
+def done(cell: Cell, folder: Path) -> tuple[CalibrationRun, Told, Path]:
+    """A calibration of that cell, its listener, and its folder."""
+    reasons: set[str | None] = set()
+    told, run_folder = Told(lambda _: reasons.add(cell.status.reason)), folder / "runs" / "1"
+    plan = cell.prepare_calibration(BOARD)
+    run = run_calibration(cell, plan, run_folder, BOARD, told)
+    np.testing.assert_allclose(controller_q(cell), plan.home_q_rad, atol=2e-3)
+    assert cell.status.state == "ready"
+    assert reasons == {"a calibration is under way"}
+    order = [leg.view for leg in plan.legs if leg.view is not None]
+    moves = [event for index in order for event in (("moving", index), ("recorded", index))]
+    assert told.events == [*moves, ("home", -1)]
+    return run, told, run_folder
+
+
+def test_the_camera_is_found_where_it_is(cell: Cell, done: tuple[CalibrationRun, Told, Path]) -> None:
+    run, told, _ = done
+    assert run.result.verdict == "accept"
+    off_m, off_rad = error_of(run.result.X, cell.settings)
+    # The required bounds. The simulated arm errs by 0.5 mm and 0.1 degrees.
+    assert off_m < 0.0004
+    assert off_rad < np.deg2rad(0.08)
+    assert off_m < 3 * run.result.sigma_m
+    assert run.unseen == ()
+    assert told.reasons == {}
+    assert {(board.corners, board.possible) for board in told.boards.values()} == {(48, 48)}
+    assert told.coverage == sorted(told.coverage)
+    # Nobody has solved anything yet: each view by itself, by the camera as it tells of itself.
+    assert all(board.rms_px is not None and 0 < board.rms_px < 0.3 for board in told.boards.values())
+    assert told.coverage[-1] > 0.35
+    assert len(run.result.views) == 15
+
+
+def test_it_is_verified_on_the_poses_held_out(done: tuple[CalibrationRun, Told, Path]) -> None:
+    verification = done[0].verification
+    assert verification.passed
+    assert verification.board_moved_m is None
+    assert len(verification.views) == 2
+    assert not {view.name for view in verification.views} & {view.name for view in done[0].result.views}
+
+
+def test_what_is_in_the_folder_gives_the_same_again(cell: Cell, done: tuple[CalibrationRun, Told, Path]) -> None:
+    run, _, folder = done
+    content = read_folder(folder)
+    setup: Setup = content.setup
+    assert cell.status.camera is not None
+    assert cell.status.arm is not None
+    assert (setup.camera_id, setup.robot_serial) == (cell.status.camera.device_id, cell.status.arm.serial)
+    assert setup.image_size == (640, 400)
+    np.testing.assert_allclose(setup.K, simulated_world(cell.settings).camera.K)
+    assert [view.name for view in content.views if view.held_out] == [view.name for view in run.verification.views]
+    observed = detect_views(content)
+    np.testing.assert_allclose(solve_hand_eye(observed.observations).X, run.result.X, atol=1e-9)
+    document = json.loads((folder / HAND_EYE_FILE).read_text())
+    assert (document["verdict"], document["verification"]["passed"]) == ("accept", True)
+    # All of it is as old as the pictures.
+    assert setup.created is not None
+    assert setup.created == observed.observations.created
+    assert document["created"] == setup.created.isoformat()
+
+
+def test_a_calibration_is_never_written_over(cell: Cell, done: tuple[CalibrationRun, Told, Path]) -> None:
+    before = controller_q(cell)
+    with pytest.raises(CalibrationFolderError, match="holds a calibration already"):
+        run_calibration(cell, cell.prepare_calibration(BOARD), done[2], BOARD, Told())
+    np.testing.assert_array_equal(controller_q(cell), before)
+
+
+def verification_of(cell: Cell, folder: Path) -> Verification:
+    reasons: set[str | None] = set()
+    told = Told(lambda _: reasons.add(cell.status.reason))
+    verification = run_verification(cell, cell.prepare_verification(), folder, told)
+    assert reasons == {"a verification is under way"}
+    return verification
+
+
+def test_a_calibration_in_use_is_verified_and_a_drift_noticed(
+    cell: Cell, folder: Path, done: tuple[CalibrationRun, Told, Path], tmp_path: Path
+) -> None:
+    with pytest.raises(CalibrationError, match="no hand-eye calibration to verify yet: calibrate the cell with"):
+        cell.prepare_verification()
+    active = folder / HAND_EYE_FILE
+    activate(done[2] / HAND_EYE_FILE, active)
+    try:
+        good = verification_of(cell, tmp_path / "good")
+        assert good.passed, good.message
+        assert len(good.views) == 2
+        # The camera is where it was; the file puts it 5 mm beside that.
+        document = json.loads(active.read_text())
+        document["T_flange_camera"]["xyz_m"][0] += 0.005
+        active.write_text(json.dumps(document))
+        bad = verification_of(cell, tmp_path / "bad")
+        assert not bad.passed
+        assert "calibrate again" in bad.message
+        # For a scan the strings lie there again, and it is that file's calibration.
+        cell.prepare(2)
+        assert cell.status.hand_eye is not None
+        assert cell.status.hand_eye.T_flange_camera[0, 3] == document["T_flange_camera"]["xyz_m"][0]
+    finally:
+        active.unlink()
+
+
+def test_a_verification_goes_by_the_calibration_that_it_was_planned_with(
+    cell: Cell, folder: Path, done: tuple[CalibrationRun, Told, Path], tmp_path: Path
+) -> None:
+    active = folder / HAND_EYE_FILE
+    activate(done[2] / HAND_EYE_FILE, active)
+    try:
+        plan, before = cell.prepare_verification(), controller_q(cell)
+        assert cell.made_with(plan).sha256 == load_hand_eye(active, np.inf).sha256
+        document = json.loads(active.read_text())
+        document["T_flange_camera"]["xyz_m"][0] += 0.005
+        active.write_text(json.dumps(document))
+        with pytest.raises(CalibrationError, match="changed while it was to be verified: verify it again"):
+            run_verification(cell, plan, tmp_path / "run", Told())
+        np.testing.assert_array_equal(controller_q(cell), before)
+    finally:
+        active.unlink()
+
+
+def test_the_arm_moves_by_the_mounting_that_it_was_planned_with(cell: Cell, folder: Path, tmp_path: Path) -> None:
+    plan = cell.prepare_calibration(BOARD, poses=10, held_out=0)
+    planned_with, active = cell.made_with(plan).T_flange_camera, folder / HAND_EYE_FILE
+    try:
+        write_hand_eye(active, planned_with @ from_rotation_vector((0.1, 0, 0), (0, 0, 0)), created=datetime.now(UTC))
+        views: list[View] = []
+
+        class Stopping:
+            def write_view(self, view: View) -> View:
+                views.append(view)
+                cell.stop()
+                return view
+
+        with pytest.raises(StoppedError), cell.calibrating(plan, Stopping(), Told(), 8) as looks:
+            list(looks)
+        np.testing.assert_array_equal(views[0].T_flange_camera, planned_with)
+        cell.prepare(2)
+        with pytest.raises(CalibrationError, match="was not the last one to be prepared"):
+            run_calibration(cell, replace(plan), tmp_path / "run", BOARD, Told())
+    finally:
+        active.unlink()
+
+
+def test_a_folder_that_cannot_be_written_shows_before_anything_moves(cell: Cell, tmp_path: Path) -> None:
+    plan, before = cell.prepare_calibration(BOARD, poses=10, held_out=0), controller_q(cell)
+    (tmp_path / "file").write_text("")
+    told = Told()
+    with pytest.raises(OSError, match="Not a directory"):
+        run_calibration(cell, plan, tmp_path / "file" / "run", BOARD, told)
+    assert told.events == []
+    np.testing.assert_array_equal(controller_q(cell), before)
+    limit = resource.getrlimit(resource.RLIMIT_FSIZE)
+    # Past this size the system writes nothing more, as on a full disk.
+    resource.setrlimit(resource.RLIMIT_FSIZE, (1 << 20, limit[1]))
+    try:
+        with pytest.raises(OSError, match="File too large"):
+            run_calibration(cell, plan, tmp_path / "run", BOARD, told)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limit)
+    assert told.events == []
+    assert list((tmp_path / "run").iterdir()) == []
+    np.testing.assert_array_equal(controller_q(cell), before)
+
+
+def test_a_cell_whose_calibration_cannot_be_used_is_not_ready_after_the_run(
+    cell: Cell, folder: Path, tmp_path: Path
+) -> None:
+    active = folder / HAND_EYE_FILE
+    write_hand_eye(active, T_FLANGE_CAMERA, created=datetime.now(UTC), camera_id="another")
+    try:
+        plan = cell.prepare_calibration(BOARD, poses=10, held_out=0)
+        with pytest.raises(MissingViewsError):
+            run_calibration(cell, plan, tmp_path / "run", Board(dictionary="DICT_5X5_100"), Told())
+        assert (cell.status.state, cell.status.slug) == ("not_ready", "calibration")
+        assert "made with camera another" in str(cell.status.reason)
+    finally:
+        active.unlink()
+    cell.connect()
+    assert cell.status.state == "ready"
+
+
+def test_looks_that_the_camera_fails_are_named_and_the_others_solved_from(cell: Cell, tmp_path: Path) -> None:
+    def fail(index: int) -> None:
+        cell.camera.fault("constant" if len(told.events) == 6 else "none")  # three views are taken
+
+    told = Told(on_recorded=fail)
+    plan = cell.prepare_calibration(BOARD, poses=9, held_out=0)
+    # The camera gives nothing from then on, until it is well again.
+    missing = told.missing
+
+    def well_again(index: int, reason: str) -> None:
+        missing(index, reason)
+        cell.camera.fault("none")
+
+    told.missing = well_again
+    run = run_calibration(cell, plan, tmp_path / "run", BOARD, told)
+    assert len(told.reasons) == 1
+    assert len(run.result.views) == 8
+    assert len(run.unseen) == 1
+    assert "not-verified" in {finding.code for finding in run.result.findings}
+    assert not run.verification.passed
+
+
+def test_what_was_taken_until_a_stop_is_on_the_disk(cell: Cell, tmp_path: Path) -> None:
+    def stop(index: int) -> None:
+        if len(told.events) == 6:
+            cell.stop()
+
+    told = Told(on_recorded=stop)
+    with pytest.raises(StoppedError):
+        run_calibration(cell, cell.prepare_calibration(BOARD), tmp_path / "run", BOARD, told)
+    assert cell.status.slug == "stopped"
+    observed = detect_views(read_folder(tmp_path / "run"))
+    assert len(observed.observations.views) + len(observed.held_out.views) == 3
+    cell.connect()
+    assert cell.status.state == "ready"
+
+
+def test_a_board_that_nobody_laid_there_is_missed(cell: Cell, tmp_path: Path) -> None:
+    told = Told()
+    another = Board(dictionary="DICT_5X5_100")
+    plan = cell.prepare_calibration(BOARD, poses=8, held_out=0)
+    with pytest.raises(MissingViewsError, match="seen in 0 views, 8 are needed: lay it flat in the middle"):
+        run_calibration(cell, plan, tmp_path / "run", another, told)
+    assert set(told.reasons) == set(range(8))
+    assert cell.status.state == "ready"
+
+
+def test_without_any_idea_of_the_mounting_the_error_says_how_to_measure_it(tmp_path: Path) -> None:
+    settings = CellSettings(
+        arm=URArm(kind="ur", host="127.255.255.1"),
+        camera=OakCamera(kind="oak"),
+        hand_eye=HandEyeSettings(folder=tmp_path),
+    )
+    with closing(Cell(settings)) as cell:
+        with pytest.raises(CalibrationError, match=r"measure with a ruler .* hand_eye\.rough_xyz_m"):
+            cell.prepare_calibration(BOARD)
+        with pytest.raises(CalibrationError, match=r"there is no hand-eye calibration .* yet: calibrate the"):
+            cell.connect()
+
+
+@pytest.mark.soak
+def test_a_rough_mounting_by_a_ruler_will_do(tmp_path: Path) -> None:
+    true = simulated_world(settings_with(tmp_path)).T_flange_camera
+    rough = true @ from_rotation_vector((0.02, -0.02, 0.01), np.deg2rad((4.0, -5.0, 7.0)))
+    turn = np.array([rough[2, 1] - rough[1, 2], rough[0, 2] - rough[2, 0], rough[1, 0] - rough[0, 1]])
+    angle = rotation_angle(rough)
+    told = settings_with(
+        tmp_path,
+        rough_xyz_m=tuple(rough[:3, 3]),
+        rough_rotation_rad=tuple(turn / (2 * np.sin(angle)) * angle),
+    )
+    with closing(Cell(told)) as cell:
+        run = run_calibration(cell, cell.prepare_calibration(BOARD), tmp_path / "run", BOARD, Told())
+    assert run.result.verdict == "accept"
+    off_m, off_rad = error_of(run.result.X, told)
+    # Three sigma of what this arm allows, as measured over many cells.
+    assert off_m < 0.0012
+    assert off_rad < np.deg2rad(0.1)
+
+
+@pytest.mark.soak
+def test_a_board_that_looks_the_same_from_two_sides(tmp_path: Path) -> None:
+    with closing(Cell(settings_with(tmp_path))) as cell:
+        board = Board(kind="checkerboard", columns=9, rows=7, pitch_m=0.026)
+        run = run_calibration(cell, cell.prepare_calibration(board), tmp_path / "runs" / "1", board, Told())
+        assert run.result.verdict == "accept"
+        assert [view.used for view in run.result.views] == [True] * 15
+        assert run.verification.passed
+        activate(tmp_path / "runs" / "1" / HAND_EYE_FILE, tmp_path / "hand_eye.json")
+        verification = run_verification(cell, cell.prepare_verification(), tmp_path / "runs" / "2", Told())
+        assert verification.passed
+        assert verification.board_moved_m is None

@@ -1,0 +1,191 @@
+import itertools
+from functools import cache
+
+import numpy as np
+import pytest
+
+from calibration.geometry.transforms import from_rotation_vector, inverse, rotation_angle, transform_points
+from calibration.target.board import Board
+from cell.camera.optics import camera_optics
+from cell.config.arm_config import SimulatedArm
+from cell.config.camera_config import SimulatedCamera
+from cell.config.cell_config import CellSettings, MountingSettings, WorkspaceSettings
+from cell.errors import ViewpointsError
+from cell.kinematics.collision import collision_model
+from cell.kinematics.ur_kinematics import forward
+from cell.planning.calibration_poses import (
+    LARGEST_RATIO,
+    LEAST_RATIO,
+    OFF_MIDDLE_M,
+    plan_calibration,
+    plan_verification,
+)
+from cell.planning.viewpoints import Viewpoint, ViewpointPlan
+from cell.simulation.pose_errors import T_FLANGE_CAMERA
+
+BOARD = Board()
+DEFAULT = CellSettings()
+FAR = CellSettings(workspace=WorkspaceSettings(x_m=(0.44, 0.8)))
+"""So far off that the arm cannot reach round behind the board as it would like to."""
+SMALL = CellSettings(
+    arm=SimulatedArm(model="ur3e"),
+    camera=SimulatedCamera(model="oak-d-sr"),
+    workspace=WorkspaceSettings(x_m=(0.15, 0.35), y_m=(-0.1, 0.1)),
+)
+CELLS = [DEFAULT, FAR, SMALL]
+
+
+@cache
+def planned(cell: int) -> ViewpointPlan:
+    return plan_calibration(CELLS[cell], BOARD, T_FLANGE_CAMERA, None)
+
+
+def middle_of(settings: CellSettings) -> np.ndarray:
+    (x0, x1), (y0, y1), (floor, _) = settings.workspace_m
+    return np.array([(x0 + x1) / 2, (y0 + y1) / 2, floor])
+
+
+def reached(plan: ViewpointPlan) -> list[Viewpoint]:
+    return [v for v in plan.viewpoints if v.q_rad is not None]
+
+
+@pytest.mark.parametrize("cell", range(len(CELLS)))
+def test_wherever_the_board_lies_about_the_middle_every_picture_shows_all_of_it(cell: int) -> None:
+    settings, plan = CELLS[cell], planned(cell)
+    optics, rng = camera_optics(settings.camera), np.random.default_rng(0)
+    points = BOARD.points - BOARD.points.mean(axis=0)
+    assert plan.reached == 17
+    for v, _ in itertools.product(reached(plan), range(20)):
+        yaw, toward, off = rng.uniform(0, 2 * np.pi, 2).tolist() + [OFF_MIDDLE_M]
+        c, s = np.cos(yaw), np.sin(yaw)
+        place = middle_of(settings) + off * np.array([np.cos(toward), np.sin(toward), 0.0])
+        lying = points @ np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]]) + place
+        seen = transform_points(inverse(v.T_base_camera), lying)
+        pixels = (seen @ optics.K.T)[:, :2] / seen[:, 2:]
+        # A twentieth of the picture is left on each side, a little less by poses 10 degrees lower than wanted.
+        margin = 0.04 * np.array([optics.width, optics.height])
+        assert (pixels > margin).all()
+        assert (pixels < np.array([optics.width, optics.height]) - margin).all()
+
+
+def test_a_mounting_measured_with_a_ruler_shows_most_of_the_board() -> None:
+    optics, rng = camera_optics(DEFAULT.camera), np.random.default_rng(0)
+    corners = BOARD.points - BOARD.points.mean(axis=0) + middle_of(DEFAULT)
+    turn, shift = rng.normal(size=(2, 3))
+    error = from_rotation_vector(0.03 * shift / np.linalg.norm(shift), np.deg2rad(10) * turn / np.linalg.norm(turn))
+    plan = plan_calibration(DEFAULT, BOARD, T_FLANGE_CAMERA @ error, None)
+    for v in reached(plan):
+        seen = transform_points(inverse(v.T_base_flange @ T_FLANGE_CAMERA), corners)
+        pixels = (seen @ optics.K.T)[:, :2] / seen[:, 2:]
+        inside = ((pixels > 0) & (pixels < (optics.width - 1, optics.height - 1))).all(axis=1)
+        assert inside.mean() > 0.75
+
+
+def test_the_poses_are_tilted_and_rolled_all_round_at_two_distances() -> None:
+    plan = planned(0)
+    solved_from = plan.viewpoints[:15]
+    assert plan.held_out == (15, 16)
+    assert plan.warnings == ()
+    assert [v.index for v in plan.viewpoints] == list(range(17))
+    assert all(59.9 < np.rad2deg(v.elevation_rad) < 70.1 for v in plan.viewpoints)
+    azimuths = np.sort([v.azimuth_rad for v in solved_from])
+    assert np.diff(azimuths, append=azimuths[0] + 2 * np.pi).max() < np.deg2rad(30)
+    distances = [v.distance_m for v in solved_from]
+    near, far = min(distances), max(distances)
+    assert LEAST_RATIO <= far / near <= LARGEST_RATIO
+    assert far <= camera_optics(DEFAULT.camera).working_m[1] + 1e-9
+    assert sum(distance > (near + far) / 2 for distance in distances) == 5
+    wanted = {round(np.rad2deg(v.roll_rad)) for v in solved_from if v.fallback is None}
+    assert wanted == {-75, -25, 25, 75}
+
+
+@pytest.mark.parametrize("cell", range(len(CELLS)))
+def test_the_poses_held_out_are_no_copies_of_those_solved_from(cell: int) -> None:
+    plan = planned(cell)
+    for held_out, other in itertools.product(plan.viewpoints[15:], plan.viewpoints[:15]):
+        apart = inverse(held_out.T_base_camera) @ other.T_base_camera
+        assert np.linalg.norm(apart[:3, 3]) > 0.03
+        assert rotation_angle(apart) > np.deg2rad(5)
+
+
+@pytest.mark.parametrize("cell", range(len(CELLS)))
+def test_the_whole_way_is_free_and_ends_at_each_pose_and_home(cell: int) -> None:
+    settings, plan = CELLS[cell], planned(cell)
+    collisions = collision_model(settings, T_FLANGE_CAMERA)
+    place = plan.start_q_rad
+    for leg in plan.legs:
+        for target in leg.waypoints_rad:
+            line = place + np.linspace(0, 1, 100)[:, None] * (target - place)
+            # As for viewpoints: places between those looked at may be a little nearer.
+            assert (collisions.gaps(line) > collisions.clearances - 0.02).all()
+            place = target
+        if leg.view is None:
+            assert np.array_equal(place, plan.home_q_rad)
+        else:
+            v = plan.viewpoints[leg.view]
+            assert forward(settings.arm.model, place) == pytest.approx(v.T_base_flange, abs=2e-7)
+    assert sorted(leg.view for leg in plan.legs if leg.view is not None) == [v.index for v in reached(plan)]
+
+
+def test_other_numbers_of_poses() -> None:
+    plan = plan_calibration(DEFAULT, BOARD, T_FLANGE_CAMERA, None, poses=12, held_out=0)
+    assert (plan.reached, plan.held_out, plan.warnings) == (12, (), ())
+
+
+def test_where_no_pose_to_verify_from_is_reached_another_is_held_out() -> None:
+    far_off = CellSettings(workspace=WorkspaceSettings(x_m=(0.64, 1.0)))
+    plan = plan_calibration(far_off, BOARD, T_FLANGE_CAMERA, None, held_out=1)
+    assert plan.viewpoints[15].q_rad is None
+    last = max(v.index for v in reached(plan))
+    assert (plan.held_out, plan.warnings) == ((last, 15), ())
+    assert plan.reached - 1 >= 10
+
+
+def test_where_none_can_be_spared_a_warning_says_that_nothing_is_verified() -> None:
+    farther_off = CellSettings(workspace=WorkspaceSettings(x_m=(0.67, 1.03)))
+    plan = plan_calibration(farther_off, BOARD, T_FLANGE_CAMERA, None, held_out=1)
+    assert plan.reached == 10
+    assert plan.held_out == (15,)
+    assert "it will not be verified: change x_m" in plan.warnings[0]
+
+
+def test_too_few_poses_are_refused_with_their_reasons() -> None:
+    out_of_reach = CellSettings(workspace=WorkspaceSettings(x_m=(0.72, 1.08)))
+    with pytest.raises(ViewpointsError, match=r"only \d of 15 calibration poses can be reached, 10 are needed") as told:
+        plan_calibration(out_of_reach, BOARD, T_FLANGE_CAMERA, None)
+    assert "0: out of the arm's reach" in str(told.value).split("Not reached are ")[1]
+
+
+def test_of_a_board_too_large_for_the_arm_a_smaller_one_is_asked_for() -> None:
+    board = Board(pitch_m=0.08, marker_m=0.056)
+    with pytest.raises(
+        ViewpointsError, match=r"take a smaller board, as the camera sees all of this one from 0\.\d\d m"
+    ):
+        plan_calibration(CellSettings(), board, T_FLANGE_CAMERA, None)
+
+
+def test_where_far_poses_are_out_of_reach_a_warning_says_what_goes_unnoticed() -> None:
+    wide = CellSettings(camera=SimulatedCamera(working_m=(0.55, 1.0)))
+    plan = plan_calibration(wide, BOARD, T_FLANGE_CAMERA, None)
+    far = sum(v.distance_m > (0.55 + 0.55 * LARGEST_RATIO) / 2 for v in reached(plan) if v.index < 15)
+    assert far < 3
+    assert f"{far} far from it" in plan.warnings[0]
+
+
+@pytest.mark.parametrize("settings", CELLS)
+def test_a_verification_looks_from_opposite_sides(settings: CellSettings) -> None:
+    plan = plan_verification(settings, BOARD, T_FLANGE_CAMERA, None)
+    one, other = (v.T_base_camera for v in plan.viewpoints)
+    assert plan.held_out == (0, 1)
+    sides = np.array([T[:2, 3] - middle_of(settings)[:2] for T in (one, other)])
+    cosine = (sides[0] @ sides[1]) / np.prod(np.linalg.norm(sides, axis=1))
+    assert cosine < np.cos(np.deg2rad(150))
+    # Along the table, a camera that was moved puts the board apart by nearly twice its way.
+    assert np.linalg.norm((one - other)[:2, 0]) > 1.5
+
+
+def test_a_verification_from_one_side_only_is_refused() -> None:
+    wall = MountingSettings(obstacles_m=(((-0.2, 0.14, 0.0), (0.9, 0.6, 0.9)),))
+    settings = CellSettings(mounting=wall)
+    with pytest.raises(ViewpointsError, match="from two sides of the board, and the arm does not reach both"):
+        plan_verification(settings, BOARD, T_FLANGE_CAMERA, None)

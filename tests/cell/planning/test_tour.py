@@ -1,0 +1,130 @@
+import itertools
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from calibration.geometry.transforms import from_rotation_vector
+from cell.config.cell_config import CellSettings, MountingSettings
+from cell.kinematics.collision import CollisionModel, collision_model
+from cell.kinematics.joint_paths import JointPaths, travel_rad
+from cell.planning import tour
+from cell.planning.tour import Route, best_route
+
+HOME = np.deg2rad((180.0, -100.0, 90.0, -80.0, -90.0, 0.0))
+Postures = NDArray[np.float64]
+
+
+def open_cell() -> CollisionModel:
+    return collision_model(CellSettings(), from_rotation_vector((0.0, 0.0, 0.05), (0.0, 0.0, 0.0)))
+
+
+def walled_cell() -> CollisionModel:
+    """With a wall in front of the arm, so that it cannot swing past low."""
+    wall = MountingSettings(obstacles_m=(((0.5, -0.02, 0.0), (0.9, 0.02, 0.35)),))
+    return collision_model(CellSettings(mounting=wall), from_rotation_vector((0.0, 0.0, 0.05), (0.0, 0.0, 0.0)))
+
+
+def near_home(rng: np.random.Generator, groups: int, postures: int) -> list[Postures]:
+    return [HOME + rng.uniform(-0.3, 0.3, (postures, 6)) for _ in range(groups)]
+
+
+def found(groups: list[Postures], collisions: CollisionModel, start: Postures = HOME) -> tuple[Route, JointPaths]:
+    paths = JointPaths(collisions, HOME)
+    result = best_route(start, HOME, groups, paths, collisions.clearances)
+    assert result is not None
+    return result, paths
+
+
+def cost(result: Route, start: Postures = HOME) -> float:
+    total, place = 0.0, start
+    for way in result.ways:
+        total += travel_rad(place, way)
+        place = way[-1]
+    return total
+
+
+def least(groups: list[Postures], start: Postures, paths: JointPaths) -> float:
+    """Over all orders and postures, each way as the paths know it."""
+
+    def length(a: Postures, b: Postures) -> float:
+        way = paths.way(a, b)
+        return np.inf if way is None else travel_rad(a, way)
+
+    return min(
+        sum(length(a, b) for a, b in itertools.pairwise([start, *choice, HOME]))
+        for order in itertools.permutations(groups)
+        for choice in itertools.product(*order)
+    )
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_no_order_and_no_choice_of_postures_is_shorter(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    groups = near_home(rng, 4, 2)
+    start = HOME + rng.uniform(-0.3, 0.3, 6)
+    result, paths = found(groups, open_cell(), start)
+    assert cost(result, start) == pytest.approx(least(groups, start, paths), abs=1e-9)
+
+
+def test_every_viewpoint_is_visited_once_where_the_route_says() -> None:
+    groups = near_home(np.random.default_rng(9), 5, 3)
+    result, _ = found(groups, open_cell())
+    assert sorted(group for group, _ in result.stops) == [0, 1, 2, 3, 4]
+    for (group, posture), way in zip(result.stops, result.ways, strict=False):
+        assert np.array_equal(way[-1], groups[group][posture])
+    assert np.array_equal(result.ways[-1][-1], HOME)
+
+
+def test_round_a_wall_too_no_route_by_home_is_shorter() -> None:
+    rng = np.random.default_rng(2)
+    collisions = walled_cell()
+    # On either side of the wall, lower than its edge.
+    low = np.deg2rad([(142.0, -40.0, 40.0, -90.0, -90.0, 0.0), (202.0, -40.0, 40.0, -90.0, -90.0, 0.0)])
+    groups = [q + rng.uniform(-0.03, 0.03, (2, 6)) for q in (low[0], low[1], low[0], low[1])]
+    assert (collisions.gaps(np.concatenate(groups)) >= collisions.clearances).all()
+    result, paths = found(groups, collisions)
+    assert not paths.free(groups[0][0], groups[1][0])
+    assert cost(result) == pytest.approx(least(groups, HOME, paths), abs=1e-9)
+    place = HOME
+    for target in [q for way in result.ways for q in way]:
+        line = place + np.linspace(0, 1, 400)[:, None] * (target - place)
+        # Between the places looked at, 0.03 rad apart, the arm comes at most 1.5 cm nearer than the clearance of 3 cm.
+        assert (collisions.gaps(line) > collisions.clearances - 0.015).all()
+        place = target
+
+
+def test_many_viewpoints_are_ordered_nearly_as_well(monkeypatch: pytest.MonkeyPatch) -> None:
+    shares = []
+    for seed in range(6):
+        groups = near_home(np.random.default_rng(seed), 7, 3)
+        exact = cost(found(groups, open_cell())[0])
+        with monkeypatch.context() as patch:
+            patch.setattr(tour, "EXACT_VIEWS", 0)
+            shares.append(cost(found(groups, open_cell())[0]) / exact)
+    assert min(shares) >= 1 - 1e-9
+    # Exchanges end in some local best; among seven random viewpoints that is a few percent longer.
+    assert np.mean(shares) < 1.1
+
+
+def test_nothing_to_visit_leads_home() -> None:
+    start = HOME + 0.1
+    result, _ = found([], open_cell(), start)
+    assert result.stops == ()
+    assert np.array_equal(result.ways[0][-1], HOME)
+
+
+def test_a_start_without_a_way_out_has_no_route() -> None:
+    collisions = open_cell()
+    below = np.deg2rad((180.0, -20.0, 60.0, -90.0, -90.0, 0.0))
+    assert (collisions.gaps(below[None]) < collisions.clearances).any()
+    paths = JointPaths(collisions, HOME)
+    assert best_route(below, HOME, near_home(np.random.default_rng(0), 2, 2), paths, collisions.clearances) is None
+
+
+def test_an_endless_turn_is_no_neighbour() -> None:
+    # The same pose a whole turn away costs the turn.
+    groups = [np.array([HOME + (0, 0, 0, 0, 0, 2 * np.pi), HOME + 0.2])]
+    result, _ = found(groups, open_cell())
+    assert result.stops == ((0, 1),)
+    assert cost(result) == pytest.approx(0.4)

@@ -1,0 +1,306 @@
+import io
+import json
+import time
+from functools import cache
+
+import matplotlib.image
+import numpy as np
+import pytest
+
+from calibration.geometry.transforms import inverse, transform_points
+from cell.camera.optics import camera_optics
+from cell.config.arm_config import ArmModelName, SimulatedArm
+from cell.config.camera_config import CameraName, SimulatedCamera
+from cell.config.cell_config import CellSettings, MountingSettings, ScanSettings, WorkspaceSettings
+from cell.errors import ViewpointsError
+from cell.kinematics.collision import collision_model
+from cell.kinematics.ik_branches import LEAST_SINGULAR_VALUE, USED_LIMIT_RAD
+from cell.kinematics.ur_kinematics import forward, jacobian
+from cell.planning.look_at import FILL
+from cell.planning.plan_plot import draw_plan
+from cell.planning.viewpoints import ViewpointPlan, plan_viewpoints, require_enough
+from cell.simulation.pose_errors import T_FLANGE_CAMERA
+
+READY = np.deg2rad((0.0, -90.0, 90.0, -90.0, -90.0, 0.0))
+
+
+def plan_of(settings: CellSettings, start: tuple[float, ...] | None = None) -> ViewpointPlan:
+    return planned(settings.model_dump_json(), start)
+
+
+@cache
+def planned(settings: str, start: tuple[float, ...] | None) -> ViewpointPlan:
+    return plan_viewpoints(CellSettings.model_validate_json(settings), T_FLANGE_CAMERA, start)
+
+
+def cell(
+    model: ArmModelName = "ur5e",
+    middle: tuple[float, float] = (0.36, 0.0),
+    half_m: float = 0.18,
+    camera: CameraName = "oak-d-pro",
+    mounting: MountingSettings | None = None,
+) -> CellSettings:
+    x, y = middle
+    return CellSettings(
+        arm=SimulatedArm(model=model),
+        camera=SimulatedCamera(model=camera),
+        workspace=WorkspaceSettings(x_m=(x - half_m, x + half_m), y_m=(y - half_m, y + half_m)),
+        mounting=mounting or MountingSettings(),
+    )
+
+
+DEFAULT = CellSettings()
+FAR = cell(middle=(0.62, 0.0))
+"""So far off that the arm cannot reach round behind it."""
+OBSTRUCTED = cell(mounting=MountingSettings(obstacles_m=(((0.0, 0.3, 0.0), (0.7, 0.4, 0.7)),)))
+"""With a wall beside the workspace, where viewpoints should be."""
+LARGE = cell(middle=(0.65, 0.0), half_m=0.5)
+"""More than eight pictures show."""
+CELLS = [
+    DEFAULT,
+    FAR,
+    OBSTRUCTED,
+    cell("ur3e", (0.25, 0.0), 0.1, "oak-d-sr"),
+    cell("ur10e", (0.6, 0.2), 0.2),
+    cell(mounting=MountingSettings(table_z_m=-0.2)),
+]
+
+
+@pytest.mark.parametrize("settings", [DEFAULT, CELLS[3], CELLS[4], cell(middle=(0.0, -0.4)), cell(middle=(-0.36, 0.0))])
+def test_a_workspace_that_fits_the_arm_is_seen_from_all_sides(settings: CellSettings) -> None:
+    plan = plan_of(settings)
+    assert plan.reached == 8
+    assert [v.reason for v in plan.viewpoints] == [None] * 8
+    assert sorted(leg.view for leg in plan.legs if leg.view is not None) == list(range(8))
+    require_enough(plan, 8)
+
+
+@pytest.mark.parametrize("settings", CELLS)
+def test_the_camera_looks_at_the_workspace_where_the_plan_says(settings: CellSettings) -> None:
+    plan, optics = plan_of(settings), camera_optics(settings.camera)
+    (x0, x1), (y0, y1), (floor, _) = settings.workspace_m
+    middle = np.array([(x0 + x1) / 2, (y0 + y1) / 2, floor])
+    for v in plan.viewpoints:
+        eye = v.T_base_camera[:3, 3]
+        assert transform_points(inverse(v.T_base_camera), middle[None])[0] == pytest.approx(
+            (0, 0, v.distance_m), abs=1e-9
+        )
+        assert np.arcsin((eye[2] - floor) / v.distance_m) == pytest.approx(v.elevation_rad)
+        assert np.arctan2(*(eye - middle)[[1, 0]]) == pytest.approx(np.angle(np.exp(1j * v.azimuth_rad)), abs=1e-9)
+        assert optics.working_m[0] - 1e-9 <= v.distance_m <= optics.working_m[1] + 1e-9
+        assert v.T_base_flange @ T_FLANGE_CAMERA == pytest.approx(v.T_base_camera, abs=1e-9)
+        assert (v.q_rad is None) == (v.reason is not None)
+        if v.q_rad is not None:
+            # The solver's poses are held to 1e-7.
+            assert forward(settings.arm.model, v.q_rad) == pytest.approx(v.T_base_flange, abs=2e-7)
+
+
+def test_the_whole_floor_is_in_the_image_from_the_least_distance_that_does() -> None:
+    settings = cell(half_m=0.15)
+    optics = camera_optics(settings.camera)
+    (x0, x1), (y0, y1), (floor, _) = settings.workspace_m
+    corners = np.array([(x, y, floor) for x in (x0, x1) for y in (y0, y1)])
+    wanted = [v for v in plan_of(settings).viewpoints if v.fallback is None]
+    assert len(wanted) >= 5
+    for v in wanted:
+        seen = transform_points(inverse(v.T_base_camera), corners)
+        pixels = seen @ optics.K.T
+        off = np.abs(pixels[:, :2] / pixels[:, 2:] - optics.K[:2, 2]) / (optics.width / 2, optics.height / 2)
+        assert off.max() < FILL + 1e-9
+        assert seen[:, 2].min() > 1.05 * optics.near_m - 1e-9
+        # One of the bounds is what keeps the camera so far off.
+        held = (off.max() / FILL, 1.05 * optics.near_m / seen[:, 2].min(), optics.working_m[0] / v.distance_m)
+        assert max(held) == pytest.approx(1.0, abs=1e-6)
+
+
+def test_the_baseline_points_in_many_directions() -> None:
+    headings = np.array([v.T_base_camera[:2, 0] for v in plan_of(DEFAULT).viewpoints])
+    # As lines: a string that lies along one baseline lies at 25 degrees or more across that of three other views.
+    angles = np.arctan2(headings[:, 1], headings[:, 0])
+    across = np.abs(np.sin(angles[:, None] - angles[None])) > np.sin(np.deg2rad(25))
+    assert (across.sum(axis=1) >= 3).all()
+
+
+@pytest.mark.parametrize("start", [None, tuple(READY)])
+@pytest.mark.parametrize("settings", CELLS)
+def test_the_whole_way_is_free_and_within_the_joints_limits(
+    settings: CellSettings, start: tuple[float, ...] | None
+) -> None:
+    plan = plan_of(settings, start)
+    collisions = collision_model(settings, T_FLANGE_CAMERA)
+    place = plan.start_q_rad
+    assert place == pytest.approx(np.array(plan.home_q_rad if start is None else start))
+    for leg in plan.legs:
+        travel = 0.0
+        for target in leg.waypoints_rad:
+            line = place + np.linspace(0, 1, 300)[:, None] * (target - place)
+            # Places between those looked at, 0.03 rad apart, may be nearer by half of it times the arm's length.
+            assert (collisions.gaps(line) > collisions.clearances - 0.02).all()
+            assert (np.abs(target) <= USED_LIMIT_RAD).all()
+            travel += np.abs(target - place).max()
+            place = target
+        assert leg.travel_rad == pytest.approx(travel)
+        q = plan.home_q_rad if leg.view is None else plan.viewpoints[leg.view].q_rad
+        assert q is not None
+        assert np.array_equal(place, q)
+        assert (collisions.gaps(q[None]) >= collisions.clearances).all()
+        assert np.linalg.svd(jacobian(settings.arm.model, q), compute_uv=False)[-1] >= LEAST_SINGULAR_VALUE
+    assert plan.legs[-1].view is None
+    assert plan.travel_rad == pytest.approx(sum(leg.travel_rad for leg in plan.legs))
+
+
+def test_the_order_saves_travel() -> None:
+    plan = plan_of(DEFAULT)
+    in_order = [plan.home_q_rad, *(v.q_rad for v in plan.viewpoints if v.q_rad is not None), plan.home_q_rad]
+    travel = np.abs(np.diff(np.array(in_order), axis=0)).max(axis=1).sum()
+    assert plan.travel_rad < 0.9 * travel
+
+
+def test_what_cannot_be_reached_says_why() -> None:
+    plan = plan_of(FAR)
+    missing = {v.index: v.reason for v in plan.viewpoints if v.reason is not None}
+    assert 0 in missing
+    assert missing[0] == "out of the arm's reach"
+    assert plan.reached == 8 - len(missing)
+    with pytest.raises(ViewpointsError, match="0: out of the arm's reach") as refused:
+        require_enough(plan, 8)
+    assert all(f"{index}: {reason}" in str(refused.value) for index, reason in missing.items())
+    assert f"only {plan.reached} of 8" in str(refused.value)
+    require_enough(plan, plan.reached)
+
+
+def test_a_wall_is_kept_away_from_and_named() -> None:
+    plan = plan_of(OBSTRUCTED)
+    changed = [v for v in plan.viewpoints if v.fallback or v.reason]
+    untouched = plan_of(DEFAULT).viewpoints
+    assert any(untouched[v.index].fallback is None for v in changed)
+    assert all("obstacle 1" in v.reason or "no free way" in v.reason for v in plan.viewpoints if v.reason)
+
+
+@pytest.mark.parametrize("clearance_m", [0.03, 0.0])
+def test_a_scan_can_begin_where_the_arm_stands_within_the_workspace(clearance_m: float) -> None:
+    settings = cell(mounting=MountingSettings(clearance_m=clearance_m))
+    low = np.deg2rad((180.0, -80.0, 130.0, -80.0, -40.0, 0.0))
+    collisions = collision_model(settings, T_FLANGE_CAMERA)
+    assert collisions.gaps(low[None])[0, ~collisions.solid].min() < 0
+    plan = plan_of(settings, tuple(low))
+    assert plan.reached == 8
+    assert np.array_equal(plan.start_q_rad, low)
+
+
+@pytest.mark.parametrize("clearance_m", [0.03, 0.0])
+def test_where_the_arm_touches_something_it_must_be_freed_first(clearance_m: float) -> None:
+    with pytest.raises(
+        ViewpointsError, match=r"the camera comes too near the table: they overlap by 0\.\d+ m\. Move it"
+    ):
+        plan_viewpoints(
+            cell(mounting=MountingSettings(clearance_m=clearance_m)),
+            T_FLANGE_CAMERA,
+            np.deg2rad((180, -20, 60, -90, -90, 0)),
+        )
+
+
+def test_home_is_taken_from_the_settings_if_it_is_free() -> None:
+    def at(degrees: tuple[float, ...]) -> CellSettings:
+        a, b, c, d, e, f = np.deg2rad(degrees).tolist()
+        return DEFAULT.model_copy(update={"arm": SimulatedArm(home_q_rad=(a, b, c, d, e, f))})
+
+    assert plan_of(at((180, -90, 90, -90, -90, 0))).home_q_rad == pytest.approx(np.deg2rad((180, -90, 90, -90, -90, 0)))
+    with pytest.raises(ViewpointsError, match=r"home_q_rad in \[arm\] is not free: the \w+ .*comes too near the table"):
+        plan_of(at((180, 20, 0, -90, -90, 0)))
+
+
+def test_without_room_for_a_home_the_plan_is_refused() -> None:
+    with pytest.raises(ViewpointsError, match=r"no home posture above the workspace: check \[workspace\]"):
+        plan_of(cell(middle=(3.0, 0.0)))
+
+
+def test_the_same_settings_give_the_same_plan() -> None:
+    one, other = (plan_viewpoints(DEFAULT, T_FLANGE_CAMERA, READY).to_json() for _ in range(2))
+    assert one.pop("planning_s") > 0
+    other.pop("planning_s")
+    assert one == other
+
+
+def test_it_is_plain_json() -> None:
+    document = json.loads(json.dumps(plan_of(FAR).to_json(), allow_nan=False))
+    assert document["viewpoints"][0]["q_rad"] is None
+    assert document["viewpoints"][0]["reason"] == "out of the arm's reach"
+    assert document["legs"][-1]["view"] is None
+    taken = document["legs"][0]["view"]
+    assert document["legs"][0]["waypoints_rad"][-1] == document["viewpoints"][taken]["q_rad"]
+    assert document["travel_rad"] == pytest.approx(sum(leg["travel_rad"] for leg in document["legs"]), abs=1e-4)
+    assert document["reached"] == sum(v["q_rad"] is not None for v in document["viewpoints"])
+
+
+@pytest.mark.parametrize("settings", [DEFAULT, *CELLS[3:]])
+def test_a_workspace_that_fits_the_camera_is_covered(settings: CellSettings) -> None:
+    plan = plan_of(settings)
+    assert plan.coverage.covered_share > 0.99
+    assert plan.to_json()["coverage"] == {"share": round(plan.coverage.covered_share, 4), "warning": None}
+
+
+def test_a_workspace_larger_than_the_pictures_is_told() -> None:
+    plan = plan_of(LARGE)
+    # As many places, drawn at random, are out of the pictures: each is looked for in each, one by one.
+    rng, optics = np.random.default_rng(0), camera_optics(LARGE.camera)
+    (x0, x1), (y0, y1), (floor, _) = LARGE.workspace_m
+    places = np.column_stack([rng.uniform(x0, x1, 4000), rng.uniform(y0, y1, 4000), np.full(4000, floor)])
+    pictures = np.zeros(len(places))
+    for v in plan.viewpoints:
+        if v.q_rad is not None:
+            seen = transform_points(inverse(v.T_base_camera), places)
+            pixels = (seen @ optics.K.T)[:, :2] / seen[:, 2:]
+            pictures += np.all((pixels >= 0) & (pixels <= (optics.width - 1, optics.height - 1)), axis=1)
+    # Three sigma of 4000 draws.
+    assert plan.coverage.covered_share == pytest.approx((pictures >= 2).mean(), abs=0.024)
+    assert 0.5 < plan.coverage.covered_share < 0.95
+    assert plan.unseen is not None
+    assert f"{100 * (1 - plan.coverage.covered_share):.0f} % of the table in the workspace" in plan.unseen
+    assert plan.to_json()["coverage"]["warning"] == plan.unseen
+
+
+def planning_s(settings: CellSettings, start: np.ndarray | None, times: int) -> float:
+    """The processor's time, of the best of some: other programs may hold the machine up."""
+    spent = []
+    for _ in range(times):
+        began = time.process_time()
+        plan_viewpoints(settings, T_FLANGE_CAMERA, start)
+        spent.append(time.process_time() - began)
+    return min(spent)
+
+
+def test_that_nothing_can_be_reached_is_soon_told() -> None:
+    settings = DEFAULT.model_copy(update={"workspace": WorkspaceSettings(top_m=0.9)})
+    # Without an end of the search it takes ten times as long as it does, 1.1 s.
+    assert planning_s(settings, None, times=2) < 2.0
+    plan = plan_of(settings)
+    assert plan.reached == 0
+    with pytest.raises(ViewpointsError, match=r"change x_m, y_m or top_m in \[workspace\]"):
+        require_enough(plan, 4)
+
+
+def test_eight_viewpoints_are_planned_within_a_second() -> None:
+    # The required bound.
+    assert planning_s(DEFAULT, READY, times=3) < 1.0
+
+
+@pytest.mark.parametrize("views", [2, 12, 16])
+def test_other_numbers_of_viewpoints(views: int) -> None:
+    settings = DEFAULT.model_copy(update={"scan": ScanSettings(views=views, min_views=2)})
+    plan = plan_of(settings)
+    assert plan.reached == len(plan.viewpoints) == views
+    assert len(plan.legs) == views + 1
+
+
+@pytest.mark.parametrize("settings", [DEFAULT, FAR, LARGE])
+def test_the_picture_shows_every_viewpoint(settings: CellSettings) -> None:
+    plan = plan_of(settings)
+    picture = matplotlib.image.imread(io.BytesIO(draw_plan(plan, settings)))
+    assert picture.shape[1] > 1000
+    red, green, blue = picture[..., 0], picture[..., 1], picture[..., 2]
+    skipped = ((red - green > 0.4) & (red - blue > 0.4) & (green < 0.4)).sum()
+    assert (skipped > 100) == (plan.reached < 8)
+    # The shade of what is not in view is a light red, and in no other place.
+    shade = ((red - green > 0.05) & (red - green < 0.3) & (np.abs(green - blue) < 0.08) & (red > 0.85)).sum()
+    assert (shade > 5000) == (plan.unseen is not None)

@@ -1,0 +1,242 @@
+"""A driver in a process of its own: calls, faults, hangs, and what is left behind."""
+
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+
+import pytest
+
+from cell.errors import CellError, MotionError
+from cell.process.child import Child, ChildBusyError, ChildLostError, NotCalledError
+from tests.cell.process.child_drivers import BrokenWhenIdle, Counted, Driver, refusing
+from tests.processes import runs
+
+
+@pytest.fixture
+def child():
+    child = Child("test", Driver, 100)
+    yield child
+    child.close()
+
+
+def test_calls_return_what_the_driver_returns(child: Child):
+    assert child.call("add", 1, 2, timeout_s=10.0) == 103
+    assert child.alive
+
+
+def test_the_drivers_own_errors_come_back_as_they_are(child: Child):
+    with pytest.raises(MotionError, match="the robot refuses"):
+        child.call("refuse", timeout_s=10.0)
+    assert child.call("add", 1, 2, timeout_s=10.0) == 103
+
+
+def test_an_unexpected_error_is_told_and_ends_nothing(child: Child):
+    with pytest.raises(CellError, match="fail met an unexpected KeyError"):
+        child.call("fail", timeout_s=10.0)
+    assert child.call("add", 0, 0, timeout_s=10.0) == 100
+
+
+def test_a_driver_that_cannot_be_made_tells_why():
+    child = Child("test", refusing)
+    try:
+        with pytest.raises(CellError, match="no device here"):
+            child.call("add", 1, 2, timeout_s=10.0)
+    finally:
+        child.close()
+
+
+def test_a_driver_is_not_made_only_to_be_closed(tmp_path: Path):
+    """That would open the device once more: one that was never used, or that has just refused."""
+    attempts = tmp_path / "attempts"
+    Child("test", Counted, attempts, True).close()
+    assert not attempts.exists()
+    child = Child("test", Counted, attempts, False)
+    with pytest.raises(CellError, match="no device here"):
+        child.call("add", 1, 2, timeout_s=10.0)
+    child.close()
+    assert attempts.read_text() == "opened\n"
+
+
+def test_a_child_that_hangs_is_killed(child: Child):
+    child.call("add", 0, 0, timeout_s=10.0)
+    with pytest.raises(ChildLostError, match=r"did not answer 'sleep' within 0\.1 s"):
+        child.call("sleep", 60.0, timeout_s=0.1)
+    assert not child.alive
+    with pytest.raises(ChildLostError):
+        child.call("add", 1, 2, timeout_s=10.0)
+
+
+def test_a_child_that_hangs_in_the_middle_of_its_answer_is_killed(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr("cell.process.child.HALF_S", 1)
+    child = Child("test", Driver)
+    assert len(child.call("picture", timeout_s=10.0)) == 5_000_000
+    poll = child._pipe.poll
+
+    def freeze_once_it_answers(timeout_s: float) -> bool:
+        answers = poll(timeout_s)
+        os.kill(child.pid, signal.SIGSTOP)
+        return answers
+
+    monkeypatch.setattr(child._pipe, "poll", freeze_once_it_answers)
+    lost: list[ChildLostError] = []
+
+    def call() -> None:
+        with pytest.raises(ChildLostError, match="stopped amid its answer to 'picture'") as caught:
+            child.call("picture", timeout_s=10.0)
+        lost.append(caught.value)
+
+    caller = threading.Thread(target=call, daemon=True)
+    caller.start()
+    caller.join(20.0)
+    child.kill()
+    assert lost
+    child.close()
+
+
+def interrupt(number: int, frame: object) -> None:
+    raise KeyboardInterrupt
+
+
+def test_the_answer_to_an_interrupted_call_is_not_taken_for_the_next_ones(child: Child):
+    child.call("add", 0, 0, timeout_s=10.0)
+    before = signal.signal(signal.SIGUSR1, interrupt)
+    try:
+        threading.Timer(0.1, os.kill, (os.getpid(), signal.SIGUSR1)).start()
+        with pytest.raises(KeyboardInterrupt):
+            child.call("sleep", 0.5, timeout_s=10.0)
+    finally:
+        signal.signal(signal.SIGUSR1, before)
+    with pytest.raises(ChildLostError, match="has ended"):
+        child.call("add", 1, 2, timeout_s=10.0)
+
+
+def test_a_crash_is_noticed_and_named(child: Child):
+    child.call("add", 0, 0, timeout_s=10.0)
+    with pytest.raises(ChildLostError, match=rf"exit code -{signal.SIGABRT.value}"):
+        child.call("crash", timeout_s=10.0)
+
+
+def test_killing_it_from_another_thread_ends_a_call_under_way(child: Child):
+    child.call("add", 0, 0, timeout_s=10.0)
+    threading.Timer(0.1, child.kill).start()
+    with pytest.raises(ChildLostError, match="has ended"):
+        child.call("sleep", 60.0, timeout_s=30.0)
+
+
+def test_calls_take_turns_and_one_need_not_wait_for_its_own(child: Child):
+    child.call("add", 0, 0, timeout_s=10.0)
+    answers: list[str] = []
+    busy = threading.Thread(target=lambda: answers.append(child.call("sleep", 0.4, timeout_s=10.0)))
+    busy.start()
+    while not child._turn.locked():
+        time.sleep(0.001)
+    with pytest.raises(ChildBusyError):
+        child.call("add", 1, 2, timeout_s=10.0, turn_s=0.01)
+    assert child.call("add", 1, 2, timeout_s=10.0) == 103
+    busy.join()
+    assert answers == ["slept"]
+
+
+def test_what_is_no_longer_wanted_when_its_turn_comes_is_not_sent(child: Child):
+    child.call("add", 0, 0, timeout_s=10.0)
+    unwanted = threading.Event()
+    assert child.call("add", 1, 2, timeout_s=10.0, unless=unwanted) == 103
+    busy = threading.Thread(target=lambda: child.call("sleep", 0.5, timeout_s=10.0))
+    busy.start()
+    while not child._turn.locked():
+        time.sleep(0.001)
+    threading.Timer(0.1, unwanted.set).start()
+    with pytest.raises(NotCalledError, match="'add' of the test process is no longer wanted"):
+        child.call("add", 1, 2, timeout_s=10.0, unless=unwanted)
+    busy.join()
+    assert child.call("add", 0, 0, timeout_s=10.0) == 100
+
+
+def test_between_calls_the_driver_may_be_idle(child: Child):
+    child.call("add", 0, 0, timeout_s=10.0)
+    time.sleep(0.3)
+    quiet = child.call("quiet_times", timeout_s=10.0)
+    # Every 0.02 s in theory; a busy machine may leave some out.
+    assert len(quiet) >= 3
+    assert quiet == sorted(quiet)
+    assert quiet[0] >= Driver.IDLE_S
+
+
+def test_a_driver_that_fails_when_idle_ends_its_process():
+    child = Child("test", BrokenWhenIdle)
+    try:
+        child.call("add", 0, 0, timeout_s=10.0)
+        deadline = time.monotonic() + 10.0
+        while child.alive and time.monotonic() < deadline:
+            time.sleep(0.01)
+        with pytest.raises(ChildLostError, match="exit code 1"):
+            child.call("add", 1, 2, timeout_s=10.0)
+    finally:
+        child.close()
+
+
+def test_termination_and_ctrl_c_are_the_parents_business(child: Child):
+    child.call("add", 0, 0, timeout_s=10.0)
+    for number in (signal.SIGTERM, signal.SIGINT):
+        os.kill(child.pid, number)
+    assert child.call("add", 1, 2, timeout_s=10.0) == 103
+
+
+def test_what_a_library_prints_does_not_mix_with_our_output(capfd: pytest.CaptureFixture[str]):
+    child = Child("test", Driver)  # begun while the output is captured
+    child.call("chatter", timeout_s=10.0)
+    child.close()
+    captured = capfd.readouterr()
+    assert "vendor chatter" not in captured.out
+    assert "vendor chatter" in captured.err
+
+
+def test_many_children_leave_nothing_behind():
+    def open_files() -> int:
+        return len(list(Path("/proc/self/fd").iterdir()))
+
+    def once() -> int:
+        child = Child("test", Driver)
+        child.call("add", 1, 2, timeout_s=10.0)
+        child.close()
+        return child.pid
+
+    files, threads = open_files(), threading.active_count()
+    pids = [once() for _ in range(5)]
+    assert open_files() <= files
+    assert threading.active_count() == threads
+    assert not any(map(runs, pids))
+
+
+PARENT = """
+import sys, time
+sys.path.insert(0, {root!r})
+from cell.process.child import Child
+from tests.cell.process.child_drivers import Driver
+child = Child("test", Driver)
+child.call("add", 1, 2, timeout_s=30.0)
+print(child.pid, flush=True)
+{then}
+"""
+
+
+@pytest.mark.parametrize("then", ["time.sleep(60)", "pass", "child.call('sleep', 60.0, timeout_s=60.0)"])
+def test_the_child_ends_with_its_parent(tmp_path: Path, then: str):
+    """Killed, ended without closing it, killed while the driver is at work."""
+    root = str(Path(__file__).parents[3])
+    script = tmp_path / "parent.py"
+    script.write_text(PARENT.format(root=root, then=then))
+    with subprocess.Popen([sys.executable, str(script)], stdout=subprocess.PIPE, text=True) as parent:
+        assert parent.stdout is not None
+        pid = int(parent.stdout.readline())
+        if then != "pass":
+            parent.kill()
+        assert parent.wait(timeout=20.0) == (0 if then == "pass" else -signal.SIGKILL)
+    deadline = time.monotonic() + 10.0
+    while runs(pid) and time.monotonic() < deadline:
+        time.sleep(0.02)
+    assert not runs(pid)

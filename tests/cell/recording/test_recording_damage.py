@@ -1,0 +1,226 @@
+"""Recordings of scans that were killed, cut off or damaged: complete views are kept, none is ever wrong."""
+
+import io
+import json
+import resource
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+import pytest
+from mcap.reader import make_reader
+from mcap.records import ChunkIndex
+
+from calibration.geometry.transforms import from_rotation_vector
+from cell.devices import View
+from cell.recording.writer import RecordingError, RecordingHeader, RecordingWriter, read_recording
+
+ROOT = Path(__file__).parents[3]
+T_FLANGE_CAMERA = from_rotation_vector((0.03, -0.06, 0.05), (0.05, 0.02, -1.55))
+HEADER = RecordingHeader(1e-4, 0.0042, T_FLANGE_CAMERA, provenance={"camera": "made"})
+VIEWS = 5
+
+
+def make_view(index: int) -> View:
+    """A view whose every part depends on its index."""
+    rng = np.random.default_rng(index)
+    return View(
+        index=index,
+        depth=rng.integers(0, 1 << 16, (40, 64), dtype=np.uint16),
+        depth_unit_m=1e-4,
+        K=np.array([[60.0 + index, 0.0, 31.5], [0.0, 61.0, 19.5], [0.0, 0.0, 1.0]]),
+        T_base_flange=from_rotation_vector((0.3, 0.01 * index, 0.4), (0.1 * index, 3.0, 0.1)),
+        T_flange_camera=T_FLANGE_CAMERA,
+        stamp_s=1.79e9 + 0.1 * index,
+        colour_jpeg=b"\xff\xd8 colour" if index % 2 else None,
+    )
+
+
+def assert_right(got: View) -> None:
+    """What the view's own chunk holds is what was written."""
+    wanted = make_view(got.index)
+    np.testing.assert_array_equal(got.depth, wanted.depth)
+    np.testing.assert_array_equal(got.K, wanted.K)
+    # A few roundings of doubles in the quaternion.
+    np.testing.assert_allclose(got.T_base_flange, wanted.T_base_flange, rtol=0, atol=1e-14)
+    assert got.stamp_s == wanted.stamp_s
+
+
+@pytest.fixture(scope="module")
+def written(tmp_path_factory: pytest.TempPathFactory) -> bytes:
+    """A finished recording."""
+    path = tmp_path_factory.mktemp("written") / "scan.mcap"
+    with RecordingWriter(path, HEADER) as writer:
+        for index in range(VIEWS):
+            writer.write_view(make_view(index))
+    return path.read_bytes()
+
+
+def chunks(recording: bytes) -> list[ChunkIndex]:
+    """Where each view's chunk lies, as mcap's own reader says."""
+    summary = make_reader(io.BytesIO(recording)).get_summary()
+    assert summary is not None
+    return summary.chunk_indexes
+
+
+CHILD = """
+import json, sys
+from pathlib import Path
+import numpy as np
+from calibration.geometry.transforms import from_rotation_vector
+from cell.devices import View
+from cell.recording.writer import RecordingHeader, RecordingWriter
+
+T = np.array(json.loads(sys.argv[2]))
+writer = RecordingWriter(Path(sys.argv[1]), RecordingHeader(1e-4, 0.0042, T))
+for k in range(64):
+    depth = np.random.default_rng(k).integers(0, 1 << 16, (40, 64), dtype=np.uint16)
+    K = np.array([[60, 0, 31.5], [0, 61, 19.5], [0, 0, 1.0]])
+    writer.write_view(View(k, depth, 1e-4, K, np.eye(4), T))
+    print(k, flush=True)
+"""
+
+
+def test_a_killed_process_keeps_every_view_it_acknowledged(tmp_path: Path) -> None:
+    acknowledged = 4
+    path = tmp_path / "scan.mcap"
+    command = [sys.executable, "-c", CHILD, str(path), json.dumps(T_FLANGE_CAMERA.tolist())]
+    with subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, text=True) as child:
+        assert child.stdout is not None
+        for k in range(acknowledged):
+            assert child.stdout.readline() == f"{k}\n"
+        child.kill()
+    assert child.returncode == -signal.SIGKILL
+    recording = read_recording(path)
+    # It may have finished more views between the last line read and the signal.
+    assert len(recording.views) >= acknowledged
+    for view in recording.views:
+        np.testing.assert_array_equal(view.depth, make_view(view.index).depth)
+    assert f"whatever followed view {len(recording.views) - 1}, the last one taken, is lost" in recording.missing[-1]
+
+
+def test_a_scan_that_breaks_off_says_so(tmp_path: Path) -> None:
+    def break_off() -> None:
+        with RecordingWriter(tmp_path / "scan.mcap", HEADER) as writer:
+            writer.write_view(make_view(0))
+            writer.write_view(make_view(2))
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        break_off()
+    recording = read_recording(tmp_path / "scan.mcap")
+    assert [view.index for view in recording.views] == [0, 2]
+    assert recording.missing == (
+        "view 1 is not in the file",
+        "the file has no end record; whatever followed view 2, the last one taken, is lost",
+    )
+
+
+@contextmanager
+def room_for(size: int) -> Iterator[None]:
+    """No file can grow beyond `size` bytes: a write gets as far as that and then fails, as on a full disk."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, hard))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+
+
+def test_a_full_disk_keeps_the_earlier_views(tmp_path: Path) -> None:
+    path = tmp_path / "scan.mcap"
+    writer = RecordingWriter(path, HEADER)
+    writer.write_view(make_view(0))
+    with room_for(path.stat().st_size + 1000):
+        with pytest.raises(OSError, match="File too large"):
+            writer.write_view(make_view(1))
+        with pytest.raises(RecordingError, match="takes no more"):
+            writer.write_view(make_view(2))
+        writer.close()
+    recording = read_recording(path)
+    assert [view.index for view in recording.views] == [0]
+    assert "the file ends inside the record" in recording.missing[0]
+
+
+def test_a_full_disk_at_the_end_keeps_all_views(tmp_path: Path) -> None:
+    path = tmp_path / "scan.mcap"
+    writer = RecordingWriter(path, HEADER)
+    writer.write_view(make_view(0))
+    with room_for(path.stat().st_size + 5), pytest.raises(OSError, match="File too large"):
+        writer.close()
+    writer.close()
+    recording = read_recording(path)
+    assert [view.index for view in recording.views] == [0]
+    assert "whatever followed view 0, the last one taken, is lost" in recording.missing[0]
+
+
+def test_a_recording_that_cannot_be_begun_leaves_no_file(tmp_path: Path) -> None:
+    with room_for(100), pytest.raises(OSError, match="File too large"):
+        RecordingWriter(tmp_path / "scan.mcap", HEADER)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_file_cut_anywhere_keeps_its_complete_views(written: bytes, tmp_path: Path) -> None:
+    path = tmp_path / "cut.mcap"
+    ends = [chunk.chunk_start_offset + chunk.chunk_length for chunk in chunks(written)]
+    footer_bytes = 9 + 20 + 8
+    places = np.random.default_rng(1).integers(0, len(written) - footer_bytes, 50).tolist()
+    for cut in [*places, *ends, *(end - 1 for end in ends), len(written) - 1]:
+        path.write_bytes(written[:cut])
+        complete = sum(end <= cut for end in ends)
+        if complete == 0:
+            with pytest.raises(RecordingError):
+                read_recording(path)
+            continue
+        recording = read_recording(path)
+        assert [view.index for view in recording.views] == list(range(complete))
+        for view in recording.views:
+            assert_right(view)
+        if complete < len(ends):
+            assert f"whatever followed view {complete - 1}, the last one taken, is lost" in recording.missing[0]
+
+
+def test_a_torn_or_zero_filled_end_keeps_the_views_before(written: bytes, tmp_path: Path) -> None:
+    path = tmp_path / "torn.mcap"
+    last = chunks(written)[-1]
+    end = last.chunk_start_offset + last.chunk_length
+    torn = bytearray(written[:end])
+    torn[-500:] = bytes(500)
+    for data in (bytes(torn), written[: last.chunk_start_offset] + bytes(2 << 20)):
+        path.write_bytes(data)
+        recording = read_recording(path)
+        assert [view.index for view in recording.views] == [0, 1, 2, 3]
+        assert "whatever followed view 3, the last one taken, is lost" in recording.missing[0]
+
+
+@pytest.mark.parametrize("finished", [True, False])
+def test_flipped_bytes_never_give_wrong_views(written: bytes, tmp_path: Path, finished: bool) -> None:
+    path = tmp_path / "flipped.mcap"
+    last = chunks(written)[-1]
+    data = written if finished else written[: last.chunk_start_offset + last.chunk_length]
+    rng = np.random.default_rng(7)
+    refused = 0
+    for trial in range(200):
+        flipped = np.frombuffer(data, dtype=np.uint8).copy()
+        # Every other trial in the first kibibytes, where the header, schemas and channels are.
+        reach = len(flipped) if trial % 2 else 2000
+        places = rng.integers(0, reach, 1 + trial % 4)
+        flipped[places] ^= rng.integers(1, 256, len(places), dtype=np.uint8)
+        path.write_bytes(flipped.tobytes())
+        try:
+            recording = read_recording(path)
+        except RecordingError:
+            refused += 1
+            continue
+        for view in recording.views:
+            assert_right(view)
+        # Only chunks carry a checksum in an unfinished file: its header may change unnoticed.
+        if finished and not recording.missing:
+            assert len(recording.views) == VIEWS
+            assert recording.header.provenance == HEADER.provenance
+            np.testing.assert_array_equal(recording.header.T_flange_camera, T_FLANGE_CAMERA)
+    assert refused >= 100

@@ -1,0 +1,157 @@
+"""The arm's part of testing a cell, on virtual controllers with all kinds of faults."""
+
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from calibration.geometry.transforms import from_rotation_vector
+from cell.arm.ur_arm import UrArm
+from cell.config.arm_config import SimulatedArm, URArm
+from cell.config.cell_config import CellSettings
+from cell.errors import RobotUnreachableError
+from cell.kinematics.ur_kinematics import forward
+from cell.self_test import arm_checks
+from cell.self_test.check_result import Step
+from cell.simulation.ur_controller.launcher import RunningController, start_controller
+from tests.cell.loopback import free_host
+from tests.cell.self_test.cells_to_check import (
+    Q_RAD,
+    grounds_for,
+    real_cell,
+    state_at,
+    written_hand_eye,
+)
+
+MOTION = {"motion_start", "script_error", "program_killed"}
+
+
+@pytest.fixture(scope="module")
+def controller() -> Iterator[RunningController]:
+    running = start_controller("ur5e", free_host(), q_rad=Q_RAD)
+    yield running
+    running.close()
+
+
+@pytest.fixture
+def robot(controller: RunningController) -> Iterator[RunningController]:
+    """The same robot, with nothing wrong."""
+    controller.admin.reset(Q_RAD)
+    yield controller
+    controller.admin.reset(Q_RAD)
+
+
+@pytest.fixture
+def hand_eye_file(tmp_path: Path) -> Path:
+    return written_hand_eye(tmp_path)
+
+
+def test_a_name_that_nobody_knows_is_told(hand_eye_file: Path) -> None:
+    with pytest.raises(RobotUnreachableError, match=r"'no-such-robot\.invalid' is not known"):
+        arm_checks.controller(grounds_for(real_cell("no-such-robot.invalid", hand_eye_file)))
+
+
+def test_a_controller_that_accepts_and_never_answers_is_told(robot: RunningController, hand_eye_file: Path) -> None:
+    robot.admin.half_open()
+    grounds = grounds_for(real_cell(robot.host, hand_eye_file))
+    assert arm_checks.controller(grounds).outcome == "ok"
+    before = time.monotonic()
+    with pytest.raises(RobotUnreachableError, match="does not answer"):
+        arm_checks.robot(grounds)
+    assert time.monotonic() - before < 3.0
+
+
+def robot_step(robot: RunningController, hand_eye_file: Path, **arm: object) -> Step:
+    grounds = grounds_for(real_cell(robot.host, hand_eye_file, **arm))
+    assert arm_checks.controller(grounds).outcome == "ok"
+    step = arm_checks.robot(grounds)
+    assert (grounds.arm is None) == (step.outcome == "failed")
+    return step
+
+
+def test_a_robot_that_may_be_driven(robot: RunningController, hand_eye_file: Path) -> None:
+    step = robot_step(robot, hand_eye_file)
+    assert (step.outcome, step.what_to_do) == ("ok", None)
+    assert "running, safety normal, in remote control, no program" in step.words
+
+
+@pytest.mark.parametrize(
+    ("fault", "told", "advice"),
+    [
+        ("local_mode", "the robot is in local mode", "switch it to remote control"),
+        ("foreign_program", "another program (welding.urp) is on the robot, playing", "stop it at the pendant first"),
+        ("power_off", "the robot's arm is not switched on (power off)", "release its brakes"),
+        ("protective_stop", "the robot is in a protective stop", "look at the cell"),
+        ("emergency_stop", "an emergency stop is pressed", "release the button"),
+    ],
+)
+def test_a_robot_that_must_not_be_driven_is_left_alone(
+    robot: RunningController, hand_eye_file: Path, fault: str, told: str, advice: str
+) -> None:
+    getattr(robot.admin, fault)()
+    time.sleep(0.05)  # the next cycles of the controller
+    since = len(robot.admin.log())
+    step = robot_step(robot, hand_eye_file)
+    assert step.outcome == "failed"
+    assert told in step.words
+    assert step.words.startswith("UR5, serial number "), "who it is, is told all the same"
+    assert advice in (step.what_to_do or "")
+    assert "script_upload" not in {event["kind"] for event in robot.admin.log()[since:]}
+
+
+def test_all_that_is_wrong_with_a_robot_is_told_at_once(robot: RunningController, hand_eye_file: Path) -> None:
+    robot.admin.local_mode()
+    robot.admin.power_off()
+    time.sleep(0.05)
+    step = robot_step(robot, hand_eye_file, model="ur10e")
+    for told in ("arm.model is 'ur10e', but the robot says that it is a UR5", "local mode", "not switched on"):
+        assert told in step.words
+    assert step.what_to_do is not None
+    assert step.what_to_do.count(";") >= 2
+
+
+def test_software_is_judged() -> None:
+    old = start_controller("ur3e", free_host(), software="5.20.1")
+    try:
+        grounds = grounds_for(CellSettings(arm=SimulatedArm(model="ur3e")))
+        grounds.address = old.host
+        step = arm_checks.robot(grounds)
+    finally:
+        old.close()
+    assert step.outcome == "warning"
+    assert "before 5.25.1 anybody in its network can send it commands" in step.words
+    assert "update the robot's software" in (step.what_to_do or "")
+
+
+def test_a_connection_gives_fresh_joint_angles(robot: RunningController, hand_eye_file: Path) -> None:
+    grounds = grounds_for(real_cell(robot.host, hand_eye_file))
+    try:
+        step = arm_checks.connection(grounds)
+    finally:
+        grounds.equipment.close()
+    assert step.outcome == "ok"
+    assert "17.2, -97.4, 80.2, -74.5, -85.9, 11.5 degrees" in step.words
+    assert arm_checks.kinematics(grounds).outcome == "ok"
+    assert not {event["kind"] for event in robot.admin.log()} & MOTION
+
+
+@pytest.mark.parametrize(("off_m", "outcome"), [(0.0, "ok"), (0.003, "ok"), (0.008, "warning"), (0.05, "failed")])
+def test_the_arm_model_is_compared_with_the_pose_that_the_controller_tells(off_m: float, outcome: str) -> None:
+    grounds = grounds_for(CellSettings())
+    grounds.state = state_at(from_rotation_vector((off_m, 0, 0), (0, 0, 0)) @ forward("ur5e", Q_RAD))
+    step = arm_checks.kinematics(grounds)
+    assert step.outcome == outcome
+    assert f"{1000 * off_m:.2f} mm and 0.00 degrees" in step.words
+
+
+def test_software_that_drives_the_robot_already_is_told(robot: RunningController, hand_eye_file: Path) -> None:
+    ours = UrArm(URArm(kind="ur", host=robot.host), robot.host)
+    try:
+        ours.connect()
+        step = robot_step(robot, hand_eye_file)
+        assert ours.state().robot_mode == "running", "and it is left alone"
+    finally:
+        ours.close()
+    assert "another program (rtde_control) is on the robot, playing" in step.words
+    assert "end the software that drives the robot already" in (step.what_to_do or "")

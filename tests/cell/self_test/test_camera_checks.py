@@ -1,0 +1,64 @@
+"""The camera's part of testing a cell: what it says of itself and shows is judged."""
+
+import numpy as np
+import pytest
+
+from cell.camera.optics import camera_optics
+from cell.config.camera_config import SimulatedCamera
+from cell.config.cell_config import CellSettings
+from cell.devices import CameraInfo, Frame
+from cell.self_test import camera_checks
+from tests.cell.self_test.cells_to_check import (
+    grounds_for,
+    looking_cell,
+)
+
+
+def test_a_camera_that_looks_elsewhere_is_known() -> None:
+    assert not camera_checks._looks_aside(looking_cell())
+    assert camera_checks._looks_aside(looking_cell(aside_m=1.0))
+    assert not camera_checks._looks_aside(grounds_for(CellSettings())), "not known, so not excused"
+
+
+@pytest.mark.parametrize(
+    ("temperature_c", "warnings", "told"),
+    [
+        (None, (), None),
+        (60.0, (), None),
+        (95.0, (), "95 degrees C; but that is hot"),
+        (60.0, ("the link is USB 2: use another cable",), "but the link is USB 2"),
+    ],
+)
+def test_what_a_camera_says_of_itself_is_judged(
+    temperature_c: float | None, warnings: tuple[str, ...], told: str | None
+) -> None:
+    step = camera_checks.camera_found(CameraInfo("OAK-D-PRO", "1944", 640, 400, "USB 3", temperature_c, warnings))
+    assert step.outcome == ("ok" if told is None else "warning")
+    assert step.words.startswith("OAK-D-PRO 1944, 640x400, USB 3")
+    assert (told or "") in step.words
+    assert (step.what_to_do is None) == (told is None)
+
+
+@pytest.mark.parametrize(
+    ("depth_m", "share", "age_s", "focal", "aside", "outcome", "told"),
+    [
+        (0.5, 0.9, 0.6, 1.0, False, "ok", "90 % of the pixels measured, 0.50 to 0.50 m away"),
+        (0.5, 0.1, 0.6, 1.0, False, "warning", "that is little"),
+        (0.5, 0.1, 0.6, 1.0, True, "ok", "10 % of the pixels"),
+        (0.1, 0.9, 0.6, 1.0, False, "warning", "most is nearer than the 0."),
+        (0.5, 0.9, 0.6, 0.6, False, "warning", "degrees across, and viewpoints are planned for"),
+        (0.5, 0.9, 30.0, 1.0, False, "failed", "the frame is said to be 30.0 s old"),
+        (0.5, 0.9, -30.0, 1.0, False, "failed", "the frame is said to be -30.0 s old"),
+    ],
+)
+def test_a_depth_image_is_judged(
+    depth_m: float, share: float, age_s: float, focal: float, aside: bool, outcome: str, told: str
+) -> None:
+    optics = camera_optics(SimulatedCamera())
+    depth = np.zeros((optics.height, optics.width), dtype=np.uint16)
+    depth[: round(share * optics.height)] = round(depth_m / 1e-4)
+    K = optics.K @ np.diag([focal, focal, 1.0])
+    step = camera_checks.depth_image(Frame(depth, 1e-4, K, 0.0, 5), age_s, optics, aside)
+    assert step.outcome == outcome
+    assert told in step.words
+    assert (step.what_to_do is None) == (outcome == "ok")

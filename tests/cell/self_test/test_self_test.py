@@ -1,0 +1,107 @@
+"""The whole cell tested step by step: what is found, what is skipped and why, and that nothing moves."""
+
+import time
+from collections.abc import Generator
+from contextlib import closing
+from pathlib import Path
+
+import pytest
+
+from cell.config.arm_config import SimulatedArm
+from cell.config.cell_config import CellSettings
+from cell.errors import RobotNotReadyError
+from cell.self_test.check_result import Step, failed
+from cell.self_test.self_test import check_cell
+from cell.simulation.ur_controller.admin_client import AdminClient, ControllerGoneError
+from cell.simulation.ur_controller.launcher import start_controller
+from tests.cell.loopback import free_host
+from tests.cell.self_test.cells_to_check import (
+    real_cell,
+    written_hand_eye,
+)
+
+MOTION = {"motion_start", "script_error", "program_killed"}
+
+
+@pytest.fixture
+def hand_eye_file(tmp_path: Path) -> Path:
+    return written_hand_eye(tmp_path)
+
+
+def test_a_whole_simulated_cell_passes_and_nothing_moves() -> None:
+    host = free_host()
+    steps, log = [], []
+    for step in check_cell(CellSettings(arm=SimulatedArm(host=host))):
+        steps.append(step)
+        if step.name == "viewpoints":
+            with closing(AdminClient(host)) as admin:
+                log = admin.log()
+    outcomes = {step.name: step.outcome for step in steps}
+    expected = (
+        "configuration, controller, robot, connection, arm model, camera, calibration, depth image, table, viewpoints"
+    )
+    assert ", ".join(outcomes) == expected
+    assert "failed" not in outcomes.values(), steps
+    assert [outcomes[name] for name in ("controller", "robot", "connection", "arm model", "camera")] == ["ok"] * 5
+    kinds = {event["kind"] for event in log}
+    assert "script_upload" in kinds, "the connection was tested in earnest"
+    assert not kinds & MOTION
+    assert_gone(host)
+
+
+def assert_gone(host: str) -> None:
+    with closing(AdminClient(host)) as admin, pytest.raises(ControllerGoneError):
+        admin.state()
+
+
+def test_a_test_that_is_broken_off_leaves_nothing_behind() -> None:
+    host = free_host()
+    steps = check_cell(CellSettings(arm=SimulatedArm(host=host)))
+    assert isinstance(steps, Generator)
+    assert next(step for step in steps if step.name == "controller").outcome == "ok"
+    with closing(AdminClient(host)) as admin:
+        admin.state()
+    steps.close()
+    assert_gone(host)
+
+
+def test_without_robot_and_camera_each_says_so_in_time(hand_eye_file: Path) -> None:
+    steps: dict[str, Step] = {}
+    took_s: dict[str, float] = {}
+    before = time.monotonic()
+    for step in check_cell(real_cell(free_host(), hand_eye_file)):
+        steps[step.name] = step
+        took_s[step.name] = time.monotonic() - before
+        before = time.monotonic()
+    assert steps["controller"].outcome == "failed"
+    assert "no robot answers at 127." in steps["controller"].words
+    assert "check arm.host" in (steps["controller"].what_to_do or "")
+    assert steps["camera"].outcome == "failed"
+    assert "no OAK camera" in steps["camera"].words
+    assert "cable" in (steps["camera"].what_to_do or "")
+    # The promise of 3 s; importing the camera's library comes on top, and takes its time on a busy machine.
+    assert took_s["controller"] < 3.0
+    assert steps["robot"] == Step("robot", "skipped", "it needs the controller")
+    assert steps["connection"].words == "it needs a robot that may be driven"
+    assert steps["table"].words == "it needs a depth image and the connection to the arm"
+    assert steps["calibration"].outcome == "ok"
+    assert "measured 3.0 days ago" in steps["calibration"].words
+    assert steps["viewpoints"].words.startswith("8 of 8 reached from home")
+
+
+def test_errors_are_told_apart_from_what_to_do() -> None:
+    step = failed("robot", [RobotNotReadyError("it is off: switch it on"), RobotNotReadyError("it is local")])
+    assert step == Step("robot", "failed", "it is off; it is local", "switch it on")
+
+
+def test_an_address_that_is_taken_is_told() -> None:
+    controller = start_controller("ur5e", free_host())
+    try:
+        steps = check_cell(CellSettings(arm=SimulatedArm(host=controller.host)))
+        assert isinstance(steps, Generator)
+        step = next(step for step in steps if step.name == "controller")
+        steps.close()
+    finally:
+        controller.close()
+    assert step.outcome == "failed"
+    assert controller.host in step.words

@@ -1,0 +1,135 @@
+"""What joins arm and camera, as a part of testing a cell: calibration, table, viewpoints."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from calibration.geometry.transforms import from_rotation_vector
+from calibration.storage.hand_eye_file import load_hand_eye
+from cell.config.cell_config import CellSettings, HandEyeSettings, ScanSettings, WorkspaceSettings
+from cell.devices import ArmInfo, CameraInfo
+from cell.self_test import setup_checks
+from tests.cell.self_test.cells_to_check import (
+    grounds_for,
+    looking_cell,
+    real_cell,
+    written_hand_eye,
+)
+
+
+@pytest.fixture
+def hand_eye_file(tmp_path: Path) -> Path:
+    return written_hand_eye(tmp_path)
+
+
+def test_a_calibration_is_compared_with_what_is_there(hand_eye_file: Path) -> None:
+    grounds = grounds_for(real_cell("10.0.0.1", hand_eye_file))
+    grounds.arm = ArmInfo("UR5", "2022", "5.25.1")
+    assert setup_checks.calibration(grounds).outcome == "ok"
+    grounds.hand_eye = None
+    grounds.camera = CameraInfo("OAK-D-PRO", "777", 640, 400, "USB 3 (SUPER)", 40.0, ())
+    step = setup_checks.calibration(grounds)
+    assert step.outcome == "failed"
+    assert "made with camera 1944, this is camera 777" in step.words
+    assert "set hand_eye.file to the right file" in (step.what_to_do or "")
+    assert grounds.hand_eye is None
+
+
+def test_a_calibration_that_is_missing_or_old_is_told(hand_eye_file: Path) -> None:
+    settings = real_cell("10.0.0.1", hand_eye_file.with_name("none.json"))
+    step = setup_checks.calibration(grounds_for(settings))
+    assert (step.outcome, "there is no hand-eye calibration" in step.words) == ("failed", True)
+    young = HandEyeSettings(file=hand_eye_file, max_age_days=2)
+    step = setup_checks.calibration(grounds_for(settings.model_copy(update={"hand_eye": young})))
+    assert (step.outcome, "3.0 days old" in step.words) == ("failed", True)
+    assert step.what_to_do == "calibrate again"
+
+
+def test_where_none_was_made_yet_only_a_simulated_cell_has_one(tmp_path: Path, hand_eye_file: Path) -> None:
+    none_yet = HandEyeSettings(folder=tmp_path / "none")
+    real = real_cell("10.0.0.1", hand_eye_file).model_copy(update={"hand_eye": none_yet})
+    step = setup_checks.calibration(grounds_for(real))
+    assert (step.outcome, "there is no hand-eye calibration" in step.words) == ("failed", True)
+    assert "`pointchain calibrate run`" in (step.what_to_do or "")
+    step = setup_checks.calibration(grounds_for(CellSettings(hand_eye=none_yet)))
+    assert (step.outcome, step.words) == ("ok", "that of the simulated cell")
+    made = HandEyeSettings(folder=hand_eye_file.parent)
+    step = setup_checks.calibration(grounds_for(CellSettings(hand_eye=made)))
+    assert (step.outcome, str(hand_eye_file) in step.words) == ("ok", True)
+
+
+def test_a_plain_matrix_is_taken_with_a_warning(hand_eye_file: Path) -> None:
+    hand_eye_file.write_text('{"T_flange_camera": [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0.05], [0, 0, 0, 1]]}')
+    step = setup_checks.calibration(grounds_for(real_cell("10.0.0.1", hand_eye_file)))
+    assert step.outcome == "warning"
+    assert "does not say when it was made, so this is not checked" in step.words
+    assert step.what_to_do == "calibrate again to record it"
+
+
+@pytest.mark.parametrize(
+    ("told_table_z_m", "outcome"), [(0.0, "ok"), (0.007, "warning"), (-0.03, "failed"), (-0.15, "failed")]
+)
+def test_the_table_is_looked_for_where_the_configuration_has_it(told_table_z_m: float, outcome: str) -> None:
+    step = setup_checks.table(looking_cell(told_table_z_m))
+    assert step.outcome == outcome, step
+    assert (step.what_to_do is None) == (outcome == "ok")
+    assert "mounting.table_z_m" in step.words
+
+
+def test_a_table_that_is_out_of_view_is_not_judged() -> None:
+    step = setup_checks.table(looking_cell(aside_m=1.0))
+    assert step.outcome == "skipped"
+    assert "the camera sees 0 % of the workspace" in step.words
+
+
+def test_a_table_that_the_pictures_do_not_show_whole_is_a_warning() -> None:
+    grounds = looking_cell()
+    grounds.state = None
+    step = setup_checks.viewpoints(grounds)
+    assert (step.outcome, step.what_to_do) == ("ok", None)
+    wider = grounds.settings.model_copy(update={"workspace": WorkspaceSettings(x_m=(0.2, 0.8), y_m=(-0.6, 0.6))})
+    step = setup_checks.viewpoints(replace(grounds, settings=wider))
+    assert step.outcome == "warning"
+    assert "% of the table in the workspace" in step.words
+    assert "x_m and y_m in [workspace] smaller" in (step.what_to_do or "")
+
+
+def test_unreachable_viewpoints_are_told_with_their_reasons() -> None:
+    grounds = looking_cell()
+    grounds.state = None
+    far = grounds.settings.model_copy(
+        update={"workspace": WorkspaceSettings(x_m=(0.7, 1.2)), "scan": ScanSettings(min_views=8)}
+    )
+    step = setup_checks.viewpoints(replace(grounds, settings=far))
+    assert step.outcome == "failed"
+    assert "reach" in step.words
+    assert step.words.endswith("scan.min_views is 8")
+
+
+@pytest.mark.parametrize(("degrees", "outcome"), [(110, "ok"), (151, "failed"), (180, "failed")])
+def test_a_camera_that_looks_back_at_the_arm_sees_no_workspace(degrees: float, outcome: str) -> None:
+    grounds = looking_cell()
+    assert grounds.hand_eye is not None
+    grounds.state = None
+    turned = from_rotation_vector((0, -0.065, 0.045), (np.deg2rad(degrees), 0, 0))
+    step = setup_checks.viewpoints(replace(grounds, hand_eye=replace(grounds.hand_eye, T_flange_camera=turned)))
+    assert step.outcome == outcome, step
+    if outcome == "ok":
+        return
+    assert step.words.startswith(f"by the hand-eye file the camera looks back at the arm, {degrees} degrees from")
+    assert step.words.endswith("so that the arm itself hides the workspace")
+    assert (step.what_to_do or "").startswith("check that quat_xyzw has the order x, y, z, w")
+
+
+@pytest.mark.parametrize("decimals", [4, 5, 6])
+def test_a_rounded_matrix_reaches_as_many_viewpoints_as_an_exact_one(tmp_path: Path, decimals: int) -> None:
+    T = from_rotation_vector((0.0, -0.065, 0.045), (0.02, 0.01, 0.03))
+    path = tmp_path / "hand_eye.json"
+    path.write_text(json.dumps({"T_flange_camera": T.round(decimals).tolist()}))
+    grounds = looking_cell()
+    grounds.state = None
+    step = setup_checks.viewpoints(replace(grounds, hand_eye=load_hand_eye(path, 1.0)))
+    assert step.words.startswith("8 of 8 reached")

@@ -1,0 +1,99 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from cell.simulation.benchmark.cases import TIERS, Case, TierError, make_case, simulate
+from cell.simulation.pose_errors import PoseErrors
+from cell.simulation.rendering.depth_camera import camera_model
+from cell.simulation.scenes.ground_truth import true_crossings
+from cell.simulation.scenes.shapes import polyline_length
+from cell.simulation.scenes.strand_clearance import deepest_overlap
+
+SEEDS = {tier: (0, 1, 2) if tier == "hard" else (0, 2) for tier in TIERS}
+
+
+@pytest.fixture(scope="module")
+def cases() -> dict[str, list[Case]]:
+    return {tier: [make_case(tier, seed) for seed in SEEDS[tier]] for tier in TIERS}
+
+
+def of(case: Case) -> tuple[int, float, float, int]:
+    """Strings, the longest one's and all their length, crossings."""
+    lengths_m = [polyline_length(curve) for curve in case.scene.curves]
+    return len(lengths_m), max(lengths_m), sum(lengths_m), len(true_crossings(case.scene))
+
+
+@pytest.mark.parametrize(
+    ("tier", "strings", "length_m", "crossings", "radius_m"),
+    [
+        ("paper", (1, 1), (0.4, 0.4), (0, 2), 0.0042),
+        ("long", (1, 1), (0.7, 0.7), (2, 4), 0.0042),
+        ("many", (2, 3), (0.32, 0.32), (1, 4), 0.0042),
+        ("physical", (1, 1), (0.47, 0.47), (1, 2), 0.0042),
+        ("soft", (1, 1), (0.4, 0.4), (1, 2), 0.0042),
+        ("photo", (1, 3), (0.4, 1.7), (1, 10), 0.003),
+    ],
+)
+def test_tiers_are_what_they_are_called(
+    cases: dict[str, list[Case]],
+    tier: str,
+    strings: tuple[int, int],
+    length_m: tuple[float, float],
+    crossings: tuple[int, int],
+    radius_m: float,
+) -> None:
+    for case in cases[tier]:
+        count, longest_m, _, crossed = of(case)
+        assert strings[0] <= count <= strings[1]
+        assert length_m[0] - 2e-4 <= longest_m <= length_m[1] + 2e-4
+        assert crossings[0] <= crossed <= crossings[1]
+        assert case.scene.radius_m == radius_m
+        assert case.errors == PoseErrors()
+        size = (800, 500) if tier == "photo" else (640, 400)
+        assert (case.camera.width, case.camera.height) == size
+
+
+def test_hard_cases_are_hard_by_turns(cases: dict[str, list[Case]]) -> None:
+    short, cluttered, long = cases["hard"]
+    assert all(case.errors == PoseErrors().scaled(2.0) for case in cases["hard"])
+    assert (short.camera.name, short.camera.width, short.camera.height) == ("oak-d-sr", 1280, 800)
+    assert cluttered.scene.radius_m == 0.003
+    assert len(cluttered.scene.boxes) >= 3
+    assert of(long)[1] == pytest.approx(1.0, abs=2e-4)
+    assert of(long)[3] == 5
+
+
+@pytest.mark.parametrize("tier", TIERS)
+def test_nothing_stands_in_anything(cases: dict[str, list[Case]], tier: str) -> None:
+    pressed = 0.4 if tier == "soft" else 0.0
+    for case in cases[tier]:
+        overlap = deepest_overlap(case.scene.curves, case.scene.radii_m)
+        # Contacts are asked for at points 1 mm apart; between them 2 % of 2 r may be missing.
+        assert overlap < pressed + 0.02
+        if pressed:
+            assert overlap == pytest.approx(pressed, abs=0.02)
+
+
+@pytest.mark.parametrize("tier", TIERS)
+def test_the_same_seed_gives_the_same_case(cases: dict[str, list[Case]], tier: str) -> None:
+    again = make_case(tier, 0)
+    first, other = cases[tier][:2]
+    assert all(np.array_equal(a, b) for a, b in zip(first.scene.curves, again.scene.curves, strict=True))
+    assert (first.scene.boxes, first.camera, first.errors) == (again.scene.boxes, again.camera, again.errors)
+    assert not np.array_equal(first.scene.curves[0], other.scene.curves[0])
+
+
+def test_the_same_case_gives_the_same_scan(cases: dict[str, list[Case]]) -> None:
+    small = replace(cases["paper"][0], camera=camera_model("oak-d-pro", (64, 40)))
+    first, again = simulate(small), simulate(small)
+    assert len(first.views) == 8
+    assert all(np.array_equal(a.depth, b.depth) for a, b in zip(first.views, again.views, strict=True))
+    assert first.truth == again.truth
+
+
+def test_unknown_tiers_and_seeds_are_refused() -> None:
+    with pytest.raises(TierError, match="known are paper, long, many"):
+        make_case("easy", 0)
+    with pytest.raises(TierError, match="seed is -1"):
+        make_case("paper", -1)

@@ -1,0 +1,119 @@
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from calibration.geometry.transforms import NotRigidError, transform_points
+from cell.planning.look_at import look_at
+from cell.simulation.rendering.depth_camera import CAMERAS, CameraModelError, DepthCamera, camera_model
+from cell.simulation.scenes.clutter import Box
+from cell.simulation.scenes.scenes import StringScene, make_scene
+
+SMALL = (320, 200)
+
+
+def base_points(depth_m: NDArray[np.floating], K: NDArray, T_base_camera: NDArray) -> NDArray[np.float64]:
+    """Points (H, W, 3) by the pinhole model, written out apart from the code under test."""
+    v, u = np.indices(depth_m.shape)
+    camera = np.stack([(u - K[0, 2]) / K[0, 0] * depth_m, (v - K[1, 2]) / K[1, 1] * depth_m, depth_m], axis=-1)
+    return transform_points(T_base_camera, camera.reshape(-1, 3)).reshape(camera.shape)
+
+
+def line_distance(points: NDArray, curve: NDArray) -> NDArray[np.float64]:
+    """Distances of points (N, 3) from the polyline `curve` (M, 3)."""
+    a, ab = curve[:-1], np.diff(curve, axis=0)
+    t = np.clip(((points[:, None] - a) * ab).sum(axis=2) / (ab**2).sum(axis=1), 0, 1)
+    return np.linalg.norm(points[:, None] - (a + t[..., None] * ab), axis=2).min(axis=1)
+
+
+@pytest.mark.parametrize(("azimuth", "elevation"), [(0.3, np.deg2rad(50)), (2.5, np.deg2rad(70))])
+def test_exact_depth_lies_on_string_and_table(azimuth: float, elevation: float) -> None:
+    scene = make_scene("figure-eight", 3)
+    model = camera_model("ideal", SMALL)
+    T = look_at(np.zeros(3), azimuth, elevation, 0.3, 0.2)
+    camera = DepthCamera(model, scene)
+    counts = camera.capture(T, np.random.default_rng(0))
+    _, string = camera.render(T)
+    points = base_points(counts * model.depth_unit_m, model.K, T)
+    table = points[(string < 0) & (counts > 0)]
+    # Half a depth unit, 0.05 mm.
+    assert np.abs(table[:, 2]).max() < 6e-5
+    on_string = points[string == 0][::5]
+    assert len(on_string) > 200
+    inside_ends = (
+        np.linalg.norm(on_string[:, None] - scene.curves[0][[0, -1]], axis=2).min(axis=1) > scene.radius_m * 1.5
+    )
+    error = line_distance(on_string[inside_ends], scene.curves[0]) - scene.radius_m
+    # Half a unit along the ray, and 0.15 % of the radius by the mesh's facets.
+    assert np.abs(error).max() < 6.5e-5
+
+
+def test_strings_end_where_their_curves_end() -> None:
+    scene = make_scene("straight", 0)
+    model = camera_model("ideal", SMALL)
+    T = look_at(np.zeros(3), 0.0, np.deg2rad(70), 0.5, 0.0)
+    depth, string = DepthCamera(model, scene).render(T)
+    along = base_points(depth, model.K, T)[string == 0] @ (scene.curves[0][-1] - scene.curves[0][0]) / 0.4
+    ends = np.sort(
+        np.array([scene.curves[0][0], scene.curves[0][-1]]) @ (scene.curves[0][-1] - scene.curves[0][0]) / 0.4
+    )
+    # The last pixel lies up to one pixel, 2.3 mm here, before the end; none lies beyond.
+    assert [along.min(), along.max()] == pytest.approx(ends, abs=2.5e-3)
+    assert ends[0] - 1e-6 <= along.min() <= along.max() <= ends[1] + 1e-6
+
+
+def test_boxes_stand_on_the_table() -> None:
+    box = Box((0.05, -0.02), (0.04, 0.03, 0.025), 0.4)
+    scene = StringScene("box", 0.004, make_scene("straight", 0, radius_m=0.004, length_m=0.06).curves, (box,))
+    model = camera_model("ideal", SMALL)
+    # From straight above, nearly: the box's top is all that is seen of it.
+    T = look_at(np.array([0.05, -0.02, 0.0]), 0.0, np.deg2rad(89.9), 0.4, 0.0)
+    depth, string = DepthCamera(model, scene).render(T)
+    points = base_points(depth, model.K, T)
+    top = points[(points[..., 2] > 0.0249) & (string < 0)]
+    assert top[:, 2] == pytest.approx(np.full(len(top), 0.025), abs=1e-5)
+    assert top[:, :2].mean(axis=0) == pytest.approx(box.centre_m, abs=1e-3)
+    pixel_m2 = (0.375 / model.focal_px) ** 2
+    assert len(top) * pixel_m2 == pytest.approx(0.04 * 0.03, rel=0.05)
+
+
+def test_the_same_generator_gives_the_same_image() -> None:
+    camera = DepthCamera(camera_model("oak-d-pro", SMALL), make_scene("loop", 0), bias_px=0.1)
+    T = look_at(np.zeros(3), 0.0, 1.0, 0.4, 0.0)
+    first, again, other = (camera.capture(T, np.random.default_rng(seed)) for seed in (7, 7, 8))
+    assert first.dtype == np.uint16
+    assert np.array_equal(first, again)
+    assert not np.array_equal(first, other)
+
+
+def test_nothing_is_measured_too_near() -> None:
+    model = camera_model("oak-d-pro", SMALL)
+    camera = DepthCamera(model, make_scene("straight", 0))
+    counts = camera.capture(look_at(np.zeros(3), 0.0, 1.0, 0.30, 0.0), np.random.default_rng(0))
+    measured = counts[counts > 0] * model.depth_unit_m
+    assert measured.min() >= model.near_m
+    assert (counts == 0).mean() > 0.3
+
+
+@pytest.mark.parametrize("name", CAMERAS)
+def test_another_resolution_keeps_the_field_of_view(name: str) -> None:
+    model, preset = camera_model(name, (800, 500)), CAMERAS[name]
+    assert (model.width, model.height) == (800, 500)
+    assert model.width / model.focal_px == pytest.approx(preset.width / preset.focal_px)
+    assert model.noise == preset.noise
+
+
+@pytest.mark.parametrize("resolution", [(640, 480), (1920, 1080), (16, 10), (0, 0)])
+def test_impossible_resolutions_are_refused(resolution: tuple[int, int]) -> None:
+    with pytest.raises(CameraModelError, match="no depth image of"):
+        camera_model("oak-d-sr", resolution)
+
+
+def test_unknown_cameras_are_refused() -> None:
+    with pytest.raises(CameraModelError, match="known are oak-d-sr, oak-d-pro, ideal"):
+        camera_model("kinect")
+
+
+def test_a_mirrored_pose_is_refused() -> None:
+    camera = DepthCamera(camera_model("ideal", (32, 20)), make_scene("straight", 0))
+    with pytest.raises(NotRigidError):
+        camera.render(np.diag([1.0, 1.0, -1.0, 1.0]))

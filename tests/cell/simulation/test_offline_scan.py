@@ -1,0 +1,116 @@
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cell.recording.writer import RecordingExistsError, read_recording
+from cell.simulation.offline_scan import SimulatedScan, ViewCountError, simulate, truth_path, write_simulation
+from cell.simulation.pose_errors import NO_ERRORS
+from cell.simulation.rendering.depth_camera import camera_model
+from cell.simulation.scenes.ground_truth import scene_truth, true_crossings
+from cell.simulation.scenes.scenes import StringScene, make_scene
+
+CAMERA = camera_model("oak-d-pro", (160, 100))
+
+
+@pytest.fixture(scope="module")
+def scene() -> StringScene:
+    return make_scene("overhand-knot", 1)
+
+
+@pytest.fixture(scope="module")
+def scan(scene: StringScene) -> SimulatedScan:
+    return simulate(scene, CAMERA, seed=5, views=3)
+
+
+def test_the_same_seed_gives_the_same_scan(scene: StringScene, scan: SimulatedScan) -> None:
+    again = simulate(scene, CAMERA, seed=5, views=3)
+    other = simulate(scene, CAMERA, seed=6, views=3)
+    for a, b, c in zip(scan.views, again.views, other.views, strict=True):
+        assert np.array_equal(a.depth, b.depth)
+        assert np.array_equal(a.T_base_flange, b.T_base_flange)
+        assert not np.array_equal(a.depth, c.depth)
+        assert not np.array_equal(a.T_base_flange, c.T_base_flange)
+    assert again.truth == scan.truth
+
+
+def test_told_poses_are_wrong_by_the_errors(scan: SimulatedScan) -> None:
+    for view, T in zip(scan.views, scan.truth["T_base_camera"], strict=True):
+        apart = np.linalg.norm(view.T_base_camera[:3, 3] - np.array(T)[:3, 3])
+        # Robot 0.5 mm, 0.1 degrees at 8 cm from the flange, hand-eye 0.7 mm: 0.9 mm root mean square.
+        assert 1e-5 < apart < 4e-3
+
+
+def test_without_errors_told_poses_are_true(scene: StringScene) -> None:
+    exact = simulate(scene, CAMERA, seed=5, errors=NO_ERRORS, views=2)
+    for view, T in zip(exact.views, exact.truth["T_base_camera"], strict=True):
+        assert view.T_base_camera == pytest.approx(np.array(T), abs=1e-12)
+    assert np.array_equal(exact.header.T_flange_camera, exact.truth["T_flange_camera"])
+
+
+@pytest.mark.parametrize("views", [0, -1, 65])
+def test_impossible_numbers_of_views_are_refused(scene: StringScene, views: int) -> None:
+    with pytest.raises(ViewCountError, match="from 1 to 64"):
+        simulate(scene, CAMERA, seed=0, views=views)
+
+
+def test_the_workspace_holds_the_strings() -> None:
+    wide = make_scene("straight", 0, length_m=0.7)
+    header = simulate(wide, camera_model("ideal", (32, 20)), seed=0, views=1).header
+    assert header.workspace_m is not None
+    box = np.array(header.workspace_m)
+    assert (wide.curves[0] > box[:, 0]).all()
+    assert (wide.curves[0] < box[:, 1]).all()
+
+
+def test_what_is_written_is_read_back(scan: SimulatedScan, tmp_path: Path) -> None:
+    path = tmp_path / "scan.mcap"
+    assert write_simulation(scan, path) == tmp_path / "scan.truth.json"
+    recording = read_recording(path)
+    assert recording.missing == ()
+    assert recording.header.string_radius_m == 0.0042
+    assert recording.header.provenance["scene"] == "overhand-knot-1"
+    for read, view in zip(recording.views, scan.views, strict=True):
+        assert np.array_equal(read.depth, view.depth)
+        assert read.T_base_camera == pytest.approx(view.T_base_camera, abs=1e-9)
+    assert json.loads(truth_path(path).read_text()) == json.loads(json.dumps(scan.truth))
+    assert sorted(file.name for file in tmp_path.iterdir()) == ["scan.mcap", "scan.truth.json"]
+
+
+def test_the_same_scan_gives_the_same_bytes(scene: StringScene, scan: SimulatedScan, tmp_path: Path) -> None:
+    write_simulation(scan, tmp_path / "a.mcap")
+    write_simulation(simulate(scene, CAMERA, seed=5, views=3), tmp_path / "b.mcap")
+    for end in (".mcap", ".truth.json"):
+        assert (tmp_path / f"a{end}").read_bytes() == (tmp_path / f"b{end}").read_bytes()
+
+
+@pytest.mark.parametrize("there", ["scan.mcap", "scan.truth.json"])
+def test_nothing_is_overwritten(scan: SimulatedScan, tmp_path: Path, there: str) -> None:
+    (tmp_path / there).write_text("precious")
+    with pytest.raises(RecordingExistsError, match="nothing is overwritten"):
+        write_simulation(scan, tmp_path / "scan.mcap")
+    assert [(file.name, file.read_text()) for file in tmp_path.iterdir()] == [(there, "precious")]
+
+
+def test_a_failed_write_leaves_nothing(scan: SimulatedScan, tmp_path: Path) -> None:
+    broken = SimulatedScan((*scan.views, scan.views[0]), scan.header, scan.truth)
+    with pytest.raises(ValueError, match="view 0"):
+        write_simulation(broken, tmp_path / "scan.mcap")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_the_truth_is_consistent(scene: StringScene) -> None:
+    truth = scene_truth(scene, [], np.eye(4))
+    curve = np.array(truth["curves"][0])
+    s = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(curve, axis=0), axis=1))])
+    # 2 mm chords of bends of at least 1 cm: shorter by (2/10)^2/24 at most.
+    assert np.diff(s) == pytest.approx(np.full(len(s) - 1, 0.002), rel=2e-3)
+    assert s[-1] == pytest.approx(0.4, abs=3e-4)
+    assert truth["radius"] == scene.radius_m
+    for crossing in true_crossings(scene):
+        places = [[np.interp(crossing[role][1], s, curve[:, k]) for k in range(3)] for role in ("over", "under")]
+        for place in places:
+            assert place[:2] == pytest.approx(crossing["point"][:2], abs=2e-4)
+        assert places[0][2] - places[1][2] == pytest.approx(2 * scene.radius_m, rel=0.1)
+        assert places[0][2] > crossing["point"][2] > places[1][2]

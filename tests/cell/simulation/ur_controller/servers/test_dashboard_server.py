@@ -1,0 +1,108 @@
+"""The dashboard, with a client of somebody else's."""
+
+import contextlib
+import socket
+import time
+
+import pytest
+from universal_robots_clients import dashboard_client
+
+from cell.config.arm_config import simulated_serial
+from cell.simulation.ur_controller.launcher import RunningController
+from tests.cell.simulation.ur_controller.cell_log import LogSince, wait_for
+
+pytestmark = pytest.mark.xdist_group("cell")  # one at a time: each is several busy processes
+
+
+def ask(controller: RunningController, command: str) -> str:
+    return dashboard_client.send_command(controller.host, command, timeout=20.0)
+
+
+def test_what_it_says_of_itself(controller: RunningController):
+    assert ask(controller, "robotmode") == "Robotmode: RUNNING"
+    assert ask(controller, "safetystatus") == ask(controller, "safetymode").replace("mode", "status")
+    assert ask(controller, "safetymode") == "Safetymode: NORMAL"
+    assert ask(controller, "is in remote control") == "true"
+    assert ask(controller, "running") == "Program running: false"
+    assert dashboard_client.get_program_state(controller.host) == "STOPPED <unnamed>"
+    assert ask(controller, "get loaded program") == "No program loaded"
+    assert ask(controller, "PolyscopeVersion").startswith("URSoftware 5.25.1")
+    assert ask(controller, "get robot model") == "UR5"
+    assert ask(controller, "get serial number") == simulated_serial("ur5e")
+    assert ask(controller, "ROBOTMODE") == "Robotmode: RUNNING"
+    assert ask(controller, "make coffee") == "could not understand: 'make coffee'"
+    assert ask(controller, "load weave.urp") == "File not found: weave.urp"
+
+
+def test_several_questions_on_one_connection_are_answered_in_order(controller: RunningController):
+    with socket.create_connection((controller.host, 29999), timeout=10.0) as connection:
+        connection.sendall(b"robotmode\nsafetymode\nquit\n")
+        lines = connection.makefile().read().splitlines()
+    assert lines == [
+        "Connected: Universal Robots Dashboard Server", "Robotmode: RUNNING", "Safetymode: NORMAL", "Disconnected",
+    ]  # fmt: skip
+
+
+def test_with_nothing_to_stop_pause_or_play_it_says_so(controller: RunningController):
+    assert dashboard_client.stop_program(controller.host) == "Failed to execute: stop"
+    assert dashboard_client.pause_program(controller.host) == "Failed to execute: pause"
+    assert dashboard_client.play_program(controller.host) == "Failed to execute: play"
+
+
+def test_a_loaded_program_is_paused_resumed_stopped_and_started(controller: RunningController):
+    controller.admin.foreign_program("weave.urp")
+    assert ask(controller, "programState") == "PLAYING weave.urp"
+    assert ask(controller, "running") == "Program running: true"
+    assert ask(controller, "pause") == "Pausing program"
+    assert ask(controller, "programState") == "PAUSED weave.urp"
+    assert ask(controller, "play") == "Starting program"
+    assert ask(controller, "stop") == "Stopped"
+    assert ask(controller, "programState") == "STOPPED <unnamed>"
+    assert ask(controller, "get loaded program") == "Loaded program: weave.urp"
+    assert ask(controller, "play") == "Starting program"
+    assert ask(controller, "programState") == "PLAYING weave.urp"
+
+
+def test_in_local_control_it_answers_questions_and_obeys_nothing(controller: RunningController):
+    controller.admin.foreign_program()
+    controller.admin.local_mode()
+    assert ask(controller, "is in remote control") == "false"
+    for command in ("play", "stop", "pause", "power off", "unlock protective stop", "load x.urp"):
+        assert "switch robot to Remote Control mode" in ask(controller, command)
+    assert ask(controller, "robotmode") == "Robotmode: RUNNING"
+    assert controller.admin.state().program_state == "PLAYING"
+    controller.admin.clear()
+    assert ask(controller, "stop") == "Stopped"
+
+
+def test_power_off_and_on(controller: RunningController):
+    log = LogSince(controller.admin)
+    assert ask(controller, "power off") == "Powering off"
+    assert ask(controller, "robotmode") == "Robotmode: POWER_OFF"
+    assert ask(controller, "power on") == "Powering on"
+    wait_for(lambda: ask(controller, "robotmode") == "Robotmode: IDLE", "idle")
+    assert ask(controller, "brake release") == "Brake releasing"
+    wait_for(lambda: ask(controller, "robotmode") == "Robotmode: RUNNING", "running")
+    assert [event["details"]["mode"] for event in log.events("robot_mode")] == [
+        "POWER_OFF", "POWER_ON", "IDLE", "RUNNING",
+    ]  # fmt: skip
+
+
+def test_an_emergency_stop_takes_the_power_and_is_not_released_from_here(controller: RunningController):
+    controller.admin.emergency_stop()
+    assert ask(controller, "safetystatus") == "Safetystatus: ROBOT_EMERGENCY_STOP"
+    assert ask(controller, "robotmode") == "Robotmode: POWER_OFF"
+    assert ask(controller, "power on") == "Powering on"
+    time.sleep(0.4)  # longer than switching on would take
+    assert ask(controller, "robotmode") == "Robotmode: POWER_OFF"
+    controller.admin.clear()
+    assert ask(controller, "safetystatus") == "Safetystatus: NORMAL"
+    assert ask(controller, "robotmode") == "Robotmode: POWER_OFF"
+
+
+def test_an_endless_line_ends_the_connection(controller: RunningController):
+    with socket.create_connection((controller.host, 29999), timeout=10.0) as connection:
+        connection.recv(100)
+        connection.sendall(b"x" * 10_000)
+        with contextlib.suppress(ConnectionResetError):  # if it came in pieces
+            assert connection.recv(100) == b""

@@ -1,0 +1,100 @@
+import os
+import signal
+import socket
+import subprocess
+import sys
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+import pytest
+
+from cell.kinematics import ur_kinematics
+from cell.simulation.ur_controller.admin_client import AdminClient, AdminRefusedError, ControllerGoneError
+from cell.simulation.ur_controller.launcher import ControllerStartError, RunningController, start_controller
+from cell.simulation.ur_controller.servers.sockets import PORTS
+from tests.cell.simulation.ur_controller.cell_log import HOME_Q_RAD, wait_for
+
+pytestmark = pytest.mark.xdist_group("cell")  # one at a time: each is several busy processes
+
+
+def answers(host: str, port: int) -> bool:
+    try:
+        socket.create_connection((host, port), timeout=1.0).close()
+    except (ConnectionRefusedError, ConnectionResetError):  # reset: it ended while we connected
+        return False
+    return True
+
+
+def test_it_takes_connections_when_start_returns_and_leaves_nothing_when_closed():
+    q_rad = HOME_Q_RAD + 0.1
+    controller = start_controller("ur10e", q_rad=q_rad)
+    try:
+        assert controller.alive
+        assert controller.host.startswith("127.0.0.")
+        assert controller.host != "127.0.0.1"  # ur_rtde leaves out its check of remote control there
+        assert all(answers(controller.host, port) for port in PORTS)
+        np.testing.assert_array_equal(controller.admin.state().q_rad, q_rad)
+    finally:
+        controller.close()
+    assert not controller.alive
+    assert not any(answers(controller.host, port) for port in PORTS)
+    with pytest.raises(ProcessLookupError):
+        os.kill(controller.pid, 0)  # not even a zombie is left
+    with pytest.raises(ControllerGoneError, match=controller.host):
+        controller.admin.state()
+
+
+def test_a_taken_address_is_said_with_what_to_do(running_controller: RunningController):
+    with pytest.raises(ControllerStartError, match=f"{running_controller.host}.*in use.*choose another address"):
+        start_controller(host=running_controller.host)
+
+
+def test_two_started_at_once_get_two_addresses(running_controller: RunningController):
+    with ThreadPoolExecutor(2) as pool:
+        pair = list(pool.map(lambda _: start_controller(), range(2)))
+    for controller in pair:
+        controller.close()
+    assert len({running_controller.host, *(controller.host for controller in pair)}) == 3
+
+
+def test_an_address_that_is_not_ours_is_refused():
+    with pytest.raises(ControllerStartError, match=r"192\.0\.2\.1"):
+        start_controller(host="192.0.2.1")
+
+
+def test_it_ends_when_its_parent_is_killed():
+    code = (
+        "import sys; from cell.simulation.ur_controller.launcher import start_controller\n"
+        "controller = start_controller(); print(controller.host, controller.pid, flush=True); sys.stdin.readline()"
+    )
+    parent = subprocess.Popen([sys.executable, "-c", code], stdin=subprocess.PIPE, stdout=subprocess.PIPE)
+    try:
+        assert parent.stdout is not None
+        host, pid = parent.stdout.readline().decode().split()
+        os.kill(parent.pid, signal.SIGKILL)
+    finally:
+        parent.kill()
+        parent.communicate()
+    wait_for(lambda: not answers(host, PORTS[0]), f"the end of process {pid}")
+
+
+def test_what_the_admin_port_does_not_know_is_refused_with_words(controller: RunningController):
+    with pytest.raises(AdminRefusedError, match="must not be negative"):
+        controller.admin.slow(delay_s=-1.0)
+    with pytest.raises(AdminRefusedError, match="reshape"):
+        controller.admin.reset([0.0, 0.0])
+    with socket.create_connection((controller.host, PORTS[0]), timeout=5.0) as connection:
+        connection.sendall(b'{"call": "_answer", "arguments": {}}\nnonsense\n')
+        lines = connection.makefile()
+        assert "there is no call" in lines.readline()
+        assert "JSONDecodeError" in lines.readline()
+
+
+def test_the_pose_may_be_asked_for_often_and_after_closing(controller: RunningController):
+    client = AdminClient(controller.host)
+    np.testing.assert_allclose(client.pose(), ur_kinematics.forward("ur5e", HOME_Q_RAD), atol=1e-12)
+    for _ in range(100):
+        client.pose()
+    client.close()
+    np.testing.assert_allclose(client.pose(), ur_kinematics.forward("ur5e", HOME_Q_RAD), atol=1e-12)  # connects again
+    client.close()
