@@ -104,33 +104,35 @@ class View:
 
 @dataclass(frozen=True, eq=False)
 class Frame:
-    """What a camera gives for one look: the median of several exposures taken at rest."""
+    """Result of one capture: the median of several exposures at rest."""
 
     depth: NDArray[np.uint16]
-    """(H, W), in units of `depth_unit_m` along the optical axis; 0 = not measured."""
+    """Depth image (H, W) along the optical axis in units of `depth_unit_m`; 0 = not measured."""
     depth_unit_m: float
     """Metres per depth count."""
     K: NDArray[np.float64]
     """(3, 3) pinhole matrix of the depth image, pixels."""
     stamp_s: float
-    """When the last exposure began, seconds since the epoch."""
+    """Start of the last exposure, seconds since the epoch."""
     exposures: int
-    """How many were combined."""
+    """Number of exposures that were combined."""
     colour_jpeg: bytes | None = field(default=None, repr=False)
+    """Colour image of the same moment, JPEG, or None."""
     image: NDArray[np.uint8] | None = field(default=None, repr=False)
-    """(H, W) or (H, W, 3) BGR, only where it was asked for: the mean of as many pictures, taken at rest by the camera
-    that the depth image is of; rectified, so that `K` holds for it too and there is no distortion."""
+    """Intensity image (H, W) or (H, W, 3) BGR, only on request: the mean of as many images at rest. It is rectified and
+    of the camera of the depth image, so that `K` holds for it too."""
 
 
 @dataclass(frozen=True)
 class ArmInfo:
-    """Which arm answered."""
+    """Identity of a connected arm."""
 
     model: str
-    """As the controller names it."""
+    """Model, as the controller names it."""
     serial: str
+    """Serial number."""
     software: str
-    """The controller's version, as 5.25.1."""
+    """Version of the controller's software, for example 5.25.1."""
 
 
 RobotMode = Literal[
@@ -145,103 +147,161 @@ SafetyMode = Literal[
 
 @dataclass(frozen=True, eq=False)
 class ArmState:
-    """The arm at one moment, as its controller tells it."""
+    """State of the arm at one moment, as its controller reports it."""
 
     q_rad: NDArray[np.float64]
-    """(6,) actual joint angles."""
+    """Actual joint angles (6,)."""
     qd_rad_s: NDArray[np.float64]
-    """(6,) actual joint speeds."""
+    """Actual joint speeds (6,)."""
     T_base_flange: NDArray[np.float64]
     """(4, 4) actual flange pose by the controller's own calibrated kinematics."""
     robot_mode: RobotMode
+    """Robot mode of the controller."""
     safety_mode: SafetyMode
+    """Safety mode of the controller."""
     moving: bool
-    """A move of ours is under way, or the joints still turn."""
+    """Whether a move of this program runs, or the joints still turn."""
     controller_s: float
-    """The controller's clock, seconds since its start."""
+    """Clock of the controller, seconds since its start."""
     age_s: float
-    """How long ago the controller had last sent anything new when this was read."""
+    """Age of the controller's last new data when it was read."""
     read_s: float = field(default_factory=time.monotonic)
-    """When that was, `time.monotonic()`."""
+    """Time of reading, seconds of `time.monotonic()`."""
 
 
 @dataclass(frozen=True)
 class CameraInfo:
-    """Which camera answered, and how it is."""
+    """Identity and condition of a connected camera."""
 
     product: str
+    """Product name."""
     device_id: str
+    """Device id."""
     width: int
-    """Of its depth image, pixels."""
+    """Width of the depth image, pixels."""
     height: int
+    """Height of the depth image, pixels."""
     connection: str
-    """As "USB 3 (SUPER)", "USB 2 (HIGH)", "TCP", "simulated"."""
+    """Kind of the link, for example "USB 3 (SUPER)", "USB 2 (HIGH)", "TCP" or "simulated"."""
     temperature_c: float | None
-    """Of its chip; None where it has no sensor."""
+    """Temperature of the chip, degrees Celsius, or None without a sensor."""
     warnings: tuple[str, ...]
-    """What an operator should know: a slow USB link, intrinsics that differ from the factory's ..."""
+    """What an operator should know, for example a slow USB link or intrinsics that differ from the factory's."""
+    depth_unit_m: float = 0.0001
+    """Metres per depth count."""
 
 
 class Arm(Protocol):
-    """What a scan needs of an arm. Every method but `stop` belongs to one thread; `stop` to any."""
+    """The arm of a scan. Every method but `stop` belongs to one thread; `stop` may be called from any."""
 
     def connect(self) -> ArmInfo:
-        """Takes the arm: after this it can be moved. It does not move.
+        """Connect to the arm so that it can be moved. The arm does not move.
 
-        Raises: RobotUnreachableError, RobotNotReadyError, RobotLostError, ProtectiveStopError, EmergencyStopError;
-        StoppedError when `stop` was called meanwhile.
+        Raises:
+            RobotUnreachableError: No controller answers.
+            RobotNotReadyError: The controller cannot be driven now, for example because of another program.
+            RobotLostError: The link broke.
+            ProtectiveStopError: The robot is in a protective stop.
+            EmergencyStopError: The robot is in an emergency stop.
+            StoppedError: `stop` was called meanwhile.
         """
         ...
 
     def state(self) -> ArmState:
-        """The arm now. Raises RobotLostError."""
+        """Return the arm's present state.
+
+        Raises:
+            RobotLostError: The link broke.
+        """
         ...
 
     def move(self, q_rad: NDArray[np.float64]) -> ArmState:
-        """Moves to the joint angles (6,) and returns the state at rest there.
+        """Move to the joint angles (6,) and return the state at rest there.
 
-        Raises: RobotLostError, ProtectiveStopError, EmergencyStopError, RobotNotReadyError, MotionError,
-        StoppedError (after `stop`).
+        Raises:
+            RobotLostError: The link broke.
+            RobotNotReadyError: Another program has taken the arm.
+            ProtectiveStopError: The robot is in a protective stop.
+            EmergencyStopError: The robot is in an emergency stop.
+            MotionError: The controller rejects the angles, or the arm does not reach them.
+            StoppedError: `stop` was called.
         """
         ...
 
     def stop(self) -> None:
-        """Stops the arm at once: sent when this returns. A move under way raises StoppedError, and so does every later
-        one until `connect`."""
+        """Stop the arm. The stop is sent when this returns.
+
+        A move raises StoppedError then, and so does every later move until `connect`.
+        """
         ...
 
     def acknowledge(self) -> None:
-        """A person has looked at the cell after a fault: ends the program and unlocks a protective stop. No motion.
+        """End the program and unlock a protective stop, after a person has inspected the cell. The arm does not move.
 
-        Raises: TooEarlyError, RobotNotReadyError, ProtectiveStopError, EmergencyStopError, RobotUnreachableError.
+        Raises:
+            TooEarlyError: The robot cannot be unlocked yet.
+            RobotNotReadyError: The robot does not unlock.
+            ProtectiveStopError: The robot is still in a protective stop.
+            EmergencyStopError: The robot is in an emergency stop.
+            RobotUnreachableError: No controller answers.
         """
         ...
 
     def close(self) -> None:
-        """Lets the arm go. A move under way is stopped first."""
+        """Release the arm. An arm that moves is stopped first."""
+        ...
+
+
+class DrivenArm(Arm, Protocol):
+    """An arm with what the cell needs between scans."""
+
+    @property
+    def host(self) -> str:
+        """Address of the controller."""
+        ...
+
+    @property
+    def latest(self) -> ArmState | None:
+        """Last state that the arm reported, or None. Nothing is queried. It may be read from any thread."""
+        ...
+
+    def check_ready(self) -> None:
+        """Return if the arm can be moved now. Raise the errors of `Arm.move` otherwise; the connection is then over."""
         ...
 
 
 class Camera(Protocol):
-    """What a scan needs of a depth camera; for use by one thread."""
+    """The depth camera of a scan, for use by one thread."""
 
     def connect(self) -> CameraInfo:
-        """Opens the camera and waits for its first frame. Raises CameraUnreachableError."""
+        """Open the camera and wait for its first frame.
+
+        Raises:
+            CameraUnreachableError: No camera answers.
+        """
         ...
 
-    def capture(self, after_s: float, image: bool = False) -> Frame:
-        """The scene at rest: only exposures that began after `after_s` (seconds of `time.monotonic()`).
+    def capture(self, after_s: float, with_image: bool = False) -> Frame:
+        """Capture the scene at rest.
 
-        With `image` the frame has a picture too; without, none is made or sent.
+        Args:
+            after_s: Earliest start of an exposure, seconds of `time.monotonic()`.
+            with_image: Whether the frame has an intensity image.
 
-        Raises: CameraLostError, BadFrameError.
+        Raises:
+            CameraLostError: The camera is lost.
+            BadFrameError: The images show nothing, or none came.
         """
         ...
 
     def info(self) -> CameraInfo:
-        """The camera now. Raises CameraLostError."""
+        """Return the camera's present state.
+
+        Raises:
+            CameraLostError: The camera does not answer.
+        """
         ...
 
     def close(self) -> None:
-        """Lets the camera go."""
+        """Release the camera."""
         ...

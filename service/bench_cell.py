@@ -115,7 +115,7 @@ def _scans(say: Callable[[str], None]) -> list[dict[str, float]]:
 
 
 def _scan(store: Store, cell: Cell, jobs: Jobs) -> dict[str, float]:
-    accepted = jobs.submit.live(None, "graph", RADIUS_M)
+    accepted = jobs.submit.live(None, "graph", RADIUS_M, time.monotonic())
     while (scan := _row(store, accepted)).state in ACTIVE_STATES:
         time.sleep(0.01)
     if scan.state != "succeeded":

@@ -16,7 +16,7 @@ from contextlib import AbstractContextManager
 from typing import Any
 
 from cell.control.cell import Cell
-from cell.control.stop_requests import TOO_LATE
+from cell.control.stop_requests import STOPPED_SINCE
 from cell.errors import StoppedError
 from recognition.grasping.gripper import Gripper
 from service.calibrations.drift_watch import DriftWatch
@@ -107,7 +107,7 @@ class Jobs:
         accepted_last = self._place.close()
         if accepted_last is not None and accepted_last is not running:
             self._interrupt(accepted_last)
-        self._cell.give_up_connecting()
+        self._cell.cancel_connecting()
 
     def close(self) -> None:
         """Winds up, and ends the recognition process."""
@@ -147,7 +147,7 @@ class Jobs:
         running = self._place.running
         if running is not None and running.row.id == row_id:
             # The arm of a scan that has just ended may be at work for the next one.
-            arm = running.plan is not None and not running.ended.is_set()
+            arm = running.prepared is not None and not running.ended.is_set()
             self._stop(running, "aborted", f"the {kind(running.row)} was cancelled", arm)
             running.ended.wait(SETTLE_S)
         elif (row := find()).state != "aborted":
@@ -161,7 +161,7 @@ class Jobs:
         """
         self._stopped_s = time.monotonic()
         running = self._place.running
-        live = running if running is not None and running.plan is not None else None
+        live = running if running is not None and running.prepared is not None else None
         self._stop(live, "aborted", reason)
         self._cell.wait_while_busy(STOPPED_S)
         return live.row.id if live is not None and isinstance(live.row, ScanRow) else None
@@ -172,23 +172,23 @@ class Jobs:
         A scan that was cancelled, or ended with the service, is no reason to refuse others.
         """
         if self._stopped_s >= wished_s:
-            raise StoppedError(TOO_LATE)
+            raise StoppedError(STOPPED_SINCE)
 
     def stop_unattended(self) -> None:
         """Stops an arm that moves or is about to, because the service does not answer: nobody else could stop it."""
-        self._cell.refuse_earlier()  # what is not accepted yet
+        self._cell.reject_earlier_requests()  # what is not accepted yet
         if self._cell.status.state == "busy" or self.using_arm is not None:
             self.stop_arm("the service did not answer for more than a second, so nobody could have stopped the arm")
 
-    def release_arm(self) -> None:
-        """Lets the arm go, once it is home.
+    def release_arm(self, requested_at: float) -> None:
+        """Lets the arm go, once it is home; refused when the arm was stopped since `requested_at`.
 
         Raises:
             ProblemError: `cell-busy`, with the Location of what is under way.
             CellError: as `Cell.release`.
         """
         with self._place.taken():
-            self._cell.release(arrived_s())
+            self._cell.release(requested_at)
 
     @property
     def closed(self) -> bool:
@@ -209,7 +209,7 @@ class Jobs:
     def using_arm(self) -> str | None:
         """The live scan or calibration that is accepted and has not ended, if any, in words."""
         running = self._place.running
-        return None if running is None or running.plan is None else f"a {kind(running.row)}"
+        return None if running is None or running.prepared is None else f"a {kind(running.row)}"
 
     @property
     def calibration(self) -> str | None:
@@ -252,7 +252,7 @@ class Jobs:
 
     def _end_recognition(self, running: Running[Any]) -> None:
         begun = running.begun.is_set()
-        if begun and running.plan is None:
+        if begun and running.prepared is None:
             self._kill_unless_ended(running, 0.0)
             return
         # A live one ends with its arm, and recognition waits for the next; unless it is at work on the last views.

@@ -7,10 +7,11 @@ from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
+from cell.control.background_scan import BackgroundScan
 from cell.control.cell import Cell
-from cell.control.scan_loop import BackgroundScan, missing_view
+from cell.control.prepared import PreparedScan
+from cell.control.scan_loop import missing_view
 from cell.devices import View
-from cell.planning.viewpoints import ViewpointPlan
 from cell.recording.writer import RecordingEmptyError, RecordingError, RecordingWriter
 from service.data_folder import MODEL
 from service.observing.scan_metrics import ScanMetrics
@@ -66,7 +67,7 @@ class StoredProgress:
 @contextmanager
 def live_outcome(
     scan: ScanRow,
-    plan: ViewpointPlan,
+    prepared: PreparedScan,
     cell: Cell,
     store: Store,
     worker: RecognitionWorker,
@@ -88,8 +89,8 @@ def live_outcome(
     assert not isinstance(task.source, Path)
     try:
         with RecordingWriter(path, task.source) as writer:
-            progress = StoredProgress(store, scan.id, len(plan.viewpoints), writer, metrics)
-            with cell.scanning(plan, writer, progress) as views:
+            progress = StoredProgress(store, scan.id, len(prepared.plan.viewpoints), writer, metrics)
+            with cell.run(prepared, writer, progress) as views:
                 outcome = _recognise(store, scan.id, worker, task, limit_s, views, progress)
                 try:
                     writer.write_result(json.loads((task.results / MODEL).read_bytes()))

@@ -49,7 +49,7 @@ def with_moving_cell(
             cell.stop()
         finally:
             at_signal()
-            cell.give_up_connecting()
+            cell.cancel_connecting()
         print("stopping", file=sys.stderr)
 
     def work() -> Result:

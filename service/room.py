@@ -4,7 +4,6 @@ shape, what is set. Metres, base frame."""
 import numpy as np
 
 from calibration.storage.hand_eye_file import HandEye
-from cell.camera.optics import camera_optics
 from cell.config.arm_config import ArmModelName
 from cell.kinematics.collision import PARTS, collision_model
 from cell.kinematics.ur_kinematics import ALPHA_RAD, ARMS
@@ -81,7 +80,7 @@ def room_resource(config: ServiceConfig, hand_eye: HandEye | None) -> RoomResour
     settings = config.cell
     T_flange_camera = np.eye(4) if hand_eye is None else hand_eye.T_flange_camera
     model = collision_model(settings, T_flange_camera)
-    arm, optics = ARMS[model.model], camera_optics(settings.camera)
+    arm, optics = ARMS[model.model], settings.camera.optics
     shapes = zip(PARTS, model.part_frames.tolist(), model.part_ends.tolist(), model.part_radii.tolist(), strict=True)
     return RoomResource.model_validate(
         {

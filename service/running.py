@@ -3,7 +3,7 @@
 import threading
 from typing import Generic, TypeVar
 
-from cell.planning.viewpoints import ViewpointPlan
+from cell.control.prepared import Prepared
 from service.schemas import ScanState
 from service.tables import CalibrationRow, ScanRow
 
@@ -18,11 +18,11 @@ def kind(row: ScanRow | CalibrationRow) -> str:
 class Running(Generic[R]):
     """One scan or calibration between its acceptance and its final state, and the wish to stop it."""
 
-    def __init__(self, row: R, plan: ViewpointPlan | None) -> None:
+    def __init__(self, row: R, prepared: Prepared | None) -> None:
         self.row = row
         """As it was accepted."""
-        self.plan = plan
-        """Of what the arm does; None for a replay, for which it does nothing."""
+        self.prepared = prepared
+        """What the arm will do, or None for a replay, for which the arm does nothing."""
         self.begun = threading.Event()
         """What was under way before it, with its picture, has ended."""
         self.ended = threading.Event()

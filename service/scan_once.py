@@ -3,10 +3,11 @@
 import json
 import sys
 import threading
+import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -95,18 +96,19 @@ def take_scan(
     with ThreadPoolExecutor(1) as pool:  # left when the process has started, or ended
         started = pool.submit(worker.start)
         try:
-            plan = cell.prepare(wanted.views)
+            prepared = cell.prepare_scan(wanted.views, time.monotonic())
             started.result()
         except BaseException:
             worker.kill()
             raise
     with TemporaryDirectory(prefix="pointchain-") as folder:
-        told, header = ToldProgress(plan, say, stop_asked), cell.header(radius)
+        told = ToldProgress(prepared.plan, say, stop_asked)
+        header = replace(prepared.header, string_radius_m=radius)
         results = Path(folder) / "results"
         task = Task(header, radius, wanted.method, wanted.gripper, results, Path(folder) / PREVIEW)
         with (
             RecordingWriter(kept or Path(folder) / "scan.mcap", header) as writer,
-            cell.scanning(plan, writer, told) as taken,
+            cell.run(prepared, writer, told) as taken,
         ):
             worker.run(task, lambda _: None, wanted.limit_s, taken, told.reasons)
             model = json.loads((results / MODEL).read_bytes())

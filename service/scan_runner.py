@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from cell.control.cell import Cell
+from cell.control.prepared import PreparedScan
 from cell.errors import CellError, StoppedError
 from cell.recording.header import RecordingHeader
 from recognition.grasping.gripper import Gripper
@@ -91,7 +92,7 @@ class ScanRunner:
     ) -> tuple[Outcome | None, dict[str, Any] | None]:
         """What the scan gives, or the problem why it gives nothing; neither when it was stopped before it began."""
         try:
-            if running.plan is not None:
+            if running.prepared is not None:
                 self._store.update_scan(running.row.id, ("queued",), state="preflight")
             if running.stop is None:
                 self._worker.start()
@@ -114,8 +115,8 @@ class ScanRunner:
 
     def _outcome(self, running: Running[ScanRow], results: Path, until_home: ExitStack) -> Outcome:
         """What the scan gives; a live one's arm is home when `until_home` is left."""
-        scan, store, plan = running.row, self._store, running.plan
-        if plan is None:
+        scan, store, prepared = running.row, self._store, running.prepared
+        if prepared is None:
             recording = store.recording(scan.recording or "")
             assert recording is not None
             task = self._task(scan, store.folder.recording(recording.id), results, recording.missing)
@@ -123,10 +124,11 @@ class ScanRunner:
             store.update_scan(scan.id, ("queued",), state="processing", started_at=now(), inputs=inputs)
             outcome = self._worker.run(task, self._progress(scan.id), self._limit_s)
             return dataclasses.replace(outcome, partial=outcome.partial or bool(recording.missing))
-        task = self._task(scan, self._cell.header(scan.string_radius_m), results)
+        assert isinstance(prepared, PreparedScan)
+        task = self._task(scan, dataclasses.replace(prepared.header, string_radius_m=scan.string_radius_m), results)
         inputs = recognition_inputs(task)
         store.update_scan(scan.id, ("preflight",), state="scanning", started_at=now(), inputs=inputs)
-        live = live_outcome(scan, plan, self._cell, store, self._worker, task, self._limit_s, self._metrics)
+        live = live_outcome(scan, prepared, self._cell, store, self._worker, task, self._limit_s, self._metrics)
         return until_home.enter_context(live)
 
     def _end_preview(self, scan: ScanRow, whole: bool) -> None:
@@ -222,6 +224,6 @@ class ScanRunner:
 
 def _what(running: Running[ScanRow]) -> str:
     """What a scan is of."""
-    if running.plan is None:
+    if running.prepared is None:
         return f"replay of recording {running.row.recording}"
-    return f"live, {len(running.plan.viewpoints)} views"
+    return f"live, {len(running.prepared.plan.viewpoints)} views"

@@ -7,7 +7,6 @@ from calibration.target.board import Board
 from cell.control.cell import Cell
 from recognition.model.model import Method
 from service.new_rows import NOBODY, Asked, new_calibration, new_scan
-from service.observing.arrival import arrived_s
 from service.place import Place
 from service.running import Running
 from service.store import Store
@@ -42,39 +41,40 @@ class Submissions:
             self._accept(Running(scan, None), lambda: self._store.add_scan(scan, asked.key_row(scan)))
             return scan
 
-    def live(self, views: int | None, method: Method, radius_m: float | None, asked: Asked = NOBODY) -> ScanRow:
+    def live(
+        self,
+        views: int | None,
+        method: Method,
+        radius_m: float | None,
+        requested_at: float,
+        asked: Asked = NOBODY,
+    ) -> ScanRow:
         """A scan by the cell, once the cell is ready and the scan is planned; refused when the arm was stopped since
-        the request arrived, however long this had to wait.
+        `requested_at`, however long this had to wait.
 
         Takes seconds where the cell has to be connected first.
         """
         with self._place.taken():
-            plan = self._cell.prepare(views, arrived_s())
-            scan = new_scan("live", method, radius_m, asked, calibration_sha256=self._calibration_sha256)
-            self._accept(Running(scan, plan), lambda: self._store.add_scan(scan, asked.key_row(scan)))
+            prepared = self._cell.prepare_scan(views, requested_at)
+            scan = new_scan("live", method, radius_m, asked, calibration_sha256=prepared.hand_eye.sha256)
+            self._accept(Running(scan, prepared), lambda: self._store.add_scan(scan, asked.key_row(scan)))
             return scan
 
-    def calibration(self, board: Board, poses: int) -> CalibrationRow:
+    def calibration(self, board: Board, poses: int, requested_at: float) -> CalibrationRow:
         """A calibration with the board on the table, as `live` does a scan."""
         with self._place.taken():
-            plan = self._cell.prepare_calibration(board, poses, asked_s=arrived_s())
-            row = new_calibration("calibration", board, poses, warnings=plan.warnings)
-            self._accept(Running(row, plan), lambda: self._store.calibrations.add(row))
+            prepared = self._cell.prepare_calibration(board, requested_at, poses)
+            row = new_calibration("calibration", board, poses, warnings=prepared.plan.warnings)
+            self._accept(Running(row, prepared), lambda: self._store.calibrations.add(row))
             return row
 
-    def verification(self) -> CalibrationRow:
-        """A look at the board, where it was left, from two poses."""
+    def verification(self, requested_at: float) -> CalibrationRow:
+        """A capture of the board, where it was left, from two poses."""
         with self._place.taken():
-            plan = self._cell.prepare_verification(arrived_s())
-            row = new_calibration("verification", None, len(plan.viewpoints), self._calibration_sha256)
-            self._accept(Running(row, plan), lambda: self._store.calibrations.add(row))
+            prepared = self._cell.prepare_verification(requested_at)
+            row = new_calibration("verification", None, len(prepared.plan.viewpoints), prepared.hand_eye.sha256)
+            self._accept(Running(row, prepared), lambda: self._store.calibrations.add(row))
             return row
-
-    @property
-    def _calibration_sha256(self) -> str | None:
-        """Of the calibration that the cell has loaded for the plan just made."""
-        hand_eye = self._cell.status.hand_eye
-        return None if hand_eye is None else hand_eye.sha256
 
     def _accept(self, running: Running[Any], write: Callable[[], None]) -> None:
         """Has the row of what the place is taken for written, and begins it."""

@@ -1,145 +1,141 @@
-"""The depth camera as a scan sees it: a child process with the driver in it."""
+"""The depth camera of a scan: a child process with the camera's driver."""
 
 import logging
 import threading
 import time
 from collections.abc import Callable
-from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from cell.camera.driver import CameraDriver, Fault
 from cell.camera.frame_averaging import NoFramesError
-from cell.camera.oak_driver import OakDriver
-from cell.camera.oak_stream import DEPTH_UNIT_M, Fault
-from cell.config.camera_config import OakCamera
-from cell.config.cell_config import AnyCamera
+from cell.config.camera_config import CameraSettings
 from cell.devices import CameraInfo, Frame
 from cell.errors import CameraLostError, CameraUnreachableError
 from cell.process.child import Child, ChildLostError, NotCalledError
-from cell.simulation.devices.flange_pose import PoseSource, controller_pose
-
-if TYPE_CHECKING:
-    from cell.simulation.devices.world import SimulatedWorld
 
 log = logging.getLogger(__name__)
 
-OPEN_S = 30.0
-"""A camera in a network takes up to half of it to start."""
-OPEN_SIMULATED_S = 60.0
-"""A busy machine takes its time to load and build what a simulated camera sees."""
 ASK_S = 3.0
-"""How long the driver may take for an answer that needs no image."""
+"""Timeout of a call that needs no image."""
 SILENCE_S = 2.0
-"""So long without any image, beyond what the frame rate makes, is too long."""
+"""Longest time without an image, in addition to the period of the frame rate."""
+
+MakeDriver = Callable[[], CameraDriver]
+"""Makes the driver. It is called in the child process and must be picklable."""
 
 
 class LiveCamera:
-    """A `cell.devices.Camera`: an OAK, or the simulated one. Belongs to one thread, but for `give_up_connecting`."""
+    """A `cell.devices.Camera` whose driver runs in a child process.
+
+    Every method but `cancel_connecting` belongs to one thread at a time.
+    """
 
     def __init__(
-        self,
-        settings: AnyCamera,
-        world: "SimulatedWorld | None" = None,
-        controller_host: Callable[[], str] | None = None,
-        pose_of: Callable[[str], PoseSource] = controller_pose,
+        self, settings: CameraSettings, prepare_driver: Callable[[], MakeDriver], open_timeout_s: float
     ) -> None:
-        """Touches no device. The rest is for a simulated camera: the `world` it sees, and at connecting
-        `controller_host()` is asked where the arm's controller listens, of which `pose_of(host)` knows the flange.
+        """Create the camera; no device is used before `connect`.
+
+        Args:
+            settings: Number of exposures and frame rate.
+            prepare_driver: Called at each `connect`, in this process. It returns what makes the driver.
+            open_timeout_s: Timeout of the driver's start and of opening the camera.
         """
         self.settings = settings
-        self._world = world
-        self._controller_host = controller_host
-        self._pose_of = pose_of
+        self._prepare_driver, self._open_timeout_s = prepare_driver, open_timeout_s
         self._child: Child | None = None
-        self._driver: Callable[[], OakDriver] | None = None
+        self._make_driver: MakeDriver | None = None
         self._device_id: str | None = None
         self._opening: Child | None = None
-        self._given_up = threading.Event()
+        self._cancelled = threading.Event()
 
     @property
     def connected(self) -> bool:
-        """It is open, as far as anyone has noticed; `info` finds out."""
+        """Whether the camera is open and its process alive. Only `info` finds out whether the camera answers."""
         return self._child is not None and self._child.alive
 
     @property
-    def depth_unit_m(self) -> float:
-        """Metres per depth count of what `capture` gives."""
-        return DEPTH_UNIT_M
-
-    @property
     def pid(self) -> int | None:
-        """Of the driver's process, if there is one."""
+        """Process id of the driver, or None without a driver."""
         return None if self._child is None else self._child.pid
 
     def connect(self) -> CameraInfo:
-        """Opens the camera and waits for its first frame; one that was open is opened anew.
+        """Open the camera and wait for its first frame. An open camera is closed first.
 
         Raises:
-            CameraUnreachableError: no camera answers, or not the configured one; it says what to check.
-            CellError: what `controller_host` raises.
+            CameraUnreachableError: No camera answers, or not the configured one.
+            CellError: An error of `prepare_driver`.
         """
         self.close()
-        make_pose = None
-        if self._controller_host is not None and not isinstance(self.settings, OakCamera):
-            make_pose = partial(self._pose_of, self._controller_host())
-        self._driver = partial(OakDriver, self.settings, self._world, make_pose)
+        self._make_driver = self._prepare_driver()
         info = self._open()
         self._device_id = info.device_id
         return info
 
-    def capture(self, after_s: float, image: bool = False) -> Frame:
-        """The scene at rest: only exposures that began after `after_s`, seconds of `time.monotonic()`; with a picture
-        if `image`.
+    def capture(self, after_s: float, with_image: bool = False) -> Frame:
+        """Capture the scene at rest.
 
-        A camera that was lost or is silent is connected anew once, and then has another try: the arm is at rest.
+        A camera that is lost or silent is connected again once. This is safe, because the arm is at rest.
+
+        Args:
+            after_s: Earliest start of an exposure, seconds of `time.monotonic()`.
+            with_image: Whether the frame has an intensity image.
 
         Raises:
-            CameraLostError: it is lost, also after that.
-            BadFrameError: it gives images that show nothing, or none.
+            CameraLostError: The camera is lost, also after a new connection.
+            BadFrameError: The images show nothing, or none came.
         """
-        if self._driver is None:
+        if self._make_driver is None:
             raise CameraLostError("the camera is not connected")
         try:
-            return self._capture(after_s, image)
+            return self._capture(after_s, with_image)
         except (CameraLostError, NoFramesError) as error:
-            log.warning("%s; connecting the camera once more", error)
+            log.warning("%s; connecting the camera again", error)
             lost = error
         try:
             self._reopen()
-            return self._capture(after_s, image)
+            return self._capture(after_s, with_image)
         except CameraUnreachableError as error:
             self._end()
             raise CameraLostError(f"{lost}. It could not be connected again: {error}") from error
 
     def info(self) -> CameraInfo:
-        """The camera now. Raises CameraLostError; it is then no longer connected."""
+        """Return the camera's present state.
+
+        Raises:
+            CameraLostError: The camera does not answer. It is then no longer connected.
+        """
         return self._call("info", timeout_s=ASK_S)
 
     def fault(self, kind: Fault) -> None:
-        """Lets a simulated camera fail, until `none` or until it is connected anew. Raises CellError on a real one."""
+        """Make a simulated camera fail, until `none` or until it is connected again.
+
+        Raises:
+            CellError: The camera is a real one.
+        """
         self._call("fault", kind, timeout_s=ASK_S)
 
-    def give_up_connecting(self) -> None:
-        """From any thread: a connecting that is under way fails at once, and so does every later one.
+    def cancel_connecting(self) -> None:
+        """Let the current and every later connection fail at once. It may be called from any thread.
 
-        A camera that is open stays so. For whoever closes everything and would else wait until a camera has started.
+        An open camera stays open. A caller that closes the cell need not wait for a camera to start.
         """
-        self._given_up.set()  # first: a process that is not asked yet to open the camera will not be
+        self._cancelled.set()  # first: a child that was not asked to open the camera yet will not be asked
         opening = self._opening
         if opening is not None:
             opening.kill()
 
     def close(self) -> None:
-        """Lets the camera go; leaves no process behind."""
+        """Release the camera and end its process."""
         self._end()
-        self._driver = self._device_id = None
+        self._make_driver = self._device_id = None
 
-    def _capture(self, after_s: float, image: bool) -> Frame:
+    def _capture(self, after_s: float, with_image: bool) -> Frame:
         count, fps = self.settings.exposures, self.settings.fps
         silence_s = SILENCE_S + 2 / fps
-        # Three times as long as the frame rate promises: frames get lost where the link is poor.
+        # Three times the nominal duration: frames get lost on a poor link.
         patience_s = SILENCE_S + 3 * (count + 1) / fps
-        until_s = max(after_s - time.monotonic(), 0.0) + (2 if image else 1) * patience_s + ASK_S
-        return self._call("capture", after_s, silence_s, patience_s, image, timeout_s=until_s)
+        timeout_s = max(after_s - time.monotonic(), 0.0) + (2 if with_image else 1) * patience_s + ASK_S
+        return self._call("capture", after_s, silence_s, patience_s, with_image, timeout_s=timeout_s)
 
     def _reopen(self) -> None:
         self._end()
@@ -150,18 +146,17 @@ class LiveCamera:
             )
 
     def _open(self) -> CameraInfo:
-        assert self._driver is not None
-        self._child = self._opening = Child("camera", self._driver)
-        limit_s = OPEN_S if isinstance(self.settings, OakCamera) else OPEN_SIMULATED_S
+        assert self._make_driver is not None
+        self._child = self._opening = Child("camera", self._make_driver)
         try:
-            return self._child.call("open", timeout_s=limit_s, unless=self._given_up)
+            return self._child.call("open", timeout_s=self._open_timeout_s, unless=self._cancelled)
         except (ChildLostError, NotCalledError) as error:
             self._end()
-            if self._given_up.is_set():
+            if self._cancelled.is_set():
                 raise CameraUnreachableError(
-                    "connecting the camera was given up, as the cell is being closed"
+                    "the connection of the camera was cancelled, because the cell is being closed"
                 ) from error
-            raise CameraUnreachableError(f"the camera's driver did not start, as {error}") from error
+            raise CameraUnreachableError(f"the camera's driver did not start: {error}") from error
         except BaseException:
             self._end()
             raise
@@ -180,7 +175,7 @@ class LiveCamera:
             return self._child.call(method, *arguments, timeout_s=timeout_s)
         except ChildLostError as error:
             self._end()
-            raise CameraLostError(f"the camera was lost, as {error}") from error
+            raise CameraLostError(f"the camera was lost: {error}") from error
         except CameraLostError:
-            self._end()  # what is lost is no longer connected
+            self._end()  # a lost camera is not connected
             raise

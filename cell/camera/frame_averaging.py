@@ -1,4 +1,4 @@
-"""From single depth images and pictures to one frame of a scene at rest."""
+"""Combination of several exposures of a scene at rest to one frame."""
 
 import time
 from collections.abc import Callable, Sequence
@@ -11,18 +11,18 @@ from numpy.typing import NDArray
 from cell.devices import Frame
 from cell.errors import BadFrameError
 
-LEAST_MEASURED = 0.01
-"""An image with a smaller share of measured pixels shows nothing."""
-LEAST_CONTRAST = 10
-"""A picture whose dark and bright pixels differ by fewer grey levels shows nothing: noise alone makes about half."""
+MIN_MEASURED_SHARE = 0.01
+"""Smallest share of measured pixels of a usable depth image."""
+MIN_CONTRAST = 10
+"""Smallest difference between dark and bright pixels of a usable picture, grey levels. Noise alone gives about half."""
 DARK_AND_BRIGHT = 0.01, 0.99
-"""Which pixels these are, as shares of all of them in order of brightness."""
+"""Quantiles of the brightness at which pixels count as dark and as bright."""
 SAME_K_PX = 0.05
-"""Two matrices of one camera differ by no more: they are told in single precision."""
+"""Largest difference between two matrices of one camera, which are reported in single precision."""
 
 
 class NoFramesError(BadFrameError):
-    """The camera is silent: a new connection may wake it."""
+    """The camera is silent. A new connection may help."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,47 +30,51 @@ class Exposure:
     """One depth image."""
 
     depth: NDArray[np.uint16]
-    """(H, W), depth units; 0 = not measured."""
+    """Depth image (H, W) in depth units; 0 = not measured."""
     K: NDArray[np.float64]
     """(3, 3) pinhole matrix, pixels."""
     began_s: float
-    """When its exposure began, seconds of `time.monotonic()`."""
+    """Start of the exposure, seconds of `time.monotonic()`."""
 
 
 @dataclass(frozen=True, eq=False)
 class Picture:
-    """One picture of the camera that the depth images are of."""
+    """One intensity image of the camera that takes the depth images."""
 
     pixels: NDArray[np.uint8]
-    """(H, W) grey, or (H, W, 3) blue, green, red."""
+    """Grey image (H, W), or colour image (H, W, 3) in the order blue, green, red."""
     K: NDArray[np.float64]
     """(3, 3) pinhole matrix, pixels."""
     began_s: float
-    """When its exposure began, seconds of `time.monotonic()`."""
+    """Start of the exposure, seconds of `time.monotonic()`."""
 
 
-Taken = TypeVar("Taken", Exposure, Picture)
+Image = TypeVar("Image", Exposure, Picture)
 
 
-def at_rest(
-    receive: Callable[[float], Taken | None],
+def wait_for_exposures(
+    receive: Callable[[float], Image | None],
     after_s: float,
     count: int,
     silence_s: float,
     patience_s: float,
     what: str = "frame",
-) -> list[Taken]:
-    """The first `count` exposures that began after `after_s`, seconds of `time.monotonic()`.
+) -> list[Image]:
+    """Return the first `count` exposures that began after `after_s`.
 
-    `receive` waits for the next exposure for at most so many seconds and gives None if none came. What comes within
-    `silence_s` of the one before, or of the call or of `after_s`, is in time; all must be there `patience_s` after the
-    later of the call and `after_s`. `what` is the word for one of them in the errors.
+    Args:
+        receive: Waits for the next exposure for at most the given seconds. It returns None if none came.
+        after_s: Earliest start of an exposure, seconds of `time.monotonic()`.
+        count: Number of exposures.
+        silence_s: Longest time between two exposures, and from the later of the call and `after_s` to the first one.
+        patience_s: Longest time from the later of the call and `after_s` to the last exposure.
+        what: Word for one exposure in the errors.
 
     Raises:
-        NoFramesError: nothing came in time.
-        BadFrameError: exposures came, but too few of them began after `after_s`.
+        NoFramesError: No exposure came within `silence_s`.
+        BadFrameError: Exposures came, but too few of them began after `after_s`.
     """
-    taken: list[Taken] = []
+    taken: list[Image] = []
     last = max(time.monotonic(), after_s)
     end = last + patience_s
     dropped = 0
@@ -96,46 +100,50 @@ def at_rest(
     return taken
 
 
-def combined(exposures: Sequence[Exposure], depth_unit_m: float, pictures: Sequence[Picture] = ()) -> Frame:
-    """The frame that several exposures of a scene at rest give: the median of their depth and the mean of the pictures,
-    checked.
+def combine(exposures: Sequence[Exposure], depth_unit_m: float, pictures: Sequence[Picture] = ()) -> Frame:
+    """Combine exposures of a scene at rest to the median of their depth and the mean of the pictures.
+
+    Args:
+        exposures: Depth images of one size and matrix.
+        depth_unit_m: Metres per depth count.
+        pictures: Intensity images of the same size and matrix, or none.
 
     Raises:
-        BadFrameError: they show nothing, or do not belong together.
+        BadFrameError: The images show nothing, or differ in size or matrix.
     """
     first = exposures[0]
     for exposure in exposures:
         if exposure.depth.shape != first.depth.shape or not np.array_equal(exposure.K, first.K):
-            raise BadFrameError("the camera's resolution or intrinsics changed within one look: connect it again")
+            raise BadFrameError("the camera's resolution or intrinsics changed within one capture: connect it again")
     image = _image(pictures, first) if pictures else None
     depth = median([exposure.depth for exposure in exposures])
     _check(depth)
-    # The epoch's clock is asked only here: whoever sets it cannot upset the waiting.
+    # The epoch's clock is read only here. Setting it during a capture does not affect the waiting.
     began_s = exposures[-1].began_s + time.time() - time.monotonic()
     return Frame(depth, depth_unit_m, first.K, began_s, len(exposures), image=image)
 
 
 def median(depths: Sequence[NDArray[np.uint16]]) -> NDArray[np.uint16]:
-    """The median (H, W) of depth images (H, W) at each pixel, over those that measured it.
+    """Return the median (H, W) of depth images (H, W) at each pixel, over the images that measured the pixel.
 
-    A pixel that no majority measured is 0. Of an even number the nearer of the middle two is taken: a mean of string
-    and table would be a place where nothing is.
+    A pixel that no majority measured is 0. Of an even number, the nearer of the middle two values is taken. The mean of
+    a string and the table would be a point in free space.
     """
     ordered = np.sort(np.stack(depths), axis=0)
     measured = np.count_nonzero(ordered, axis=0)
-    # The zeros come first.
+    # The zeros come first in the order.
     middle = len(depths) - measured + (measured - 1) // 2
     picked = np.take_along_axis(ordered, np.minimum(middle, len(depths) - 1)[None], axis=0)[0]
     return np.where(2 * measured > len(depths), picked, 0).astype(np.uint16)
 
 
 def _image(pictures: Sequence[Picture], exposure: Exposure) -> NDArray[np.uint8]:
-    """The mean of the pictures: it has the least noise, and one place only is seen, so that it blurs nothing."""
+    """Return the mean of the pictures, which has the least noise. Nothing blurs, because the scene is at rest."""
     first = pictures[0]
     for picture in pictures:
         if picture.pixels.shape != first.pixels.shape or not np.array_equal(picture.K, first.K):
             raise BadFrameError(
-                "the picture's resolution or intrinsics changed within one look: connect the camera again"
+                "the picture's resolution or intrinsics changed within one capture: connect the camera again"
             )
     if first.pixels.shape[:2] != exposure.depth.shape or np.abs(first.K - exposure.K).max() > SAME_K_PX:
         raise BadFrameError(
@@ -148,7 +156,7 @@ def _image(pictures: Sequence[Picture], exposure: Exposure) -> NDArray[np.uint8]
     grey = image if image.ndim == 2 else image[..., 1]
     share = np.cumsum(np.bincount(grey.ravel(), minlength=256)) / grey.size
     dark, bright = (int(level) for level in np.searchsorted(share, DARK_AND_BRIGHT))
-    if bright - dark < LEAST_CONTRAST:
+    if bright - dark < MIN_CONTRAST:
         raise BadFrameError(
             f"the camera's picture shows nothing (grey levels {dark} to {bright} of 255): a lens is covered, it is "
             "dark, or the light is far too bright"
@@ -157,7 +165,7 @@ def _image(pictures: Sequence[Picture], exposure: Exposure) -> NDArray[np.uint8]
 
 
 def _pinhole(K: NDArray[np.float64], shape: tuple[int, ...]) -> str:
-    """Size and matrix, as a person compares them."""
+    """Return size and matrix for a message."""
     focal, centre = f"{K[0, 0]:.2f}, {K[1, 1]:.2f}", f"{K[0, 2]:.2f}, {K[1, 2]:.2f}"
     return f"{shape[1]}x{shape[0]}, focal lengths {focal}, centre {centre} pixels"
 
@@ -168,7 +176,7 @@ def _check(depth: NDArray[np.uint16]) -> None:
         raise BadFrameError(
             "the depth image is all zero: nothing is within the camera's range, it is dark, or a lens is covered"
         )
-    if share < LEAST_MEASURED:
+    if share < MIN_MEASURED_SHARE:
         raise BadFrameError(
             f"only {share:.2%} of the depth image are measured: too near, too dark, or a surface without texture"
         )

@@ -11,8 +11,8 @@ import numpy as np
 
 from calibration.geometry.transforms import rotation_angle
 from cell.camera.oak_stream import DEPTH_UNIT_M, Stream, load
-from cell.camera.optics import baseline_m
 from cell.config.camera_config import OakCamera
+from cell.config.camera_optics import baseline_m
 from cell.devices import CameraInfo
 from cell.errors import CameraUnreachableError
 

@@ -1,7 +1,6 @@
-"""Drives an OAK depth camera, or the simulated one, in a child process of its own.
+"""Driver of an OAK depth camera, and of the simulated one, in a child process.
 
-Only what makes the pipeline differs between the two; what comes out of it is decoded, awaited and combined by the same
-code.
+The two differ only in the pipeline that sends the images. The same code decodes, awaits and combines them.
 """
 
 import time
@@ -12,54 +11,51 @@ from datetime import timedelta
 from math import inf
 from typing import TYPE_CHECKING
 
-from cell.camera.frame_averaging import Exposure, Picture, at_rest, combined
-from cell.camera.oak_stream import DEPTH_UNIT_M, Fault, Stream, decode, decode_picture, next_message, send
-from cell.config.camera_config import OakCamera
-from cell.config.cell_config import AnyCamera
+from cell.camera.driver import Fault
+from cell.camera.frame_averaging import Exposure, Picture, combine, wait_for_exposures
+from cell.camera.oak_stream import DEPTH_UNIT_M, Stream, decode, decode_picture, next_message, send
+from cell.config.camera_config import CameraSettings, OakCamera
 from cell.devices import CameraInfo, Frame
 from cell.errors import BadFrameError, CameraLostError, CameraUnreachableError, CellError
 
 if TYPE_CHECKING:
     import depthai as dai
 
-    from cell.simulation.devices.flange_pose import PoseSource
-    from cell.simulation.devices.world import SimulatedWorld
-
 FIRST_FRAME_S = 10.0
-"""How long a camera that was found may take to its first image."""
+"""Longest time from opening a camera to its first image."""
 SLICE_S = 0.25
-"""While an image is waited for, so often it is looked whether any can come."""
+"""Period at which a wait for an image checks the camera for trouble."""
 STEADY_S = 4.0
-"""How long the exposure time may take to settle."""
+"""Longest time for the exposure time to settle."""
 STEADY_IMAGES, STEADY_SHARE = 3, 0.05
-"""It has settled when so many images in a row have the same, within this share."""
+"""The exposure has settled when this number of images in a row has the same exposure time within this share."""
 
 
 class OakDriver:
-    """The driver: made and used in the child process."""
+    """A `cell.camera.driver.CameraDriver` for depthai pipelines. It is made and used in the child process."""
 
-    def __init__(
-        self,
-        settings: AnyCamera,
-        world: "SimulatedWorld | None" = None,
-        make_pose: "Callable[[], PoseSource] | None" = None,
-    ) -> None:
-        """`world` and `make_pose` are what a simulated camera sees, and how it learns where the flange is."""
-        self._settings, self._world, self._make_pose = settings, world, make_pose
+    def __init__(self, settings: CameraSettings, open_stream: Callable[[], Stream]) -> None:
+        """Create the driver; no device is used before `open`.
+
+        Args:
+            settings: Number of exposures, and the exposure time of a real camera.
+            open_stream: Starts the pipeline. It raises CameraUnreachableError.
+        """
+        self._settings, self._open_stream = settings, open_stream
         self._stream: Stream | None = None
         self._warnings: tuple[str, ...] = ()
-        """Of opening the camera, beside those that it describes itself with."""
+        """Warnings of opening the camera, in addition to those of its description."""
 
     def open(self) -> CameraInfo:
-        """Starts the camera, waits for its first image, and lets its exposure settle and locks it.
+        """Start the camera, wait for its first image, and lock its exposure when it has settled.
 
         Raises:
-            CameraUnreachableError: there is no camera, or it gives no images.
+            CameraUnreachableError: No camera answers, or it sends no images.
         """
-        self._stream = stream = self._start()
+        self._stream = stream = self._open_stream()
         try:
             stream.watch(True)
-            at_rest(self._receive, time.monotonic(), 1, FIRST_FRAME_S, FIRST_FRAME_S)
+            wait_for_exposures(self._receive, time.monotonic(), 1, FIRST_FRAME_S, FIRST_FRAME_S)
             self._warnings = settle_exposure(stream, self._settings)
             return self.info()
         except (BadFrameError, CameraLostError) as error:
@@ -67,31 +63,36 @@ class OakDriver:
         finally:
             stream.watch(False)
 
-    def capture(self, after_s: float, silence_s: float, patience_s: float, image: bool = False) -> Frame:
-        """As `cell.devices.Camera.capture`; the times are those of
-        `cell.camera.frame_averaging.at_rest`, for the depth images and then once more for the pictures, most of which
-        have come by then."""
+    def capture(self, after_s: float, silence_s: float, patience_s: float, with_image: bool = False) -> Frame:
+        """Return the median of the configured number of exposures, as `CameraDriver.capture` says.
+
+        The times hold for the depth images, and then again for the intensity images, most of which have come by then.
+        """
         stream = self._running()
         count = self._settings.exposures
         pictures: list[Picture] = []
         stream.watch(True)
         try:
             while self._receive(0.0) is not None:
-                pass  # of before the call
-            with stream.sending_pictures() if image else nullcontext():
-                exposures = at_rest(self._receive, after_s, count, silence_s, patience_s)
-                if image:
+                pass  # images from before this call
+            with stream.sending_pictures() if with_image else nullcontext():
+                exposures = wait_for_exposures(self._receive, after_s, count, silence_s, patience_s)
+                if with_image:
                     with stream.without_dots():
-                        lit_s = -inf if stream.dots is None else time.monotonic()
-                        pictures = at_rest(
-                            self._receive_picture, max(after_s, lit_s), count, silence_s, patience_s, "picture"
+                        dark_s = -inf if stream.dots is None else time.monotonic()
+                        pictures = wait_for_exposures(
+                            self._receive_picture, max(after_s, dark_s), count, silence_s, patience_s, "picture"
                         )
         finally:
             stream.watch(False)
-        return combined(exposures, DEPTH_UNIT_M, pictures)
+        return combine(exposures, DEPTH_UNIT_M, pictures)
 
     def info(self) -> CameraInfo:
-        """The camera now. Raises CameraLostError."""
+        """Return the camera's present state.
+
+        Raises:
+            CameraLostError: The camera does not answer.
+        """
         stream = self._running()
         if stream.trouble:
             raise CameraLostError(stream.trouble)
@@ -105,56 +106,55 @@ class OakDriver:
         return replace(info, warnings=(*info.warnings, *self._warnings))
 
     def fault(self, kind: Fault) -> None:
-        """Lets a simulated camera fail from now on, until `none`."""
+        """Make a simulated camera fail from now on, until `none`.
+
+        Raises:
+            CellError: The camera is a real one.
+        """
         stream = self._running()
-        if stream.rehearsal is None:
+        if stream.fault_injection is None:
             raise CellError("only a simulated camera fails on request")
-        stream.rehearsal.fail(kind)
+        stream.fault_injection.fail(kind)
         if kind == "lost":
             stream.pipeline.stop()
 
     def close(self) -> None:
-        """Ends the pipeline and lets the device go."""
+        """End the pipeline and release the device."""
         stream, self._stream = self._stream, None
         if stream is not None:
             stream.close()
-
-    def _start(self) -> Stream:
-        if isinstance(self._settings, OakCamera):
-            from cell.camera.oak_device import open_device
-
-            return open_device(self._settings)
-        from cell.simulation.devices.oak_pipeline import open_simulated
-
-        if self._world is None or self._make_pose is None:
-            raise CameraUnreachableError("a simulated camera needs a simulated world and an arm")
-        return open_simulated(self._settings, self._world, self._make_pose)
 
     def _running(self) -> Stream:
         if self._stream is None:
             raise CameraLostError("the camera is not open")
         return self._stream
 
-    def _receive(self, wait_s: float) -> Exposure | None:
-        message = self._next(self._running().depth, wait_s)
+    def _receive(self, timeout_s: float) -> Exposure | None:
+        message = self._next(self._running().depth, timeout_s)
         return None if message is None else decode(message)
 
-    def _receive_picture(self, wait_s: float) -> Picture | None:
-        message = self._next(self._running().pictures, wait_s)
+    def _receive_picture(self, timeout_s: float) -> Picture | None:
+        message = self._next(self._running().pictures, timeout_s)
         return None if message is None else decode_picture(message)
 
-    def _next(self, queue: "dai.MessageQueue", wait_s: float) -> "dai.ImgFrame | None":
-        message = next_message(queue, min(wait_s, SLICE_S))
+    def _next(self, queue: "dai.MessageQueue", timeout_s: float) -> "dai.ImgFrame | None":
+        message = next_message(queue, min(timeout_s, SLICE_S))
         trouble = self._running().trouble
         if message is None and trouble:
             raise CameraLostError(trouble)
         return message
 
 
-def settle_exposure(stream: Stream, settings: AnyCamera) -> tuple[str, ...]:
-    """Waits until the exposure time has settled and locks it: the images of a scan shall be alike. Returns warnings.
+def settle_exposure(stream: Stream, settings: CameraSettings) -> tuple[str, ...]:
+    """Wait until the exposure time has settled, and lock it, so that the images of a scan are alike.
 
-    An exposure time that the settings give is only waited for. Raises CameraLostError.
+    A configured exposure time is only awaited.
+
+    Returns:
+        Warnings, if the exposure time has not settled.
+
+    Raises:
+        CameraLostError: The link to the camera broke.
     """
     import depthai as dai
 
@@ -175,5 +175,5 @@ def settle_exposure(stream: Stream, settings: AnyCamera) -> tuple[str, ...]:
     if steady:
         return ()
     latest = f"{times_us[-1]:.0f}" if times_us else "unknown"
-    wish = "still changes" if given_us is None else f"should be {given_us}"
-    return (f"the exposure time is {latest} microseconds and {wish}: is the light steady?",)
+    expected = "still changes" if given_us is None else f"should be {given_us}"
+    return (f"the exposure time is {latest} microseconds and {expected}: is the light steady?",)

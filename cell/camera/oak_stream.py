@@ -1,4 +1,4 @@
-"""Depth images and pictures out of a running depthai pipeline, be it on a camera or on this machine."""
+"""Depth and intensity images of a running depthai pipeline, on a camera or on this machine."""
 
 import os
 import time
@@ -6,11 +6,12 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import timedelta
-from typing import TYPE_CHECKING, Any, Literal, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from cell.camera.driver import Fault
 from cell.camera.frame_averaging import Exposure, Picture
 from cell.devices import CameraInfo
 from cell.errors import BadFrameError, CameraLostError
@@ -19,69 +20,68 @@ if TYPE_CHECKING:
     import depthai as dai
 
 DEPTH_UNIT_M = 0.0001
-"""Metres per depth count, of every camera here: set on a real one."""
+"""Metres per depth count of every pipeline here. A real camera is set to it."""
 
 LONGEST_EXPOSURE_S = 0.033
-"""Taken for the exposure time of a depth image that does not tell it."""
+"""Exposure time that is assumed for a depth image without one."""
 
-LEAST_WAIT_S = 0.001
-"""The shortest time that a queue can be told to wait."""
+MIN_WAIT_S = 0.001
+"""Shortest timeout of a queue."""
 
 DOTS_S = 0.1
-"""So long after the dot projector is switched, exposures are surely begun with the new light."""
-
-Fault = Literal["none", "silent", "zero", "constant", "stale", "lost"]
-"""What a simulated camera can be told to do wrong: send nothing, send images without or of one depth and pictures that
-are black or of one grey, send images of long ago, close its stream."""
+"""Time after switching the dot projector until every new exposure has the new light."""
 
 
-class Rehearsal(Protocol):
-    """What only a simulated camera can do."""
+class FaultInjection(Protocol):
+    """Control of a simulated camera."""
 
     @property
     def trouble(self) -> str | None:
-        """Why it cannot go on, if it cannot."""
+        """Why the camera cannot continue, or None."""
         ...
 
     def want(self, wanted: bool) -> None:
-        """Whether somebody waits for images; if nobody does, it takes fewer."""
+        """Set whether images are awaited. Otherwise the camera renders fewer of them."""
         ...
 
     def fail(self, kind: Fault) -> None:
-        """Fails from now on."""
+        """Fail from now on."""
         ...
 
 
 @dataclass(frozen=True, eq=False)
 class Stream:
-    """A running pipeline."""
+    """A running pipeline with its queues."""
 
     pipeline: "dai.Pipeline"
+    """Pipeline on the camera or on this machine."""
     depth: "dai.MessageQueue"
+    """Depth images."""
     timing: "dai.MessageQueue"
-    """Images that tell the exposure time; may be the depth images."""
+    """Images with the exposure time. It may be the queue of the depth images."""
     controls: Sequence["dai.InputQueue"]
-    """Take the settings of the image sensors."""
+    """Queues for the settings of the image sensors."""
     describe: Callable[[], CameraInfo]
-    """The camera now. Raises RuntimeError."""
+    """Describes the camera's present state. It raises RuntimeError."""
     close: Callable[[], None]
+    """Ends the pipeline and releases the device."""
     pictures: "dai.MessageQueue"
-    """What the depth images' camera sees, rectified; only while the gate is open."""
+    """Rectified intensity images of the camera that takes the depth images, while the gate is open."""
     gate: "dai.InputQueue"
-    """Takes `dai.GateControl`: whether pictures are sent. They are half as much again as the depth images."""
+    """Queue for `dai.GateControl`, which switches the intensity images. They have half the size of the depth images."""
     dots: Callable[[bool], None] | None = None
-    """Switches the dot projector, where one is used. Raises RuntimeError."""
-    rehearsal: Rehearsal | None = None
-    """None for a real camera."""
+    """Switches the dot projector, or None without one. It raises RuntimeError."""
+    fault_injection: FaultInjection | None = None
+    """Control of a simulated camera, or None for a real one."""
 
     def watch(self, watched: bool) -> None:
-        """Somebody waits for images, or no longer does."""
-        if self.rehearsal is not None:
-            self.rehearsal.want(watched)
+        """Set whether images are awaited."""
+        if self.fault_injection is not None:
+            self.fault_injection.want(watched)
 
     @contextmanager
     def sending_pictures(self) -> Iterator[None]:
-        """Within, pictures come. Raises CameraLostError."""
+        """Send intensity images within the body of a `with` statement. Raise CameraLostError if the link broke."""
         import depthai as dai
 
         send(self.gate, dai.GateControl.openGate())
@@ -92,9 +92,9 @@ class Stream:
 
     @contextmanager
     def without_dots(self) -> Iterator[None]:
-        """Within, exposures that begin now are not lit by dots, and those after it are again. Raises CameraLostError.
+        """Switch the dot projector off within the body of a `with` statement. Raise CameraLostError if the link broke.
 
-        Dots on a board look like corners and shift those that are there; depth is better with them.
+        Dots improve the depth, but on a calibration board they look like corners and shift the real ones.
         """
         if self.dots is None:
             yield
@@ -113,14 +113,15 @@ class Stream:
 
     @property
     def trouble(self) -> str | None:
-        """Why there are no images, where that is known."""
-        return None if self.rehearsal is None else self.rehearsal.trouble
+        """Why no images come, or None if that is not known."""
+        return None if self.fault_injection is None else self.fault_injection.trouble
 
 
 def load(device: str | None = None) -> None:
-    """Imports depthai, quietly: it reads these variables when it is imported, and never again.
+    """Import depthai without telemetry and log output. It reads these variables only when it is imported.
 
-    `device` is the configured one; without it cameras are looked for on USB only, not by broadcast in the network.
+    Args:
+        device: Configured device. None restricts the search for cameras to USB, without a broadcast in the network.
     """
     os.environ |= {
         "DEPTHAI_TELEMETRY": "0",
@@ -135,27 +136,27 @@ def load(device: str | None = None) -> None:
 
 
 def next_message(queue: "dai.MessageQueue", wait_s: float) -> Any:
-    """The next message, or None if none comes in so many seconds. Raises CameraLostError.
+    """Return the next message, or None if none comes within `wait_s` seconds. Raise CameraLostError if the link broke.
 
-    Always by a `get` that waits, a millisecond at least: depthai's `tryGet` and `isClosed` keep Python waiting for the
-    queue, while a thread that fills the queue may be waiting for Python: both for ever.
+    The function always waits by `get`, for at least a millisecond. depthai's `tryGet` and `isClosed` hold Python's lock
+    while they wait for the queue, and a thread that fills the queue may wait for that lock: a deadlock.
     """
     with _link():
-        return queue.get(timedelta(seconds=max(wait_s, LEAST_WAIT_S)))
+        return queue.get(timedelta(seconds=max(wait_s, MIN_WAIT_S)))
 
 
 def send(queue: "dai.InputQueue", setting: "dai.CameraControl | dai.GateControl") -> None:
-    """Tells an image sensor, or a gate, a setting. Raises CameraLostError."""
+    """Send a setting to an image sensor or a gate. Raise CameraLostError if the link broke."""
     with _link():
         queue.send(setting)
 
 
 @contextmanager
 def _link() -> Iterator[None]:
-    """What a broken link makes of the use of a queue is a lost camera."""
+    """Turn the errors of a broken link into CameraLostError."""
     import depthai as dai
 
-    # Of a queue that was closed, and of a link that broke: depthai's XLinkErrors are RuntimeErrors.
+    # depthai's XLinkErrors are RuntimeErrors
     closed: type[Exception] = dai.MessageQueue.QueueException
     try:
         yield
@@ -166,10 +167,10 @@ def _link() -> Iterator[None]:
 
 
 def decode(message: "dai.ImgFrame") -> Exposure:
-    """The exposure in a message.
+    """Return the depth image of a message.
 
     Raises:
-        BadFrameError: it is no depth image.
+        BadFrameError: The message is not a depth image.
     """
     import depthai as dai
 
@@ -178,15 +179,18 @@ def decode(message: "dai.ImgFrame") -> Exposure:
 
 
 def decode_picture(message: "dai.ImgFrame") -> Picture:
-    """The picture in a message: grey as it is; of a luma and colour image the luma; blue, green, red interleaved.
+    """Return the intensity image of a message.
+
+    A grey image and an interleaved BGR image are returned as they are. Of an image with luma and chroma planes, the
+    luma is returned.
 
     Raises:
-        BadFrameError: it is no picture, or of a kind that no camera here is set to send.
+        BadFrameError: The message is not an image, or has a type that no pipeline here sends.
     """
     import depthai as dai
 
     kind, known = message.getType(), dai.ImgFrame.Type
-    # Of these the first H rows are the grey image.
+    # the first H rows of these types are the grey image
     luma = (known.GRAY8, known.RAW8, known.YUV400p, known.NV12, known.NV21, known.YUV420p)
     depth = 3 if kind == known.BGR888i else 1
     rows = _rows(message, depth, "picture", kind == known.BGR888i or kind in luma)
@@ -195,7 +199,7 @@ def decode_picture(message: "dai.ImgFrame") -> Picture:
 
 
 def _rows(message: "dai.ImgFrame", pixel_bytes: int, what: str, of_its_kind: bool) -> NDArray[np.uint8]:
-    """The image's rows (H, W * pixel_bytes), without their padding."""
+    """Return the rows of the image (H, W * pixel_bytes), without padding."""
     width, height, stride = message.getWidth(), message.getHeight(), message.getStride()
     data = np.asarray(message.getData(), dtype=np.uint8)
     row_bytes = pixel_bytes * width
@@ -204,7 +208,7 @@ def _rows(message: "dai.ImgFrame", pixel_bytes: int, what: str, of_its_kind: boo
             f"the camera sent {data.size} bytes of type {message.getType().name}, {width}x{height}, stride {stride}: "
             f"that is no {what}"
         )
-    # A copy: depthai takes its memory back.
+    # a copy, because depthai reuses its memory
     return data[: height * stride].reshape(height, stride)[:, :row_bytes].copy()
 
 
@@ -213,7 +217,7 @@ def _K(message: "dai.ImgFrame") -> NDArray[np.float64]:
 
 
 def _began_s(message: "dai.ImgFrame") -> float:
-    """When the exposure began, seconds of `time.monotonic()`."""
+    """Return the start of the exposure, seconds of `time.monotonic()`."""
     import depthai as dai
 
     began_s = message.getTimestamp(dai.CameraExposureOffset.START).total_seconds()

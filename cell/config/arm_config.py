@@ -27,7 +27,7 @@ def _is_loopback(address: str) -> bool:
 
 
 class ArmSettings(StrictSettings):
-    """Settings that both kinds of arm have."""
+    """Settings that every kind of arm has. A subclass adds `kind`."""
 
     model: ArmModelName = "ur5e"
     """Model of the arm. The planner takes its kinematics and link sizes from it."""
@@ -43,6 +43,11 @@ class ArmSettings(StrictSettings):
     """Watchdog rate. The controller stops a moving arm if the service is silent for 1 / `watchdog_hz` seconds."""
     home_q_rad: Vector6 | None = None
     """Joint angles of the home posture, where a scan ends. Without it, the planner chooses a posture."""
+
+    @property
+    def serial(self) -> str | None:
+        """Serial number of the robot, or None if the settings do not determine it."""
+        return None
 
     @field_validator("home_q_rad")
     @classmethod
@@ -62,6 +67,11 @@ class SimulatedArm(ArmSettings):
     on."""
     time_factor: float = Field(default=1.0, ge=0.1, le=100.0)
     """Factor on the speed of the simulated arm. 2 makes it twice as fast."""
+
+    @property
+    def serial(self) -> str:
+        """Serial number that the virtual controller reports."""
+        return simulated_serial(self.model)
 
     @field_validator("host")
     @classmethod

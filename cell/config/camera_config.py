@@ -4,15 +4,34 @@ from typing import Literal, Self
 
 from pydantic import Field, field_validator, model_validator
 
+from cell.config.camera_optics import CameraName, CameraOptics, OakProduct, oak_optics, simulated_optics
 from cell.config.strict_model import Range, StrictSettings, Vector3
 from recognition.parameters import R_MAX, R_MIN
 
-CameraName = Literal["oak-d-sr", "oak-d-pro", "ideal"]
-OakProduct = Literal["oak-d", "oak-d-pro", "oak-d-sr", "oak4-d"]
+SCENES = (
+    "straight",
+    "arc",
+    "loop",
+    "figure-eight",
+    "overhand-knot",
+    "coil",
+    "several",
+    "random",
+    "tangle",
+    "settled",
+    "mixed-radii",
+    "ring",
+    "stacked",
+    "side-by-side",
+    "end-on-strand",
+    "long",
+    "empty",
+)
+"""Names of the scenes of a simulated camera, each with its generator in `cell.simulation.scenes`."""
 
 
 class CameraSettings(StrictSettings):
-    """Settings that both kinds of camera have."""
+    """Settings that every kind of camera has. A subclass adds `kind`, `optics` and `device_id`."""
 
     exposures: int = Field(default=5, ge=1, le=25)
     """Number of depth images per view. The view is their median."""
@@ -24,6 +43,16 @@ class CameraSettings(StrictSettings):
     """Nearest and farthest distance between camera and workspace. The default depends on the camera model."""
     body_m: Vector3 = (0.10, 0.04, 0.04)
     """Size of the camera body along its x, y and z axes, for collision checks."""
+
+    @property
+    def optics(self) -> CameraOptics:
+        """Nominal optics, with which viewpoints are planned."""
+        raise NotImplementedError
+
+    @property
+    def device_id(self) -> str | None:
+        """Device id of the camera, or None if the settings do not determine it."""
+        raise NotImplementedError
 
     @field_validator("working_m")
     @classmethod
@@ -64,11 +93,19 @@ class SimulatedCamera(CameraSettings):
     @field_validator("scene")
     @classmethod
     def _known(cls, value: str) -> str:
-        from cell.simulation.scenes.scenes import SCENES  # brings scipy along
-
         if value not in SCENES:
             raise ValueError(f"there are the scenes {', '.join(SCENES)}")
         return value
+
+    @property
+    def optics(self) -> CameraOptics:
+        """Nominal optics, which are exact for a simulated camera."""
+        return simulated_optics(self.model, self.working_m)
+
+    @property
+    def device_id(self) -> str:
+        """Device id that the simulated camera reports."""
+        return simulated_camera_id(self.model, self.seed)
 
 
 class OakCamera(CameraSettings):
@@ -100,3 +137,14 @@ class OakCamera(CameraSettings):
         if self.height * 16 > self.width * 10:
             raise ValueError(f"there are no images of {self.width}x{self.height}; at most 10/16 as high as wide")
         return self
+
+    @property
+    def optics(self) -> CameraOptics:
+        """Optics by the data sheet of the product."""
+        return oak_optics(self.product, self.width, self.height, self.extended_disparity, self.working_m)
+
+    @property
+    def device_id(self) -> str | None:
+        """Device id of the camera, or None if `device` is an address or is not set."""
+        # An IP address or a USB port has dots or colons; a device id has none.
+        return self.device if self.device is not None and self.device.isalnum() else None

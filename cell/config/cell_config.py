@@ -9,8 +9,8 @@ from typing import Annotated, Self
 
 from pydantic import Discriminator, Field, Tag, field_validator, model_validator
 
-from cell.config.arm_config import BASE_RADIUS_M, SimulatedArm, URArm, simulated_serial
-from cell.config.camera_config import OakCamera, SimulatedCamera, simulated_camera_id
+from cell.config.arm_config import BASE_RADIUS_M, SimulatedArm, URArm
+from cell.config.camera_config import OakCamera, SimulatedCamera
 from cell.config.strict_model import Range, StrictSettings, Vector3
 from recognition.parameters import R_MAX, R_MIN
 
@@ -173,16 +173,12 @@ class CellSettings(StrictSettings):
     @property
     def camera_id(self) -> str | None:
         """Device id of the camera, or None if the settings do not determine it."""
-        if isinstance(self.camera, SimulatedCamera):
-            return simulated_camera_id(self.camera.model, self.camera.seed)
-        device = self.camera.device
-        # An IP address or a USB port has dots or colons; a device id has none.
-        return device if device is not None and device.isalnum() else None
+        return self.camera.device_id
 
     @property
     def robot_serial(self) -> str | None:
         """Serial number of the robot, or None if the settings do not determine it."""
-        return simulated_serial(self.arm.model) if isinstance(self.arm, SimulatedArm) else None
+        return self.arm.serial
 
     def for_views(self, views: int | None) -> "CellSettings":
         """For a scan of so many views; None: as many as are told here."""

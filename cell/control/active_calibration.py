@@ -1,4 +1,4 @@
-"""The hand-eye calibration that a scan uses, and what refuses it; and the rough one that a calibration begins with."""
+"""The hand-eye calibration that a scan uses, and the initial guess of a new calibration."""
 
 import hashlib
 from dataclasses import dataclass
@@ -12,28 +12,30 @@ from calibration.geometry.transforms import from_rotation_vector, inverse, rotat
 from calibration.storage.hand_eye_file import HandEye, load_hand_eye, require_match
 from cell.config.cell_config import HandEyeSettings
 from cell.errors import CalibrationError
-from cell.simulation.devices.world import SimulatedWorld
 
-MAKE_ONE = "calibrate the cell with `pointchain calibrate run`, or name the file of a calibration in hand_eye.file"
+CALIBRATE = "calibrate the cell with `pointchain calibrate run`, or name the file of a calibration in hand_eye.file"
 
 RULER_M, RULER_RAD = 0.03, np.deg2rad(10.0)
-"""As sure as a ruler is asked to be: a file that differs by more is of another mounting."""
+"""Required accuracy of a measurement with a ruler. A file that differs by more is of another mounting."""
 
 
-def hand_eye_in_use(settings: HandEyeSettings, world: SimulatedWorld | None, moment: datetime | None = None) -> HandEye:
-    """The calibration of the active file; where there is none yet, what is told of a simulated cell's `world`.
+def hand_eye_in_use(settings: HandEyeSettings, nominal: HandEye | None, moment: datetime | None = None) -> HandEye:
+    """Load the active calibration.
 
-    `moment`: the one at which it must not be too old; the present unless given.
+    Args:
+        settings: Active file and maximum age.
+        nominal: Calibration of a simulated cell, used as long as no file exists. None for a real cell.
+        moment: Time at which the age is checked. None means now.
 
     Raises:
-        CalibrationError: there is none, or the file cannot be used, or it is too old.
+        CalibrationError: There is no calibration, it cannot be used, or it is too old.
     """
     file = file_in_use(settings)
     if file is None:
-        if world is not None:
-            return world.told_hand_eye
+        if nominal is not None:
+            return nominal
         where = "" if settings.active_file is None else f" {settings.active_file}"
-        raise CalibrationError(f"there is no hand-eye calibration{where} yet: {MAKE_ONE}")
+        raise CalibrationError(f"there is no hand-eye calibration{where} yet: {CALIBRATE}")
     try:
         return load_hand_eye(file, settings.max_age_days, moment)
     except HandEyeError as error:
@@ -41,130 +43,134 @@ def hand_eye_in_use(settings: HandEyeSettings, world: SimulatedWorld | None, mom
 
 
 def file_in_use(settings: HandEyeSettings) -> Path | None:
-    """The active file; None where no file is configured and none was made yet."""
+    """Return the active file, or None where no file is configured and no calibration was made yet."""
     file = settings.active_file
     return None if file is None or (settings.file is None and not file.exists()) else file
 
 
 @dataclass(frozen=True, eq=False)
-class RoughHandEyes:
-    """What tells about where the camera is, best first; at least one of them does."""
+class InitialGuess:
+    """Sources of the approximate pose of the camera on the flange. At least one of them is not None."""
 
-    by_file: HandEye | None
-    """By the active file, however old."""
-    by_ruler: HandEye | None
-    by_world: HandEye | None
-    """Of a simulated cell."""
-    why: str = ""
-    """In brackets, why the file does not tell it."""
+    from_file: HandEye | None
+    """Calibration of the active file, of any age."""
+    from_ruler: HandEye | None
+    """Measurement with a ruler, as configured."""
+    nominal: HandEye | None
+    """Calibration of a simulated cell."""
+    file_error: str = ""
+    """Why the active file is not used, in brackets, or an empty text."""
 
-    def of(self, camera_id: str | None, robot_serial: str | None) -> HandEye:
-        """The best for this camera and robot: the arm is moved by it.
+    def choose(self, camera_id: str | None, robot_serial: str | None) -> HandEye:
+        """Return the best source for this camera and robot: the file, then the ruler, then the simulated cell.
 
         Raises:
-            CalibrationError: the file is of another camera or robot and nothing else tells it, or the ruler tells
-                another place than the file.
+            CalibrationError: The file is of another camera or robot and there is no other source, or the measurement
+                contradicts the file.
         """
-        file, why = self.by_file, self.why
+        file, file_error = self.from_file, self.file_error
         if file is not None:
             try:
                 require_match(file, camera_id, robot_serial)
             except HandEyeError as error:
-                file, why = None, f" ({error})"
+                file, file_error = None, f" ({error})"
         if file is not None:
-            if self.by_ruler is not None:
-                _require_alike(file, self.by_ruler)
+            if self.from_ruler is not None:
+                _require_agreement(file, self.from_ruler)
             return file
-        other = self.by_ruler or self.by_world
+        other = self.from_ruler or self.nominal
         if other is None:
-            raise _nothing_known(why)
+            raise _no_guess_error(file_error)
         return other
 
 
-def rough_hand_eyes(settings: HandEyeSettings, world: SimulatedWorld | None) -> RoughHandEyes:
-    """What is known of the mounting before a calibration; asks no device anything.
+def initial_guess(settings: HandEyeSettings, nominal: HandEye | None) -> InitialGuess:
+    """Collect what is known of the camera's mounting before a calibration. No device is queried.
+
+    Args:
+        settings: Active file and measurement with a ruler.
+        nominal: Calibration of a simulated cell, or None.
 
     Raises:
-        CalibrationError: nothing is known.
+        CalibrationError: Nothing is known.
     """
-    file, by_file, why = file_in_use(settings), None, ""
+    file, from_file, file_error = file_in_use(settings), None, ""
     if file is not None:
         try:
-            by_file = load_hand_eye(file, np.inf)
+            from_file = load_hand_eye(file, np.inf)
         except HandEyeError as error:
-            why = f" ({error})"
-    by_ruler = None
+            file_error = f" ({error})"
+    from_ruler = None
     if settings.rough_xyz_m is not None:
         T = from_rotation_vector(settings.rough_xyz_m, settings.rough_rotation_rad)
-        by_ruler = HandEye(T, None, None, None, hashlib.sha256(T.tobytes()).hexdigest())
-    by_world = None if world is None else world.told_hand_eye
-    if by_file is None and by_ruler is None and by_world is None:
-        raise _nothing_known(why)
-    return RoughHandEyes(by_file, by_ruler, by_world, why)
-
-
-def _nothing_known(why: str) -> CalibrationError:
-    return CalibrationError(
-        f"a first calibration needs to know roughly where the camera is{why}: measure with a ruler from the middle of "
-        "the flange to the lens along the flange's x, y and z, to 3 cm, and give it in metres as hand_eye.rough_xyz_m "
-        "= [x, y, z]; where the camera does not look along the flange's z with its x along the flange's, also "
-        "hand_eye.rough_rotation_rad, its rotation vector"
-    )
-
-
-def _require_alike(file: HandEye, ruler: HandEye) -> None:
-    """Whoever measured anew after the camera was mounted otherwise means the ruler, not the old file."""
-    off = inverse(file.T_flange_camera) @ ruler.T_flange_camera
-    off_m, off_rad = float(np.linalg.norm(off[:3, 3])), rotation_angle(off)
-    if off_m <= RULER_M and off_rad <= RULER_RAD:
-        return
-    by_file, by_ruler = (", ".join(f"{x:.3f}" for x in told.T_flange_camera[:3, 3]) for told in (file, ruler))
-    raise CalibrationError(
-        f"the calibration in use puts the camera at [{by_file}] m on the flange, hand_eye.rough_xyz_m at [{by_ruler}] "
-        f"m, {1000 * off_m:.0f} mm and {np.degrees(off_rad):.0f} degrees apart: take the file of the calibration away, "
-        "or correct hand_eye.rough_xyz_m and hand_eye.rough_rotation_rad"
-    )
+        from_ruler = HandEye(T, None, None, None, hashlib.sha256(T.tobytes()).hexdigest())
+    if from_file is None and from_ruler is None and nominal is None:
+        raise _no_guess_error(file_error)
+    return InitialGuess(from_file, from_ruler, nominal, file_error)
 
 
 def verifiable_hand_eye(settings: HandEyeSettings) -> HandEye:
-    """The calibration of the active file, however old, that tells of its board: by looking there it can be verified.
+    """Load the active calibration, of any age, for a verification.
 
     Raises:
-        CalibrationError: there is none, or it does not tell with which board it was made, where that lay, and how sure
-            it is.
+        CalibrationError: There is no calibration, or its file lacks the board, the board's pose, the covariance or the
+            camera matrix.
     """
     file = file_in_use(settings)
     if file is None:
-        raise CalibrationError(f"there is no hand-eye calibration to verify yet: {MAKE_ONE}")
+        raise CalibrationError(f"there is no hand-eye calibration to verify yet: {CALIBRATE}")
     try:
         hand_eye = load_hand_eye(file, np.inf)
     except HandEyeError as error:
         raise CalibrationError(str(error)) from error
-    if any(told is None for told in (hand_eye.board, hand_eye.T_base_board, hand_eye.covariance, hand_eye.K)):
+    if any(needed is None for needed in (hand_eye.board, hand_eye.T_base_board, hand_eye.covariance, hand_eye.K)):
         raise CalibrationError(
-            f"{file} does not tell with which board it was calibrated and where that lay, so that it cannot be "
-            "verified: calibrate the cell with `pointchain calibrate run`"
+            f"{file} does not say with which board the cell was calibrated and where the board lay, so the calibration "
+            "cannot be verified: calibrate the cell with `pointchain calibrate run`"
         )
     return hand_eye
 
 
-def require_its_own(hand_eye: HandEye, camera_id: str | None, robot_serial: str | None) -> None:
-    """Refuses the calibration of another camera or robot. Raises CalibrationError."""
+def require_own_devices(hand_eye: HandEye, camera_id: str | None, robot_serial: str | None) -> None:
+    """Raise CalibrationError if the calibration is of another camera or robot."""
     try:
         require_match(hand_eye, camera_id, robot_serial)
     except HandEyeError as error:
         raise CalibrationError(str(error)) from error
 
 
-def require_still_verified(used: HandEye, settings: HandEyeSettings) -> None:
-    """Refuses to go on when the calibration being verified is no longer the one in use. Raises CalibrationError."""
-    if verifiable_hand_eye(settings).sha256 != used.sha256:
-        raise CalibrationError("the hand-eye calibration was changed while it was to be verified: verify it again")
+def require_still_verified(verified: HandEye, settings: HandEyeSettings) -> None:
+    """Raise CalibrationError if `verified` is no longer the active calibration."""
+    if verifiable_hand_eye(settings).sha256 != verified.sha256:
+        raise CalibrationError("the hand-eye calibration was changed during its verification: verify it again")
 
 
-def require_unchanged(used: HandEye, now: HandEye) -> None:
-    """Refuses to go on when the calibration is not that of the scan's beginning. Raises CalibrationError."""
-    if now.sha256 != used.sha256:
+def require_unchanged(used: HandEye, active: HandEye) -> None:
+    """Raise CalibrationError if the active calibration is not the one that the scan uses."""
+    if active.sha256 != used.sha256:
         raise CalibrationError(
             "the hand-eye calibration was changed during the scan: its views would not fit together. Scan again"
         )
+
+
+def _no_guess_error(file_error: str) -> CalibrationError:
+    return CalibrationError(
+        f"a first calibration needs the approximate pose of the camera on the flange{file_error}: measure with a ruler "
+        "from the middle of the flange to the lens along the flange's x, y and z, to 3 cm, and write the distances in "
+        "metres to hand_eye.rough_xyz_m = [x, y, z]; where the camera does not look along the flange's z with its x "
+        "along the flange's, also write its rotation vector to hand_eye.rough_rotation_rad"
+    )
+
+
+def _require_agreement(file: HandEye, ruler: HandEye) -> None:
+    """Raise CalibrationError if the two differ by more than the accuracy of a ruler."""
+    difference = inverse(file.T_flange_camera) @ ruler.T_flange_camera
+    difference_m, difference_rad = float(np.linalg.norm(difference[:3, 3])), rotation_angle(difference)
+    if difference_m <= RULER_M and difference_rad <= RULER_RAD:
+        return
+    by_file, by_ruler = (", ".join(f"{x:.3f}" for x in each.T_flange_camera[:3, 3]) for each in (file, ruler))
+    raise CalibrationError(
+        f"the active calibration puts the camera at [{by_file}] m on the flange, hand_eye.rough_xyz_m at [{by_ruler}] "
+        f"m, {1000 * difference_m:.0f} mm and {np.degrees(difference_rad):.0f} degrees apart: remove the calibration "
+        "file if the camera was mounted anew, or correct hand_eye.rough_xyz_m and hand_eye.rough_rotation_rad"
+    )

@@ -1,9 +1,9 @@
-"""Calibrating and verifying in the cell: the arm goes from look to look while the board is found in the pictures.
+"""Calibration and verification in the cell: the arm visits the poses while the board is detected in the images.
 
-Every picture and its pose are on the disk before the arm leaves, in the folder form of `calibration.dataset.folder`:
-what was taken until something went wrong can still be solved with `pointchain calibrate solve`. The solution is worked
-out when the arm is home: it keeps this process busy, and a moving arm is stopped by its watchdog when it is not heard
-in time.
+Each image and its pose are on the disk before the arm leaves the pose, in the folder format of
+`calibration.dataset.folder`. The images of a run that failed can still be solved with `pointchain calibrate solve`. The
+solver starts when the arm is home. It keeps this process busy, and the watchdog would stop a moving arm that is not
+polled in time.
 """
 
 from collections.abc import Iterable
@@ -12,137 +12,189 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Protocol
 
+import numpy as np
+
 from calibration.atomic_write import replace_synced
 from calibration.dataset.folder import HAND_EYE_FILE, SETUP_FILE, write_setup, write_view
 from calibration.dataset.setup import Setup
 from calibration.dataset.view_detection import make_views_consistent
 from calibration.errors import BoardDetectionError, CalibrationFolderError, HandEyeError
-from calibration.input_checks.observations import MIN_VIEWS
 from calibration.observations import BoardView
 from calibration.result import HandEyeResult
 from calibration.storage.hand_eye_file import write_result
-from calibration.target.board import Board
 from calibration.verification.verification import Verification, verification_findings, verify
-from cell.control.board_observation import ACROSS, DOWN, BoardSeen, board_seen
 from cell.control.cell import Cell
+from cell.control.prepared import PreparedCalibration, PreparedVerification
 from cell.control.scan_loop import ScanListener
 from cell.devices import View
 from cell.errors import CalibrationError, MissingViewsError
-from cell.planning.viewpoints import ViewpointPlan
 
-PICTURE_BYTES = 1 << 20
-"""No picture takes more on the disk."""
-NOT_SEEN = (
+MAX_IMAGE_BYTES = 1 << 20
+"""Largest size of an image on the disk."""
+BOARD_NOT_SEEN = (
     "lay it flat in the middle of the workspace, print up, evenly lit and without reflections; if the camera was "
-    "mounted otherwise since the last calibration, take that one away and tell hand_eye.rough_xyz_m"
+    "mounted anew since the last calibration, remove that calibration and set hand_eye.rough_xyz_m"
 )
+GRID_COLUMNS, GRID_ROWS = 8, 5
+"""Grid of the image for the coverage with corners."""
+
+
+@dataclass(frozen=True)
+class BoardObservation:
+    """The board in one image, before anything is solved."""
+
+    corners: int
+    """Number of detected corners."""
+    possible: int
+    """Number of corners of the board."""
+    rms_px: float | None
+    """Root mean square reprojection error per coordinate for the best pose of this image alone, or None without one."""
+    cells: tuple[int, ...]
+    """Cells of the 8 x 5 grid with a corner, row by row from the upper left."""
 
 
 class CalibrationListener(ScanListener, Protocol):
-    """Who is told how it goes. `seen`, `unseen` and `home` come from the thread that calibrates, the others from
-    the arm's."""
+    """Receives the progress of a calibration.
 
-    def seen(self, index: int, board: BoardSeen, coverage: float) -> None:
-        """The board is in the picture from pose `index`.
+    `detected`, `not_detected` and `home` are called by the thread that calibrates, the others by the arm's thread.
+    """
 
-        `coverage`: the share of the picture's parts (8 x 5) in which corners were seen so far.
+    def detected(self, index: int, board: BoardObservation, coverage: float) -> None:
+        """Receive that the image of pose `index` shows the board.
+
+        Args:
+            index: Number of the pose.
+            board: The board in this image.
+            coverage: Share of the grid's cells in which any image so far has a corner.
         """
         ...
 
-    def unseen(self, index: int, reason: str) -> None:
-        """It is not, or cannot be made out."""
+    def not_detected(self, index: int, reason: str) -> None:
+        """Receive that the board cannot be detected in the image of pose `index`, and why."""
         ...
 
     def home(self) -> None:
-        """All views are taken and the arm stands at home; what they give is worked out now."""
+        """Receive that all images are taken and the arm is home. The solver starts next."""
         ...
 
 
 @dataclass(frozen=True, eq=False)
 class CalibrationRun:
-    """What came of it."""
+    """Outcome of a calibration."""
 
     result: HandEyeResult
+    """Calibration, which may be refused."""
     verification: Verification
-    """On the poses that were held out; without views where the board was seen from none of them."""
-    unseen: tuple[tuple[str, str], ...]
-    """Poses that gave nothing, name and reason: not reached, failed by the camera, or without the board."""
+    """Verification at the held-out poses. It has no views if the board was detected at none of them."""
+    unused: tuple[tuple[str, str], ...]
+    """Name and reason of each pose without observation: not reached, no frame, or no board in the image."""
 
 
 def run_calibration(
-    cell: Cell, plan: ViewpointPlan, folder: Path, board: Board, listener: CalibrationListener
+    cell: Cell, prepared: PreparedCalibration, folder: Path, listener: CalibrationListener
 ) -> CalibrationRun:
-    """Takes the views of a plan of `Cell.prepare_calibration`, solves, verifies, and writes it all to the new `folder`.
+    """Take the views, solve, verify, and write everything to the new `folder`. The arm is home on return.
 
-    The arm is home on return. The result may be a refused one.
+    Args:
+        cell: Cell that prepared the calibration.
+        prepared: Result of `Cell.prepare_calibration`.
+        folder: Folder for images and result, which must not hold a calibration.
+        listener: Receives the progress.
+
+    Returns:
+        The calibration with its verification. Its verdict may be "refuse".
 
     Raises:
-        CellError: as a scan does; MissingViewsError too when too few views show the board.
-        HandEyeInputError: no calibration can be solved from such views.
-        CalibrationFolderError: there is a calibration in the folder already.
-        OSError: a file cannot be written; before any move where that shows by then.
+        CellError: As `Cell.run`. MissingViewsError also means that too few images show the board.
+        HandEyeInputError: No calibration can be solved from these views.
+        CalibrationFolderError: The folder holds a calibration already.
+        OSError: A file cannot be written. Where this can be known, it is raised before any motion.
     """
     from calibration.hand_eye import solve_hand_eye
 
-    looks = _look(cell, plan, folder, board, listener, MIN_VIEWS)
+    images = _take_images(cell, prepared, folder, listener)
     observations, held_out = make_views_consistent(
-        looks.setup, tuple(looks.views.values()), looks.certain, {view.name for view in looks.of(plan.held_out)}
+        images.setup,
+        tuple(images.views.values()),
+        images.unique_numbering,
+        {view.name for view in images.of(prepared.plan.held_out)},
     )
-    if len(observations.views) < MIN_VIEWS:
-        raise _too_few(len(observations.views), MIN_VIEWS, looks)
+    if len(observations.views) < prepared.min_views:
+        raise _too_few(len(observations.views), prepared.min_views, images)
     result = solve_hand_eye(observations)
     verification = verify(result, held_out)
     result = replace(result, findings=(*result.findings, *verification_findings(verification)))
     write_result(folder / HAND_EYE_FILE, result, observations, held_out, verification.to_json())
-    return CalibrationRun(result, verification, tuple(looks.unseen))
+    return CalibrationRun(result, verification, tuple(images.unused))
 
 
-def run_verification(cell: Cell, plan: ViewpointPlan, folder: Path, listener: CalibrationListener) -> Verification:
-    """Takes the views of a plan of `Cell.prepare_verification`, and judges the calibration in use by them.
+def run_verification(
+    cell: Cell, prepared: PreparedVerification, folder: Path, listener: CalibrationListener
+) -> Verification:
+    """Take the views and judge the active calibration by them. The arm is home on return.
 
-    The calibration is the one that the plan was made with; no move begins once it is no longer in use. The arm is home
-    on return. Raises as `run_calibration`, and CalibrationError when the calibration was changed since, or is of images
-    of another size.
+    Args:
+        cell: Cell that prepared the verification.
+        prepared: Result of `Cell.prepare_verification`.
+        folder: Folder for the images, which must not hold a calibration.
+        listener: Receives the progress.
+
+    Raises:
+        CalibrationError: The active calibration was changed meanwhile, or its images have another size.
+        CellError: As `Cell.run`. MissingViewsError also means that an image does not show the board.
+        CalibrationFolderError: The folder holds a calibration already.
+        OSError: A file cannot be written.
     """
-    hand_eye = cell.made_with(plan)
-    assert hand_eye.board is not None
-    looks = _look(cell, plan, folder, hand_eye.board, listener, len(plan.viewpoints))
-    views = looks.of(range(len(plan.viewpoints)))
-    if len(views) < len(plan.viewpoints):
-        raise _too_few(len(views), len(plan.viewpoints), looks)
+    images = _take_images(cell, prepared, folder, listener)
+    views = images.of(range(len(prepared.plan.viewpoints)))
+    if len(views) < prepared.min_views:
+        raise _too_few(len(views), prepared.min_views, images)
     try:
-        return verify(hand_eye, looks.setup.observations(views))
+        return verify(prepared.hand_eye, images.setup.observations(views))
     except HandEyeError as error:
         raise CalibrationError(str(error)) from error
 
 
-@dataclass(eq=False)
-class _Looks:
-    """What was seen, and what keeps it: a `ViewWriter`, and a listener that passes on what it is told."""
+def observe_board(view: BoardView, setup: Setup) -> BoardObservation:
+    """Return how the board appears in a view that shows it."""
+    from calibration.pose_estimation.board_pose import estimate_board_poses
+    from calibration.pose_estimation.projection import stack_corners
 
+    rms_px = float(estimate_board_poses(stack_corners(setup.observations((view,)))).rms_px[0])
+    grid = (GRID_COLUMNS, GRID_ROWS)
+    cells = (view.pixels / setup.image_size * grid).astype(np.int64).clip(0, (GRID_COLUMNS - 1, GRID_ROWS - 1))
+    return BoardObservation(
+        corners=len(view.ids),
+        possible=len(setup.board.points),
+        rms_px=rms_px if np.isfinite(rms_px) else None,
+        cells=tuple(np.unique(cells @ (1, GRID_COLUMNS)).tolist()),
+    )
+
+
+@dataclass(eq=False)
+class _Images:
+    """Writes the images to the folder and detects the board in them. It is a `ViewWriter` and a `ScanListener`."""
+
+    prepared: PreparedCalibration | PreparedVerification
     folder: Path
-    board: Board
-    held_out: tuple[int, ...]
-    camera_id: str | None
-    robot_serial: str | None
     listener: CalibrationListener
     views: dict[int, BoardView] = field(default_factory=dict)
-    """Those that show the board, by the pose's index, in the order in which they were taken."""
-    certain: list[bool] = field(default_factory=list)
-    """Whether it is plain which of the board's corners is the first; as long as `views`."""
-    unseen: list[tuple[str, str]] = field(default_factory=list)
+    """Views that show the board, by the number of the pose, in the order of their capture."""
+    unique_numbering: list[bool] = field(default_factory=list)
+    """For each of `views`, whether the board's pattern determines which corner is the first."""
+    unused: list[tuple[str, str]] = field(default_factory=list)
     _setup: Setup | None = None
     _names: dict[int, str] = field(default_factory=dict)
     _covered: set[int] = field(default_factory=set)
 
     @property
     def setup(self) -> Setup:
-        """Of a calibration with at least one view."""
+        """Setup of the images, once there is one."""
         assert self._setup is not None
         return self._setup
 
     def of(self, poses: Iterable[int]) -> tuple[BoardView, ...]:
-        """The views from these poses that show the board."""
+        """Return the views of these poses that show the board."""
         wanted = set(poses)
         return tuple(view for index, view in self.views.items() if index in wanted)
 
@@ -153,7 +205,7 @@ class _Looks:
         self.listener.recorded(index)
 
     def missing(self, index: int, reason: str) -> None:
-        self.unseen.append((f"pose{index:02d}", reason))
+        self.unused.append((f"pose{index:02d}", reason))
         self.listener.missing(index, reason)
 
     def write_view(self, view: View) -> View:
@@ -161,81 +213,72 @@ class _Looks:
         if self._setup is None:
             height, width = view.image.shape[:2]
             self._setup = Setup(
-                self.board,
+                self.prepared.board,
                 view.K,
                 (width, height),
-                camera_id=self.camera_id,
-                robot_serial=self.robot_serial,
+                camera_id=self.prepared.camera_id,
+                robot_serial=self.prepared.robot_serial,
                 created=datetime.now(UTC),
             )
             write_setup(self.folder, self._setup)
-        # By name the views lie in the order in which they were taken: a board that was moved midway shows by it.
+        # The names sort in the order of capture, which shows when a board was moved during the run.
         name = self._names[view.index] = f"{len(self._names):02d}_pose{view.index:02d}"
-        write_view(self.folder, name, view.image, view.T_base_flange, view.index in self.held_out)
+        write_view(self.folder, name, view.image, view.T_base_flange, view.index in self.prepared.plan.held_out)
         return view
 
     def detect(self, view: View) -> None:
-        """Looks for the board in a view that is on the disk."""
+        """Detect the board in a view that is on the disk."""
         from calibration.target.detection import detect_board
 
         assert view.image is not None
         name = self._names[view.index]
         try:
-            sighting = detect_board(view.image, self.board)
+            detected = detect_board(view.image, self.prepared.board)
         except BoardDetectionError as error:
-            self.unseen.append((name, str(error)))
-            self.listener.unseen(view.index, str(error))
+            self.unused.append((name, str(error)))
+            self.listener.not_detected(view.index, str(error))
             return
-        self.views[view.index] = shown = BoardView(
-            name, view.T_base_flange, sighting.ids, sighting.pixels, sighting.corner_sigma_px
-        )
-        self.certain.append(sighting.is_numbering_unique)
-        seen = board_seen(shown, self.setup)
-        self._covered.update(seen.cells)
-        self.listener.seen(view.index, seen, len(self._covered) / (ACROSS * DOWN))
+        board_view = BoardView(name, view.T_base_flange, detected.ids, detected.pixels, detected.corner_sigma_px)
+        self.views[view.index] = board_view
+        self.unique_numbering.append(detected.is_numbering_unique)
+        observation = observe_board(board_view, self.setup)
+        self._covered.update(observation.cells)
+        self.listener.detected(view.index, observation, len(self._covered) / (GRID_COLUMNS * GRID_ROWS))
 
 
-def _look(
-    cell: Cell, plan: ViewpointPlan, folder: Path, board: Board, listener: CalibrationListener, least: int
-) -> _Looks:
-    """Takes all views of the plan; the arm is home on return."""
+def _take_images(
+    cell: Cell, prepared: PreparedCalibration | PreparedVerification, folder: Path, listener: CalibrationListener
+) -> _Images:
+    """Take all views of the plan and return home."""
     if (folder / SETUP_FILE).exists():
         raise CalibrationFolderError(f"{folder} holds a calibration already, which is never overwritten: name another")
-    _require_room(folder, len(plan.viewpoints))
-    status = cell.status
-    looks = _Looks(
-        folder,
-        board,
-        plan.held_out,
-        None if status.camera is None else status.camera.device_id,
-        None if status.arm is None else status.arm.serial,
-        listener,
-    )
-    with cell.calibrating(plan, looks, looks, least) as views:
+    _require_space(folder, len(prepared.plan.viewpoints))
+    images = _Images(prepared, folder, listener)
+    with cell.run(prepared, images, images) as views:
         for view in views:
-            looks.detect(view)
+            images.detect(view)
     listener.home()
-    return looks
+    return images
 
 
-def _require_room(folder: Path, views: int) -> None:
-    """Makes the folder and sees that the pictures can be written there, before the arm moves for nothing.
+def _require_space(folder: Path, views: int) -> None:
+    """Make the folder and check that the images fit on the disk, before the arm moves.
 
     Raises:
-        OSError: they cannot.
+        OSError: They do not fit, or the folder cannot be written.
     """
     folder.mkdir(parents=True, exist_ok=True)
     probe = folder / ".probe"
     try:
-        replace_synced(probe, bytes(views * PICTURE_BYTES))
+        replace_synced(probe, bytes(views * MAX_IMAGE_BYTES))
     finally:
         probe.unlink(missing_ok=True)
 
 
-def _too_few(seen: int, least: int, looks: _Looks) -> MissingViewsError:
-    # First why the board was not seen in pictures, and then which poses gave none.
-    by_picture = sorted(looks.unseen, key=lambda each: each[0].startswith("pose"))
-    reasons = "; ".join(f"{name}: {reason}" for name, reason in by_picture[:3])
+def _too_few(seen: int, needed: int, images: _Images) -> MissingViewsError:
+    # Reasons of images without a board come first, then those of poses without an image.
+    ordered = sorted(images.unused, key=lambda each: each[0].startswith("pose"))
+    reasons = "; ".join(f"{name}: {reason}" for name, reason in ordered[:3])
     return MissingViewsError(
-        f"the board was seen in {seen} views, {least} are needed: {NOT_SEEN}. Among the others, {reasons}"
+        f"the board was seen in {seen} views, {needed} are needed: {BOARD_NOT_SEEN}. Reasons: {reasons}"
     )

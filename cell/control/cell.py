@@ -1,229 +1,288 @@
-"""One cell: its arm, camera and calibration, and in which state they are."""
+"""The robot cell: connect, prepare, run, stop.
+
+`Cell.run` is the control flow of a live scan, of a calibration and of a verification. The state of the cell is
+`not_ready`, `ready`, `busy` or `fault`, and changes only so:
+
+| change | by | thread |
+|---|---|---|
+| not_ready -> ready | `connect`, `prepare_*` | caller, with the lock of the equipment |
+| ready -> busy -> ready | `run`, at its start and its end | caller, with the lock |
+| busy -> fault, busy -> not_ready | an error of the arm's motion, as soon as the arm is at rest | `motion` |
+| ready -> not_ready | `stop`, without the lock; `release`, `calibration_changed`, `close` | any |
+| ready -> fault, ready -> not_ready | the idle monitor | `cell-monitor`, with the lock |
+| fault -> not_ready | `acknowledge` | caller, with the lock |
+
+A stop that comes during `run` makes the next `Arm.move` raise StoppedError, which ends the run. A request that is older
+than the last stop is rejected by `StopRequests.raise_if_stopped_since`. The diagram is in
+docs/contributor/cell-states.md.
+"""
 
 import contextlib
 import threading
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import replace
+from datetime import UTC, datetime
+from functools import partial
 
 from calibration.storage.hand_eye_file import HandEye
 from calibration.target.board import Board
 from cell.camera.camera import LiveCamera
 from cell.config.cell_config import CellSettings
-from cell.control.active_calibration import rough_hand_eyes, verifiable_hand_eye
-from cell.control.cell_header import scan_header
+from cell.control.background_scan import BackgroundScan
 from cell.control.equipment import Equipment
-from cell.control.idle_monitor import IdleWatch
-from cell.control.moving import Moving, Task
-from cell.control.planner import Planning
-from cell.control.preparing import Preparing
-from cell.control.scan_loop import BackgroundScan, ScanListener, ViewWriter
-from cell.control.status import CellStatus, KeptStatus, Listener
-from cell.control.stop_requests import Stops
+from cell.control.idle_monitor import IdleMonitor
+from cell.control.preparation import Preparation
+from cell.control.prepared import Prepared, PreparedCalibration, PreparedScan, PreparedVerification
+from cell.control.scan_loop import ScanListener, ScanMeans, ViewWriter, return_home, take_views
+from cell.control.status import FAULTS, CellStatus, Listener, SharedStatus
+from cell.control.stop_requests import StopRequests
 from cell.errors import (
+    STOPPED,
     AcknowledgeRequiredError,
     CalibrationError,
     CellBusyError,
     NothingToAcknowledgeError,
+    StoppedError,
 )
 from cell.planning.calibration_poses import HELD_OUT, POSES
-from cell.planning.viewpoints import ViewpointPlan, require_enough
-from cell.recording.header import RecordingHeader
+from cell.planning.viewpoints import ViewpointPlan
 
-TURN_S = 1.0
-"""How long a method waits for the arm and the camera; the watch has them for a moment only."""
-HOME_S = 20.0
-"""Whoever asks for a scan waits so long for the arm of the last one to come home."""
+LOCK_TIMEOUT_S = 1.0
+"""Timeout for acquiring the lock of the equipment. The idle monitor holds it only for a moment."""
+HOME_TIMEOUT_S = 20.0
+"""The same timeout for a request that may wait until the arm of the last scan is home."""
 
 
 class Cell:
-    """Connects, watches, scans, calibrates and stops.
+    """The devices of one cell and what they do.
 
-    Safe to use from any thread; `stop` and `give_up_connecting` wait for no other method.
+    Every method may be called from any thread. `stop` and `cancel_connecting` wait for no other method.
     """
 
     def __init__(self, settings: CellSettings) -> None:
-        """Touches no device: that is for `connect`."""
+        """Create the cell; no device is used before `connect`."""
         self.settings = settings
         self._equipment = Equipment(settings)
-        self._turn = threading.Lock()
-        """Of using arm and camera."""
-        self._status = KeptStatus()
-        self._stops = Stops(self._status)
-        self._planning = Planning(settings, self._equipment, lambda: self.status)
-        self._preparing = Preparing(self._equipment, self._status, self._stops, self._planning)
-        self._moves = Moving(settings, self._equipment, self._status, self._stops, self._preparing)
+        self._lock = threading.Lock()  # of the equipment
+        self._status = SharedStatus()
+        self._stops = StopRequests(self._status)
+        self._preparation = Preparation(settings, self._equipment, self._status, self._stops)
         self._closing = threading.Event()
-        self._watch = IdleWatch(self._equipment, self._status, self._turn)
+        self._monitor = IdleMonitor(self._equipment, self._status, self._lock)
 
     @property
     def status(self) -> CellStatus:
-        """The cell as last seen."""
+        """Last known status of the cell."""
         status, latest = self._status.now, self._equipment.latest_arm_state
         return status if latest is None else replace(status, arm_state=latest)
 
     def on_status(self, listener: Listener) -> None:
-        """`listener` is told of each change of the status from now on, in order, by the thread that made it or another
-        one that did. It must not wait: a stop may be behind it."""
-        self._status.tell(listener)
+        """Call `listener` at each change of the status from now on, in order and from any thread.
+
+        The listener must not wait: a stop may wait for it.
+        """
+        self._status.subscribe(listener)
 
     @property
     def controller_host(self) -> str | None:
-        """Where the arm's controller listens; None before a simulated one was started."""
+        """Address of the arm's controller, or None before a simulated one was started."""
         return self._equipment.controller_address
 
     @property
     def camera(self) -> LiveCamera:
-        """The camera; for one thread at a time, when no scan is under way."""
+        """The camera, for one thread at a time while nothing runs."""
         return self._equipment.camera
 
     def hand_eye(self) -> HandEye:
-        """The calibration in use, as its file is now; asks no device anything. Raises CalibrationError."""
-        return self._planning.hand_eye()
+        """Load the active calibration from its file. No device is queried.
+
+        Raises:
+            CalibrationError: There is no usable calibration.
+        """
+        return self._preparation.active_hand_eye()
 
     def connect(self) -> None:
-        """Connects arm and camera, unless they are; nothing moves.
+        """Connect arm and camera, unless they are connected. The arm does not move.
 
         Raises:
-            AcknowledgeRequiredError: there was a fault that nobody has acknowledged.
-            CellBusyError: a scan is under way.
-            CellError: arm, camera or calibration cannot be used, with the reason.
-            StoppedError: a stop came meanwhile.
+            AcknowledgeRequiredError: A fault has not been acknowledged.
+            CellBusyError: A scan runs.
+            CellError: Arm, camera or calibration cannot be used.
+            StoppedError: A stop was requested meanwhile.
         """
-        with self._using():
-            self._preparing.connect(self._planning.hand_eye)
+        with self._exclusive():
+            self._preparation.connect(self._preparation.active_hand_eye)
 
     def plan(self, views: int | None = None) -> ViewpointPlan:
-        """The viewpoints from where the arm stands, or stood last; asks no device anything, nothing moves.
+        """Plan the viewpoints of a scan from the arm's last known posture. No device is queried.
+
+        Args:
+            views: Number of viewpoints, or None for the configured number.
 
         Raises:
-            CalibrationError: without it nobody knows where the camera is.
-            ViewpointsError: the arm stands where no path leads from.
+            CalibrationError: There is no usable calibration.
+            ViewpointsError: No path leads from the arm's posture.
         """
-        plan = self._planning.scan(views)
-        self._status.change(plan=plan)
-        return plan
+        return self._preparation.plan_scan(views, self._preparation.active_hand_eye())
 
-    def prepare(self, views: int | None = None, asked_s: float | None = None) -> ViewpointPlan:
-        """Makes sure that a scan can be done, and plans it; connects first if need be. Nothing moves.
+    def prepare_scan(self, views: int | None, requested_at: float) -> PreparedScan:
+        """Connect if needed, plan the viewpoints and check that enough are reachable. The arm does not move.
 
-        `asked_s` is when it was asked for, by `time.monotonic()`, if not now.
+        Args:
+            views: Number of viewpoints, or None for the configured number.
+            requested_at: Time of the request, seconds of `time.monotonic()`. A later stop cancels the scan.
 
-        Raises: as `connect` and `plan`; ViewpointsError when too few viewpoints can be reached; StoppedError when a
-        stop came since it was asked for.
+        Raises:
+            AcknowledgeRequiredError: A fault has not been acknowledged.
+            CellBusyError: A scan runs.
+            CellError: Arm, camera or calibration cannot be used.
+            ViewpointsError: Too few viewpoints are reachable.
+            StoppedError: A stop was requested since `requested_at`.
         """
-
-        def planned() -> ViewpointPlan:
-            plan = self.plan(views)
-            require_enough(plan, self.settings.for_views(views).scan.min_views)
-            return plan
-
-        return self._prepared(None, self._planning.hand_eye, planned, asked_s)
+        with self._exclusive(HOME_TIMEOUT_S):
+            return self._preparation.scan(views, requested_at)
 
     def prepare_calibration(
-        self, board: Board, poses: int = POSES, held_out: int = HELD_OUT, asked_s: float | None = None
-    ) -> ViewpointPlan:
-        """The same for a calibration with the board; no calibration is needed, but about where the camera is.
+        self, board: Board, requested_at: float, poses: int = POSES, held_out: int = HELD_OUT
+    ) -> PreparedCalibration:
+        """Connect if needed and plan camera poses around the board. The arm does not move.
 
-        `poses` are solved from, `held_out` more judge it. On a simulated cell the board is laid on the table.
+        No calibration is needed, only an initial guess. At a simulated cell the board is put on the table.
 
-        Raises: as `connect`; CalibrationError when nothing is known of the mounting, or a ruler tells another than the
-        calibration in use; ViewpointsError when too few poses can be reached.
-        """
-        told = rough_hand_eyes(self.settings.hand_eye, self._equipment.world)
-        return self._prepared(board, None, lambda: self._planning.calibration(board, told, poses, held_out), asked_s)
-
-    def prepare_verification(self, asked_s: float | None = None) -> ViewpointPlan:
-        """The same for two looks at the board of the calibration in use, however old that is.
-
-        Raises: as `prepare_calibration`; CalibrationError too when the calibration does not tell of its board.
-        """
-        hand_eye = verifiable_hand_eye(self.settings.hand_eye)
-        board = hand_eye.board
-        assert board is not None
-        return self._prepared(board, lambda: hand_eye, lambda: self._planning.verification(board, hand_eye), asked_s)
-
-    def made_with(self, plan: ViewpointPlan) -> HandEye:
-        """The calibration, maybe a rough one, by which a plan to calibrate or verify was made.
+        Args:
+            board: Board on the table.
+            requested_at: Time of the request, seconds of `time.monotonic()`. A later stop cancels the calibration.
+            poses: Number of poses to calibrate from.
+            held_out: Number of further poses for the verification.
 
         Raises:
-            CalibrationError: it is not the last plan of these.
+            CalibrationError: There is no initial guess, or it contradicts the active calibration.
+            ViewpointsError: Too few poses are reachable.
+            CellError: As `prepare_scan`.
         """
-        return self._planning.basis(plan).hand_eye
+        with self._exclusive(HOME_TIMEOUT_S):
+            return self._preparation.calibration(board, poses, held_out, requested_at)
+
+    def prepare_verification(self, requested_at: float) -> PreparedVerification:
+        """Connect if needed and plan two poses around the board of the active calibration. The arm does not move.
+
+        The calibration may be of any age.
+
+        Args:
+            requested_at: Time of the request, seconds of `time.monotonic()`. A later stop cancels the verification.
+
+        Raises:
+            CalibrationError: There is no active calibration, or it cannot be verified.
+            ViewpointsError: A pose is not reachable.
+            CellError: As `prepare_scan`.
+        """
+        with self._exclusive(HOME_TIMEOUT_S):
+            return self._preparation.verification(requested_at)
+
+    @contextlib.contextmanager
+    def run(self, prepared: Prepared, writer: ViewWriter, listener: ScanListener) -> Iterator[BackgroundScan]:
+        """Take the views of a prepared scan, calibration or verification around the body of a `with` statement.
+
+        The body iterates over the views while the arm moves in the thread `motion`. A body that ends normally waits
+        until the arm is home. If the body raises, an arm that may move is stopped. The views of a calibration or a
+        verification have an intensity image. After one of these, the cell is ready only if a scan could use its
+        calibration.
+
+        Args:
+            prepared: Result of a `prepare_*` method.
+            writer: Writes each view to the disk before the arm leaves its viewpoint.
+            listener: Receives the progress.
+
+        Raises:
+            CellBusyError: Another run has the equipment.
+            StoppedError: A stop was requested since `prepared.requested_at`.
+            MissingViewsError: Fewer than `prepared.min_views` views were taken.
+            CellError: An error of the arm, or a changed calibration, ended the run.
+        """
+        with self._exclusive():
+            self._stops.raise_if_stopped_since(prepared.requested_at)
+            self._status.change(state="busy", slug="cell-busy", reason=f"a {prepared.purpose} is under way")
+            is_scan, arm = prepared.purpose == "scan", self._equipment.arm
+            check = partial(self._preparation.require_hand_eye_unchanged, prepared, datetime.now(UTC))
+            means = ScanMeans(
+                arm=arm,
+                camera=self._equipment.camera,
+                T_flange_camera=prepared.hand_eye.T_flange_camera,
+                settle_s=self.settings.camera.settle_s,
+                check=check,
+                with_image=not is_scan,
+            )
+
+            def home() -> None:
+                reason = f"all views of the last {prepared.purpose} are taken, the arm returns home"
+                self._status.change(reason=reason)
+                return_home(arm, prepared.plan)
+
+            views = take_views(means, prepared.plan, writer, listener, prepared.min_views)
+            # the state changes at once, whatever the body is doing
+            scan = BackgroundScan(views, home, on_failure=partial(self._status.set_outcome, faults=FAULTS))
+            try:
+                with scan.running(self._equipment.stop):
+                    yield scan
+            finally:
+                if scan.error is None:
+                    stopped = self._stops.is_stopped_since(prepared.requested_at)  # when the arm was home already
+                    self._status.set_outcome(StoppedError(STOPPED) if stopped else None)
+                if not is_scan:
+                    self._preparation.require_usable()
+                if self._stops.is_stopped_since(prepared.requested_at):  # since the line above
+                    self._stops.mark_not_ready()
 
     def calibration_changed(self) -> None:
-        """Another calibration is in use since a moment ago; asks no device anything."""
-        if self._preparing.require_usable() and self._status.now.slug == CalibrationError.slug:
+        """Update the status after a change of the active calibration. No device is queried."""
+        if self._preparation.require_usable() and self._status.now.slug == CalibrationError.slug:
             reason = "another calibration is in use now: connect, or start a live scan"
             self._status.change(slug="not-connected", reason=reason)
 
-    def header(self, radius_m: float | None) -> RecordingHeader:
-        """Of the recording of a scan that was prepared; `radius_m` None: not known."""
-        return scan_header(self._status.now, self.settings, self._equipment.camera.depth_unit_m, radius_m)
-
-    def scanning(
-        self, plan: ViewpointPlan, writer: ViewWriter, listener: ScanListener
-    ) -> contextlib.AbstractContextManager[BackgroundScan]:
-        """A scan by `plan`, as `prepare` gave it; it has begun when the body is entered.
-
-        Left by an exception, an arm that may still move is stopped; left in order, it is waited for until it is home.
-        Raises what the scan does, CellBusyError, and StoppedError when a stop came since it was asked for.
-        """
-        least = min(self.settings.scan.min_views, len(plan.viewpoints))
-        return self._moving(plan, writer, listener, Task(least, self._planning.scan_basis))
-
-    def calibrating(
-        self, plan: ViewpointPlan, writer: ViewWriter, listener: ScanListener, least: int
-    ) -> contextlib.AbstractContextManager[BackgroundScan]:
-        """The same by a plan of `prepare_calibration` or `prepare_verification`: the views have pictures, and their
-        `T_flange_camera` is the one that the plan was made with. With fewer than `least` views it raises
-        MissingViewsError. Afterwards the cell is ready only if there is a calibration that it can use.
-        """
-        return self._moving(plan, writer, listener, Task(least, lambda: self._planning.basis(plan)))
-
     def stop(self) -> None:
-        """Stops the arm, whatever goes on. The scan under way or being prepared, if any, ends with StoppedError."""
-        self._stops.note()
+        """Stop the arm. A run, or the preparation of one, ends with StoppedError."""
+        self._stops.record()
         self._equipment.stop()
-        self._stops.told()
+        self._stops.mark_not_ready()
 
-    def refuse_earlier(self) -> None:
-        """Nothing begins to move that was asked for by now; what moves already goes on."""
-        self._stops.note()
+    def reject_earlier_requests(self) -> None:
+        """Reject every request of before now whose run has not begun. A running arm continues."""
+        self._stops.record()
 
-    def wait_while_busy(self, seconds: float) -> None:
-        """Returns when the arm has ended what it was at, as behind a stop, or after so long."""
-        self._status.wait_while_busy(seconds)
+    def wait_while_busy(self, timeout_s: float) -> None:
+        """Wait until nothing runs, or until the timeout."""
+        self._status.wait_while_busy(timeout_s)
 
-    def release(self, asked_s: float | None = None) -> None:
-        """Ends our program on the robot, so that another can move it; the camera stays connected. Nothing moves.
+    def release(self, requested_at: float) -> None:
+        """End the program on the robot, so that another program can move it. The camera stays connected.
 
-        Waits for an arm that is on its way home. The next `connect` or `prepare` takes the arm again. `asked_s` is when
-        it was asked for, by `time.monotonic()`, if not now.
+        The method waits until the arm is home. The next `connect` or `prepare_*` takes the arm again.
+
+        Args:
+            requested_at: Time of the request, seconds of `time.monotonic()`.
 
         Raises:
-            AcknowledgeRequiredError: there was a fault that nobody has acknowledged.
-            CellBusyError: a scan is under way.
-            StoppedError: a stop came since it was asked for: the arm is not where it was expected, nor wanted to move.
+            AcknowledgeRequiredError: A fault has not been acknowledged.
+            CellBusyError: A scan runs.
+            StoppedError: A stop was requested since `requested_at`: the arm may not be home, and should not be moved.
         """
-        asked_s = time.monotonic() if asked_s is None else asked_s
-        with self._using(HOME_S):
+        with self._exclusive(HOME_TIMEOUT_S):
             if self._status.now.state == "fault":
                 raise AcknowledgeRequiredError(self._status.now.reason)
-            self._stops.refuse_handing_over(asked_s)
+            self._stops.raise_if_stopped_since(requested_at)
             self._equipment.release_arm()
-            reason = "the arm was let go for other programs: connect, or start a live scan"
+            reason = "the arm was released for other programs: connect, or start a live scan"
             self._status.change(state="not_ready", slug="released", reason=reason)
 
     def acknowledge(self) -> None:
-        """A person has looked at the cell after a fault: the robot is unlocked, its program ended. Nothing moves.
+        """Unlock the robot and end its program, after a person has inspected the cell. The arm does not move.
 
         Raises:
-            NothingToAcknowledgeError: there is no fault.
-            TooEarlyError: the robot cannot be unlocked yet.
-            CellError: the robot does not answer, or does not unlock.
+            NothingToAcknowledgeError: There is no fault.
+            TooEarlyError: The robot cannot be unlocked yet.
+            CellError: The robot does not answer, or does not unlock.
         """
-        with self._using():
+        with self._exclusive():
             if self._status.now.state != "fault":
                 raise NothingToAcknowledgeError("there is no fault to acknowledge")
             self._equipment.arm.acknowledge()
@@ -231,51 +290,33 @@ class Cell:
             self._status.change(state="not_ready", slug="not-connected", reason=reason)
 
     def restore_fault(self, slug: str, reason: str) -> None:
-        """Before the first use: a fault that nobody has acknowledged since the cell was last used. Asks no device."""
+        """Restore a fault of before the process's start that nobody has acknowledged. No device is queried."""
         self._status.change(state="fault", slug=slug, reason=reason)
 
-    def give_up_connecting(self) -> None:
-        """Before `close`, for good: nobody waits any more for a camera that is not connected yet."""
-        self._equipment.give_up_connecting()
+    def cancel_connecting(self) -> None:
+        """Let the current and every later connection of the camera fail at once. To be called before `close`."""
+        self._equipment.cancel_connecting()
 
     def close(self) -> None:
-        """Stops the arm and lets everything go."""
+        """Stop the arm and release all devices."""
         self._closing.set()
-        self.give_up_connecting()
+        self.cancel_connecting()
         if self._status.now.state == "busy":
             self._equipment.stop()
-        self._watch.end()
-        with self._turn:
+        self._monitor.end()
+        with self._lock:
             self._equipment.close()
-            if self._status.now.state != "fault":  # that nobody has looked at: it is not over with this
+            if self._status.now.state != "fault":  # a fault stays until a person acknowledges it
                 self._status.change(state="not_ready", slug="not-ready", reason="the service is ending")
 
-    def _prepared(
-        self,
-        board: Board | None,
-        calibration: Callable[[], HandEye] | None,
-        planned: Callable[[], ViewpointPlan],
-        asked_s: float | None,
-    ) -> ViewpointPlan:
-        asked_s = time.monotonic() if asked_s is None else asked_s  # a stop counts that comes before this has its turn
-        with self._using(HOME_S):
-            self._stops.refuse_stale(asked_s)  # nobody connects behind a stop for what it refuses
-            return self._preparing.prepare(board, calibration, planned, asked_s)
-
     @contextlib.contextmanager
-    def _moving(
-        self, plan: ViewpointPlan, writer: ViewWriter, listener: ScanListener, task: Task
-    ) -> Iterator[BackgroundScan]:
-        with self._using(), self._moves.under_way(plan, writer, listener, task) as scan:
-            yield scan
-
-    @contextlib.contextmanager
-    def _using(self, wait_s: float = TURN_S) -> Iterator[None]:
-        if self._closing.is_set() or not self._turn.acquire(timeout=wait_s):
+    def _exclusive(self, timeout_s: float = LOCK_TIMEOUT_S) -> Iterator[None]:
+        """Hold the lock of the equipment. Raise CellBusyError after the timeout, or when the cell is being closed."""
+        if self._closing.is_set() or not self._lock.acquire(timeout=timeout_s):
             raise CellBusyError("the arm is in use: wait for the end of the scan or calibration, or stop it")
         try:
             if self._closing.is_set():
                 raise CellBusyError("the service is ending")
             yield
         finally:
-            self._turn.release()
+            self._lock.release()

@@ -1,44 +1,50 @@
-"""What happens to an idle arm is noticed too."""
+"""Monitoring of an idle arm, so that its faults are noticed too."""
 
 import logging
 import threading
 
 from cell.control.equipment import Equipment
-from cell.control.status import KeptStatus
+from cell.control.status import SharedStatus
 from cell.errors import CellError
 
 log = logging.getLogger(__name__)
 
-WATCH_S = 0.5
-"""How often an idle arm is looked at."""
+PERIOD_S = 0.5
+"""Period of the check."""
 
 
-class IdleWatch:
-    """Looks at the arm of a cell that is ready, and keeps its watchdog quiet, in a thread of its own."""
+class IdleMonitor:
+    """A thread that checks the arm of a ready cell and keeps the arm's watchdog alive."""
 
-    def __init__(self, equipment: Equipment, status: KeptStatus, turn: threading.Lock) -> None:
-        """It begins at once. `turn` is of using the equipment; while another has it, nobody needs to look."""
-        self._equipment, self._status, self._turn = equipment, status, turn
+    def __init__(self, equipment: Equipment, status: SharedStatus, lock: threading.Lock) -> None:
+        """Start the thread.
+
+        Args:
+            equipment: Devices of the cell.
+            status: Status of the cell.
+            lock: Lock of the equipment. While another thread holds it, no check is needed.
+        """
+        self._equipment, self._status, self._lock = equipment, status, lock
         self._ending = threading.Event()
-        self._thread = threading.Thread(target=self._run, name="cell-watch", daemon=True)
+        self._thread = threading.Thread(target=self._run, name="cell-monitor", daemon=True)
         self._thread.start()
 
     def end(self) -> None:
-        """Returns when it has ended."""
+        """End the thread and wait for its end."""
         self._ending.set()
         self._thread.join()
 
     def _run(self) -> None:
-        while not self._ending.wait(WATCH_S):
-            if self._status.now.state != "ready" or not self._turn.acquire(blocking=False):
+        while not self._ending.wait(PERIOD_S):
+            if self._status.now.state != "ready" or not self._lock.acquire(blocking=False):
                 continue
             try:
                 if self._status.now.state == "ready":
                     self._equipment.arm.check_ready()
             except CellError as error:
-                self._status.after(error)
-            except Exception as error:  # the watch goes on: nobody else would notice
-                log.exception("the idle arm could not be looked at")
-                self._status.after(error)
+                self._status.set_outcome(error)
+            except Exception as error:  # the monitor must go on
+                log.exception("the idle arm could not be checked")
+                self._status.set_outcome(error)
             finally:
-                self._turn.release()
+                self._lock.release()

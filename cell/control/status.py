@@ -1,6 +1,10 @@
-"""In which state a cell is."""
+"""The state of a cell, and the status that describes it.
+
+docs/contributor/cell-states.md has the diagram of the states and of who changes them.
+"""
 
 import logging
+import math
 import threading
 from collections import deque
 from collections.abc import Callable
@@ -17,74 +21,99 @@ log = logging.getLogger(__name__)
 State = Literal["not_ready", "ready", "busy", "fault"]
 
 SAFETY_STOPS = (ProtectiveStopError, EmergencyStopError)
-"""A person must look at the cell and acknowledge them ..."""
+"""Errors that always make a fault. A person must inspect the cell and acknowledge it."""
 FAULTS = (*SAFETY_STOPS, RobotLostError, MotionError)
-"""... and these, when the arm was moving: nobody else knows how it stands."""
+"""Errors that make a fault if the arm was moving, because the posture of the arm is then unknown."""
 
 
 @dataclass(frozen=True)
 class CellStatus:
-    """The cell as last seen; reading it asks no device anything."""
+    """Last known status of the cell. Reading it queries no device."""
 
     state: State = "not_ready"
+    """State of the cell."""
     reason: str | None = "not connected yet: connect, or start a live scan"
-    """Why it is not ready, and what to do."""
+    """Why the cell is not ready and what to do, or None."""
     slug: str | None = "not-connected"
-    """The same for programs."""
+    """Code of the reason for programs, or None."""
     arm: ArmInfo | None = None
+    """Arm that was connected last."""
     arm_state: ArmState | None = None
-    """The last that was heard of it; an arm that is not connected may have moved since."""
+    """Last state that the arm reported. An arm that is not connected may have moved since."""
     camera: CameraInfo | None = None
+    """Camera that was connected last."""
     hand_eye: HandEye | None = None
+    """Calibration that was loaded last."""
     plan: ViewpointPlan | None = None
-    """The last one."""
+    """Last plan of a scan."""
 
 
 Listener = Callable[[CellStatus], None]
-"""Is told each new status, in order and one at a time, by whichever thread has changed it: it must not wait."""
+"""Receives each new status in order, from any thread, one call at a time. It must not wait: a stop may wait for it."""
 
 
-class KeptStatus:
-    """The status as several threads change it: no change of one gets lost by another's."""
+class SharedStatus:
+    """A status that several threads change, each change in one step."""
 
     def __init__(self) -> None:
         self._status = CellStatus()
+        self._connected_at = -math.inf
+        """Start of the connection that made the cell ready, monotonic seconds."""
         self._lock = threading.Lock()
         self._changed = threading.Condition(self._lock)
         self._listeners: tuple[Listener, ...] = ()
-        self._untold: deque[CellStatus] = deque()
-        self._telling = threading.Lock()
+        self._pending: deque[CellStatus] = deque()
+        """Statuses that the listeners have not received yet."""
+        self._notifying = threading.Lock()
 
     @property
     def now(self) -> CellStatus:
-        """The status at this moment."""
+        """Current status."""
         return self._status
 
-    def tell(self, listener: Listener) -> None:
-        """From the next change on, `listener` is told of each."""
+    def subscribe(self, listener: Listener) -> None:
+        """Call `listener` at each change from now on."""
         with self._lock:
             self._listeners = (*self._listeners, listener)
 
-    def wait_while_busy(self, seconds: float) -> None:
-        """Returns when the state is another than busy, or after so long."""
+    def wait_while_busy(self, timeout_s: float) -> None:
+        """Return when the state is not busy, or after the timeout."""
         with self._changed:
-            self._changed.wait_for(lambda: self._status.state != "busy", seconds)
+            self._changed.wait_for(lambda: self._status.state != "busy", timeout_s)
 
     def change(self, **values: Any) -> None:
-        """Sets fields of the status."""
+        """Set fields of the status."""
         with self._lock:
             self._set(values)
-        self._tell()
+        self._notify()
 
-    def no_longer_ready(self, slug: str, reason: str) -> None:
-        """Makes a ready cell one that is not; any other state stays."""
+    def set_connected(self, started_at: float, **values: Any) -> None:
+        """Make the cell ready by a connection that was started at `started_at`, monotonic seconds."""
         with self._lock:
-            if self._status.state == "ready":
-                self._set({"state": "not_ready", "slug": slug, "reason": reason})
-        self._tell()
+            self._connected_at = started_at
+            self._set({"state": "ready", "slug": None, "reason": None, **values})
+        self._notify()
 
-    def after(self, error: BaseException | None, faults: tuple[type[CellError], ...] = SAFETY_STOPS) -> None:
-        """The state that follows from how something ended; `faults` are what a person must acknowledge."""
+    def leave_ready(self, slug: str, reason: str, connected_before: float = math.inf) -> None:
+        """Make a ready cell not ready; any other state stays.
+
+        Args:
+            slug: Code of the reason.
+            reason: Why the cell is not ready, and what to do.
+            connected_before: Monotonic seconds. A cell whose connection was started later stays ready.
+        """
+        with self._lock:
+            if self._status.state == "ready" and self._connected_at <= connected_before:
+                self._set({"state": "not_ready", "slug": slug, "reason": reason})
+        self._notify()
+
+    def set_outcome(self, error: BaseException | None, faults: tuple[type[CellError], ...] = SAFETY_STOPS) -> None:
+        """Set the state that follows from the end of an operation.
+
+        Args:
+            error: Error that ended the operation, or None for success.
+            faults: Errors that make a fault.
+        """
         if error is None:
             self.change(state="ready", slug=None, reason=None)
         elif isinstance(error, faults):
@@ -99,21 +128,21 @@ class KeptStatus:
 
     def _set(self, values: dict[str, Any]) -> None:
         self._status = replace(self._status, **values)
-        self._untold.append(self._status)
+        self._pending.append(self._status)
         self._changed.notify_all()
 
-    def _tell(self) -> None:
-        """Waits for nobody: who finds another one telling leaves his own change to him."""
-        while self._untold and self._telling.acquire(blocking=False):
+    def _notify(self) -> None:
+        """Pass pending statuses to the listeners, unless another thread is doing so already."""
+        while self._pending and self._notifying.acquire(blocking=False):
             try:
-                while self._untold:
-                    self._tell_one(self._untold.popleft())
+                while self._pending:
+                    self._notify_listeners(self._pending.popleft())
             finally:
-                self._telling.release()
+                self._notifying.release()
 
-    def _tell_one(self, status: CellStatus) -> None:
+    def _notify_listeners(self, status: CellStatus) -> None:
         for listener in self._listeners:
             try:
                 listener(status)
-            except Exception:  # neither the cell nor the other listeners may suffer from it
+            except Exception:  # a failing listener must not affect the cell or the other listeners
                 log.exception("a listener to the cell's status failed")

@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from calibration.target.board import Board
-from cell.camera.optics import camera_optics
 from cell.config.cell_config import CellSettings
 from cell.config.strict_model import Range
 from cell.errors import ViewpointsError
@@ -136,7 +135,7 @@ def plan_verification(
 
 def board_sight(settings: CellSettings, board: Board, T_flange_camera: NDArray[np.float64]) -> Sight:
     """A board that lies somewhere about the middle of a cell's workspace."""
-    optics = camera_optics(settings.camera)
+    optics = settings.camera.optics
     # How near the camera measures depth does not matter to its pictures.
     working_m = settings.camera.working_m or (min(IN_FOCUS_M, optics.working_m[0]), optics.working_m[1])
     floor = Sight.of(settings, replace(optics, near_m=0.0, working_m=working_m), T_flange_camera)

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.geometry.transforms import inverse
-from cell.camera.optics import CameraOptics
+from cell.config.camera_optics import CameraOptics
 from cell.config.cell_config import CellSettings
 from cell.config.strict_model import Range
 from cell.planning.look_at import Bearing, least_distance, look_at, two_rings

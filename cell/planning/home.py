@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.geometry.transforms import inverse
-from cell.camera.optics import CameraOptics
+from cell.config.camera_optics import CameraOptics
 from cell.errors import ViewpointsError
 from cell.kinematics.collision import CollisionModel
 from cell.kinematics.ik_branches import find_postures

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.geometry.transforms import inverse, transform_points
-from cell.camera.optics import CameraOptics, camera_optics
 from cell.config.arm_config import BASE_RADIUS_M
+from cell.config.camera_optics import CameraOptics
 from cell.config.cell_config import CellSettings
 from cell.kinematics.collision import CollisionModel, collision_model
 from cell.kinematics.ur_kinematics import forward, link_frames
@@ -59,7 +59,7 @@ def draw_plan(plan: ViewpointPlan, settings: CellSettings) -> bytes:
     flat.use_sticky_edges = False
     any_view = plan.viewpoints[0]
     parts = collision_model(settings, inverse(any_view.T_base_flange) @ any_view.T_base_camera)
-    optics = camera_optics(settings.camera)
+    optics = settings.camera.optics
     for panel in (_Panel(space, 3), _Panel(flat, 2)):
         _draw_room(panel, settings)
         _draw_unseen(panel, plan, settings.mounting.table_z_m)

@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cell.camera.optics import camera_optics
 from cell.config.cell_config import CellSettings
 from cell.errors import ViewpointsError
 from cell.kinematics.collision import CollisionModel, collision_model
@@ -141,7 +140,7 @@ def plan_viewpoints(
     Raises:
         ViewpointsError: no home posture is free, or no way leads from where the arm stands.
     """
-    sight = Sight.of(settings, camera_optics(settings.camera), T_flange_camera)
+    sight = Sight.of(settings, settings.camera.optics, T_flange_camera)
     return plan_through(settings, sight, poses_to_try(sight, settings.scan.views), q_now_rad)
 
 
@@ -178,7 +177,7 @@ def home_posture(settings: CellSettings, T_flange_camera: NDArray[np.float64]) -
         ViewpointsError: the configured ones are not free, or none are.
     """
     collisions = collision_model(settings, T_flange_camera)
-    return _home(settings, collisions, Sight.of(settings, camera_optics(settings.camera), T_flange_camera))
+    return _home(settings, collisions, Sight.of(settings, settings.camera.optics, T_flange_camera))
 
 
 def require_enough(plan: ViewpointPlan, min_views: int) -> None:

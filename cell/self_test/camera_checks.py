@@ -5,7 +5,7 @@ import time
 import numpy as np
 
 from cell.camera.frame_averaging import NoFramesError
-from cell.camera.optics import CameraOptics, camera_optics
+from cell.config.camera_optics import CameraOptics
 from cell.devices import CameraInfo, Frame
 from cell.errors import BadFrameError
 from cell.self_test.check_result import Grounds, Step, failed, ok
@@ -55,7 +55,7 @@ def frame(grounds: Grounds) -> Step:
         if not aside:
             raise
         return Step(DEPTH_IMAGE, "warning", f"{error}, but {AS_IT_STANDS} it does not look at the workspace", TURN_IT)
-    step = depth_image(got, time.time() - got.stamp_s, camera_optics(grounds.settings.camera), aside)
+    step = depth_image(got, time.time() - got.stamp_s, grounds.settings.camera.optics, aside)
     if step.outcome != "failed":
         grounds.frame = got
     return step
@@ -97,7 +97,7 @@ def _looks_aside(grounds: Grounds) -> bool:
     """It is known that the camera does not look at the workspace now."""
     if grounds.state is None or grounds.hand_eye is None:
         return False
-    optics = camera_optics(grounds.settings.camera)
+    optics = grounds.settings.camera.optics
     T_base_camera = grounds.state.T_base_flange @ grounds.hand_eye.T_flange_camera
     size = optics.width, optics.height
     return share_in_view(T_base_camera, optics.K, size, grounds.settings) < LEAST_IN_VIEW

@@ -28,9 +28,9 @@ MISPLACED = 3.0
 def calibration(grounds: Grounds) -> Step:
     """There is a hand-eye calibration, young enough, of this camera and this robot."""
     name = "calibration"
-    settings, world = grounds.settings.hand_eye, grounds.equipment.world
+    settings = grounds.settings.hand_eye
     try:
-        hand_eye = hand_eye_in_use(settings, world)
+        hand_eye = hand_eye_in_use(settings, grounds.equipment.nominal_hand_eye)
         require_match(
             hand_eye,
             None if grounds.camera is None else grounds.camera.device_id,

@@ -3,6 +3,7 @@
 import json
 import sys
 import threading
+import time
 from dataclasses import dataclass, field
 from datetime import datetime
 from pathlib import Path
@@ -71,14 +72,14 @@ def calibrate_run(config_file: Path | None, wanted: WantedRun) -> int:
             )
         return _failed(error.problem, error.code, wanted.as_json)
     if not wanted.as_json:
-        print(result_words(run.result, run.unseen))
+        print(result_words(run.result, run.unused))
         print(verification_words(run.verification), flush=True)  # before anything is asked
     _say(f"images and result are in {folder}")
     use = _asked_and_activated(run, settings, folder, wanted.yes, activation_command(folder, config_file))
     if wanted.as_json:
         document = json.loads((folder / HAND_EYE_FILE).read_bytes())
         document |= {
-            "unseen": [{"name": name, "reason": reason} for name, reason in run.unseen],
+            "unseen": [{"name": name, "reason": reason} for name, reason in run.unused],
             "folder": str(folder),
             "activated": use == "active",
         }
@@ -88,12 +89,13 @@ def calibrate_run(config_file: Path | None, wanted: WantedRun) -> int:
 
 def _calibrated(cell: Cell, stop_asked: threading.Event, board: Board, poses: int, folder: Path) -> CalibrationRun:
     _say("connecting, planning")
-    plan = cell.prepare_calibration(board, poses, HELD_OUT)
+    prepared = cell.prepare_calibration(board, time.monotonic(), poses, HELD_OUT)
+    plan = prepared.plan
     told = ToldCalibration(plan, stop_asked, "run")
     told.say(f"{plan.reached} of {len(plan.viewpoints)} poses can be reached")
     for warning in plan.warnings:
         told.say(warning)
-    return run_calibration(cell, plan, folder, board, told)
+    return run_calibration(cell, prepared, folder, told)
 
 
 def _asked_and_activated(run: CalibrationRun, settings: CellSettings, folder: Path, yes: bool, command: str) -> Use:

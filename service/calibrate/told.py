@@ -3,7 +3,7 @@
 import sys
 import threading
 
-from cell.control.board_observation import BoardSeen
+from cell.control.calibration_run import BoardObservation
 from cell.errors import StoppedError
 from cell.planning.viewpoints import ViewpointPlan
 
@@ -30,13 +30,13 @@ class ToldCalibration:
         """There is no such picture."""
         self.say(f"pose {index} is missing: {reason}")
 
-    def seen(self, index: int, board: BoardSeen, coverage: float) -> None:
+    def detected(self, index: int, board: BoardObservation, coverage: float) -> None:
         """The board was found in it."""
         fit = "" if board.rms_px is None else f", {board.rms_px:.2f} px off"
         found = f"{board.corners} of {board.possible} corners{fit}"
         self.say(f"pose {index}: {found}; {coverage:.0%} of the image covered so far")
 
-    def unseen(self, index: int, reason: str) -> None:
+    def not_detected(self, index: int, reason: str) -> None:
         """The board was not found in it."""
         self.say(f"pose {index} is left out: {reason}")
 

@@ -3,6 +3,7 @@
 import json
 import sys
 import threading
+import time
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -44,8 +45,8 @@ def calibrate_verify(config_file: Path | None, folder: Path | None, as_json: boo
 def _verified(cell: Cell, stop_asked: threading.Event, folder: Path) -> Verification:
     _say("the arm will move to two poses; the board must lie on the table; Ctrl-C stops the arm")
     _say("connecting, planning")
-    plan = cell.prepare_verification()
-    found = run_verification(cell, plan, folder, ToldCalibration(plan, stop_asked, "verify"))
+    prepared = cell.prepare_verification(time.monotonic())
+    found = run_verification(cell, prepared, folder, ToldCalibration(prepared.plan, stop_asked, "verify"))
     try:
         cell.hand_eye()
     except CellError as error:  # as for its age, which makes it no worse for this

@@ -10,10 +10,9 @@ from typing import Any
 
 from calibration.dataset.folder import HAND_EYE_FILE
 from calibration.errors import BoardDetectionError, HandEyeError
-from calibration.target.board import Board
-from cell.control.board_observation import BoardSeen
-from cell.control.calibration_run import run_calibration, run_verification
+from cell.control.calibration_run import BoardObservation, run_calibration, run_verification
 from cell.control.cell import Cell
+from cell.control.prepared import PreparedCalibration, PreparedVerification
 from cell.errors import CellError, StoppedError
 from service.calibrations.store import CalibrationStore
 from service.database import now
@@ -49,12 +48,12 @@ class StoredCalibrationProgress:
         self._store.set_view(self._id, index, "missing", reason)
         self._advance()
 
-    def seen(self, index: int, board: BoardSeen, coverage: float) -> None:
+    def detected(self, index: int, board: BoardObservation, coverage: float) -> None:
         """The board was found in the picture; `coverage` is that of all pictures so far."""
         self._store.set_seen(self._id, index, board)
         self._store.update(self._id, ("scanning", "processing"), coverage=coverage)
 
-    def unseen(self, index: int, reason: str) -> None:
+    def not_detected(self, index: int, reason: str) -> None:
         """The board was not found in the picture."""
         self._store.set_unseen(self._id, index, reason)
 
@@ -129,14 +128,15 @@ class CalibrationRunner:
 
     def _done(self, running: Running[CalibrationRow]) -> _Done:
         """Moves the arm, and solves or verifies once it is home."""
-        row, plan = running.row, running.plan
-        assert plan is not None
+        row, prepared = running.row, running.prepared
         folder = run_folder(self._cell, row.id)
         self._store.update(row.id, ("preflight",), state="scanning", started_at=now())
-        told = StoredCalibrationProgress(self._store, row.id, len(plan.viewpoints))
-        if row.kind == "verification":
-            return _Done(None, run_verification(self._cell, plan, folder, told).to_json())
-        run = run_calibration(self._cell, plan, folder, Board.from_json(row.board), told)
+        assert prepared is not None
+        told = StoredCalibrationProgress(self._store, row.id, len(prepared.plan.viewpoints))
+        if isinstance(prepared, PreparedVerification):
+            return _Done(None, run_verification(self._cell, prepared, folder, told).to_json())
+        assert isinstance(prepared, PreparedCalibration)
+        run = run_calibration(self._cell, prepared, folder, told)
         return _Done(json.loads((folder / HAND_EYE_FILE).read_bytes()), run.verification.to_json())
 
     def _record(self, running: Running[CalibrationRow], done: _Done | None, problem: dict[str, Any] | None) -> None:

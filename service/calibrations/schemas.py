@@ -16,7 +16,7 @@ from calibration.target.board import (
     BoardKind,
     board_with_defaults,
 )
-from cell.control.board_observation import ACROSS, DOWN
+from cell.control.calibration_run import GRID_COLUMNS, GRID_ROWS
 from service.described import Described
 from service.schemas import WHOLE, Id, Problem, ScanState, ViewState
 
@@ -85,7 +85,7 @@ class CalibrationView(Described):
     rms_px: float | None
     """How far they are from where the board would have them by the pose that fits this picture alone best, each
     coordinate; null: not looked for yet, none were found, or no pose fits."""
-    cells: list[Annotated[int, Field(ge=0, lt=ACROSS * DOWN)]] | None
+    cells: list[Annotated[int, Field(ge=0, lt=GRID_COLUMNS * GRID_ROWS)]] | None
     """Parts of the picture, 8 across and 5 down, in which they are: row by row, 0 is the first of the upper row. All
     views' together are the coverage. Null: not looked for yet, or of an earlier version."""
     picture: str | None

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import asdict
 from typing import Any
 
-from cell.control.board_observation import BoardSeen
+from cell.control.calibration_run import BoardObservation
 from service.database import Database, now, update
 from service.problems import stopped_problem
 from service.schemas import ACTIVE_STATES, ScanState, ViewState
@@ -76,7 +76,7 @@ class CalibrationStore:
             db.execute("DELETE FROM calibration_views WHERE calibration = ? AND view = ?", (calibration_id, view))
             insert(db, "calibration_views", row)
 
-    def set_seen(self, calibration_id: str, view: int, board: BoardSeen) -> None:
+    def set_seen(self, calibration_id: str, view: int, board: BoardObservation) -> None:
         """Writes what was found in a view's picture."""
         self._update_view(calibration_id, view, asdict(board))
 

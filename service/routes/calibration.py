@@ -14,6 +14,7 @@ from service.calibrations.runner import picture_file, run_folder
 from service.calibrations.schemas import BoardRequest, CalibrationRequest, CalibrationStatus, RunList, RunResource
 from service.context import SPACE, Before, Id, Limit, Service
 from service.description import links
+from service.observing.arrival import arrived_s
 from service.problems import ProblemError, problem_responses
 from service.routes.files import NOT_MODIFIED, IfNoneMatch, send_file
 from service.routes.recordings import BINARY
@@ -64,7 +65,7 @@ def start_run(response: Response, service: Service, wanted: CalibrationRequest |
         board = (wanted.board or BoardRequest()).board()
     except BoardError as error:
         raise ProblemError(422, error.slug, str(error)) from error
-    row = service.jobs.submit.calibration(board, wanted.poses)
+    row = service.jobs.submit.calibration(board, wanted.poses, arrived_s())
     response.headers["Location"] = f"{RUNS}/{row.id}"
     return run_resource(row, ())
 
@@ -73,7 +74,7 @@ def start_run(response: Response, service: Service, wanted: CalibrationRequest |
 def start_verification(response: Response, service: Service) -> RunResource:
     """Looks from two poses at the board of the calibration in use, which must lie on the table: does it still hold, and
     was the board moved? A run of its own; the arm moves."""
-    row = service.jobs.submit.verification()
+    row = service.jobs.submit.verification(arrived_s())
     response.headers["Location"] = f"{RUNS}/{row.id}"
     return run_resource(row, ())
 

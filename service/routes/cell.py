@@ -11,6 +11,7 @@ from service.calibrations.resources import calibration_warnings, recent_drift, u
 from service.calibrations.schemas import CellWarning
 from service.cell_schemas import CellResource, PlanRequest, cell_resource
 from service.context import Context, Service, ViewCount
+from service.observing.arrival import arrived_s
 from service.plan_schema import PlanDocument
 from service.problems import problem_responses
 from service.reading import json_answer
@@ -61,7 +62,7 @@ def release_arm(service: Service) -> CellResource:
     """Ends our program on the robot, so that another can move it, as to grasp. Waits for the arm of a scan to come home
     first; refused as `stopped` when somebody stops it meanwhile. Asked for behind a stop, it leaves the arm where it
     stands. The next live scan, or connect, takes the arm again. Nothing moves."""
-    service.jobs.release_arm()
+    service.jobs.release_arm(arrived_s())
     return _resource(service)
 
 

@@ -43,7 +43,7 @@ def start_scan(wanted: ScanRequest, response: Response, service: Service, asking
         if isinstance(wanted, LiveScan):
             radius = check_radius(wanted.string_radius_m, service.config.cell.scan.string_radius_m)
             service.jobs.refuse_stopped_since(wished_s)
-            return service.jobs.submit.live(wanted.views, wanted.method, radius, asked)
+            return service.jobs.submit.live(wanted.views, wanted.method, radius, arrived_s(), asked)
         recording = service.store.recording(wanted.recording)
         if recording is None:
             raise ProblemError(404, "recording-not-found", f"there is no recording {wanted.recording}; upload it first")

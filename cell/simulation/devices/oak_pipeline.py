@@ -11,7 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cell.camera.oak_stream import Fault, Stream, load, next_message
+from cell.camera.driver import Fault
+from cell.camera.oak_stream import Stream, load, next_message
 from cell.config.camera_config import SimulatedCamera
 from cell.devices import CameraInfo
 from cell.errors import CameraLostError, CameraUnreachableError
@@ -202,4 +203,4 @@ def open_simulated(settings: SimulatedCamera, world: SimulatedWorld, make_pose: 
         pipeline.wait()  # else the thread of the node meets the end of what it sends to
 
     pipeline.start()
-    return Stream(pipeline, depth, depth, controls, lambda: info, close, pictures, gate, rehearsal=lens)
+    return Stream(pipeline, depth, depth, controls, lambda: info, close, pictures, gate, fault_injection=lens)

@@ -6,8 +6,9 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -15,8 +16,10 @@ import pytest
 from numpy.typing import NDArray
 
 from calibration.geometry.transforms import inverse
-from cell.camera.camera import LiveCamera
+from cell.camera.camera import LiveCamera, MakeDriver
 from cell.camera.frame_averaging import NoFramesError
+from cell.camera.oak_device import open_device
+from cell.camera.oak_driver import OakDriver
 from cell.config.arm_config import SimulatedArm
 from cell.config.camera_config import OakCamera, SimulatedCamera
 from cell.config.cell_config import CellSettings
@@ -24,7 +27,9 @@ from cell.control.equipment import Equipment
 from cell.errors import BadFrameError, CameraLostError, CameraUnreachableError
 from cell.kinematics.ur_kinematics import inverse as inverse_kinematics
 from cell.planning.look_at import look_at
+from cell.simulation.devices.flange_pose import PoseSource, controller_pose
 from cell.simulation.devices.frame_source import FrameSource
+from cell.simulation.devices.oak_pipeline import open_simulated
 from cell.simulation.devices.world import SimulatedWorld, simulated_world
 from cell.simulation.rendering.depth_camera import camera_model
 from cell.simulation.ur_controller.launcher import start_controller
@@ -73,9 +78,18 @@ def flange(tmp_path_factory: pytest.TempPathFactory, world: SimulatedWorld) -> F
     return flange
 
 
+def simulated_camera(world: SimulatedWorld, prepare_pose: Callable[[], Callable[[], PoseSource]]) -> LiveCamera:
+    """A camera of the world; `prepare_pose` is called at connecting and gives what makes the source of poses."""
+
+    def prepare_driver() -> MakeDriver:
+        return partial(OakDriver, SETTINGS, partial(open_simulated, SETTINGS, world, prepare_pose()))
+
+    return LiveCamera(SETTINGS, prepare_driver, 60.0)
+
+
 @pytest.fixture(scope="module")
 def one_camera(world: SimulatedWorld, flange: FlangeFile) -> Iterator[LiveCamera]:
-    camera = LiveCamera(SETTINGS, world, lambda: str(flange.path), flange_file)
+    camera = simulated_camera(world, lambda: partial(flange_file, str(flange.path)))
     yield camera
     camera.close()
 
@@ -106,7 +120,7 @@ def test_a_capture_shows_the_scene_from_where_the_arm_came_to_rest(
     # The model is exact: no exposure of before, and none of another place, is in the median.
     assert np.array_equal(frame.depth, FrameSource(world).expose(looking_down(world, 0.7)))
     assert frame.exposures == SETTINGS.exposures
-    assert frame.depth_unit_m == camera.depth_unit_m == world.camera.depth_unit_m
+    assert frame.depth_unit_m == camera.info().depth_unit_m == world.camera.depth_unit_m
     assert np.abs(frame.K - world.camera.K).max() < 1e-4
     # The last exposure began after `after_s`, and before the answer.
     assert asked_s - (time.monotonic() - after_s) - 0.01 < frame.stamp_s <= asked_s
@@ -214,7 +228,7 @@ def test_connecting_and_closing_leaves_nothing_behind(camera: LiveCamera) -> Non
 
 def test_the_virtual_controller_tells_where_the_camera_is(world: SimulatedWorld) -> None:
     controller = start_controller("ur5e")
-    camera = LiveCamera(SETTINGS, world, lambda: controller.host)
+    camera = simulated_camera(world, lambda: partial(controller_pose, controller.host))
     try:
         controller.admin.reset(q_rad=inverse_kinematics("ur5e", looking_down(world))[0])
         camera.connect()
@@ -234,30 +248,30 @@ def test_a_camera_that_does_not_open_can_be_given_up_by_another_thread(
     world: SimulatedWorld, flange: FlangeFile
 ) -> None:
     """Frozen, it would be waited for as long as a slow one."""
-    camera = LiveCamera(SETTINGS, world, lambda: str(flange.path), flange_file)
+    camera = simulated_camera(world, lambda: partial(flange_file, str(flange.path)))
     with thread_of(camera.connect) as result:
         until(lambda: camera.pid is not None, 5.0)
         assert camera.pid is not None
         os.kill(camera.pid, signal.SIGSTOP)
         given_up_s = time.monotonic()
-        camera.give_up_connecting()
+        camera.cancel_connecting()
     error, ended_s = result
     assert isinstance(error, CameraUnreachableError)
-    assert "was given up" in str(error)
+    assert "was cancelled" in str(error)
     assert ended_s - given_up_s < 5.0  # of the 60 s that it would take
     assert camera.pid is None
     # For good: nobody is there to close one that is connected later.
-    with pytest.raises(CameraUnreachableError, match="was given up"):
+    with pytest.raises(CameraUnreachableError, match="was cancelled"):
         camera.connect()
     assert camera.pid is None
 
 
 def test_a_camera_that_is_open_is_not_lost_by_giving_up(world: SimulatedWorld, flange: FlangeFile) -> None:
     flange.write(looking_down(world))
-    camera = LiveCamera(SETTINGS, world, lambda: str(flange.path), flange_file)
+    camera = simulated_camera(world, lambda: partial(flange_file, str(flange.path)))
     try:
         camera.connect()
-        camera.give_up_connecting()
+        camera.cancel_connecting()
         assert camera.capture(time.monotonic()).depth.any()
     finally:
         camera.close()
@@ -266,15 +280,15 @@ def test_a_camera_that_is_open_is_not_lost_by_giving_up(world: SimulatedWorld, f
 def test_equipment_that_is_given_up_makes_no_camera_to_wait_for() -> None:
     equipment = Equipment(CellSettings(arm=SimulatedArm(host=free_host()), camera=SETTINGS))
     try:
-        equipment.give_up_connecting()
-        with pytest.raises(CameraUnreachableError, match="was given up"):
+        equipment.cancel_connecting()
+        with pytest.raises(CameraUnreachableError, match="was cancelled"):
             equipment.camera.connect()
     finally:
         equipment.close()
 
 
 def test_a_simulated_camera_without_an_arm_says_so(world: SimulatedWorld, tmp_path: Path) -> None:
-    camera = LiveCamera(SETTINGS, world, lambda: str(tmp_path / "none.npz"), flange_file)
+    camera = simulated_camera(world, lambda: partial(flange_file, str(tmp_path / "none.npz")))
     with pytest.raises(CameraUnreachableError, match="cannot learn from the arm's controller where it is"):
         camera.connect()
     assert camera.pid is None
@@ -288,7 +302,8 @@ def test_a_simulated_camera_without_an_arm_says_so(world: SimulatedWorld, tmp_pa
     ],
 )
 def test_without_a_camera_it_is_said_what_to_check(device: str | None, words: str) -> None:
-    camera = LiveCamera(OakCamera(kind="oak", device=device))
+    settings = OakCamera(kind="oak", device=device)
+    camera = LiveCamera(settings, lambda: partial(OakDriver, settings, partial(open_device, settings)), 30.0)
     took_s = []
     while not took_s or (min(took_s) > SOON_S and len(took_s) < 4):  # a busy machine may start the process late
         begun_s = time.monotonic()
@@ -302,12 +317,16 @@ def test_without_a_camera_it_is_said_what_to_check(device: str | None, words: st
 def test_the_parent_process_never_loads_what_hangs_or_weighs() -> None:
     script = """
 import sys
+from functools import partial
 from cell.camera.camera import LiveCamera
+from cell.camera.oak_device import open_device
+from cell.camera.oak_driver import OakDriver
 from cell.errors import CameraUnreachableError
 from cell.config.camera_config import OakCamera
 if __name__ == "__main__":
     try:
-        LiveCamera(OakCamera(kind="oak")).connect()
+        settings = OakCamera(kind="oak")
+        LiveCamera(settings, lambda: partial(OakDriver, settings, partial(open_device, settings)), 30.0).connect()
     except CameraUnreachableError:
         print([name for name in ("depthai", "open3d", "scipy") if name in sys.modules])
 """
@@ -316,7 +335,7 @@ if __name__ == "__main__":
 
 
 def test_a_picture_comes_across_and_what_shows_nothing_is_refused(camera: LiveCamera, world: SimulatedWorld) -> None:
-    frame = camera.capture(time.monotonic(), image=True)
+    frame = camera.capture(time.monotonic(), with_image=True)
     source = FrameSource(world)
     assert np.array_equal(frame.depth, source.expose(looking_down(world)))
     assert frame.image is not None
@@ -325,11 +344,11 @@ def test_a_picture_comes_across_and_what_shows_nothing_is_refused(camera: LiveCa
     assert np.abs(frame.image - truth).mean() < 1.1
     camera.fault("zero")
     with pytest.raises(BadFrameError, match="picture shows nothing"):
-        camera.capture(time.monotonic(), image=True)
+        camera.capture(time.monotonic(), with_image=True)
     camera.fault("none")
     assert camera.capture(time.monotonic()).image is None
 
 
 def test_a_camera_that_is_connected_once_more_still_gives_the_picture(camera: LiveCamera) -> None:
     camera.fault("lost")
-    assert camera.capture(time.monotonic(), image=True).image is not None
+    assert camera.capture(time.monotonic(), with_image=True).image is not None

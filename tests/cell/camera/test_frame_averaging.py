@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from numpy.typing import NDArray
 
-from cell.camera.frame_averaging import Exposure, NoFramesError, Picture, at_rest, combined, median
+from cell.camera.frame_averaging import Exposure, NoFramesError, Picture, combine, median, wait_for_exposures
 from cell.errors import BadFrameError
 
 K = np.array([[400.0, 0, 31.5], [0, 400.0, 19.5], [0, 0, 1]])
@@ -62,7 +62,7 @@ def test_the_median_is_that_of_each_pixel_s_measurements(stack: NDArray[np.uint1
 
 def test_a_frame_is_the_median_and_tells_when_the_last_exposure_began() -> None:
     began = time.monotonic()
-    frame = combined([Exposure(plane(k), K, began - 5 + k) for k in (0, 2, 1)], 0.0001)
+    frame = combine([Exposure(plane(k), K, began - 5 + k) for k in (0, 2, 1)], 0.0001)
     assert np.array_equal(frame.depth, plane(1))
     assert (frame.exposures, frame.depth_unit_m) == (3, 0.0001)
     assert np.array_equal(frame.K, K)
@@ -80,26 +80,26 @@ def test_a_frame_is_the_median_and_tells_when_the_last_exposure_began() -> None:
 )
 def test_images_that_show_nothing_are_refused(depth: NDArray[np.uint16], reason: str) -> None:
     with pytest.raises(BadFrameError, match=reason):
-        combined([Exposure(depth, K, 0.0)] * 3, 0.0001)
+        combine([Exposure(depth, K, 0.0)] * 3, 0.0001)
 
 
 def test_images_that_do_not_belong_together_are_refused() -> None:
     first = Exposure(plane(), K, 0.0)
     for other in (Exposure(plane()[1:], K, 0.0), Exposure(plane(), K + np.diag([1.0, 1, 0]), 0.0)):
         with pytest.raises(BadFrameError, match="resolution or intrinsics changed"):
-            combined([first, other], 0.0001)
+            combine([first, other], 0.0001)
 
 
 def test_only_exposures_that_began_at_rest_count() -> None:
     after_s = time.monotonic() + 0.1
-    taken = at_rest(every(0.01, lambda now: now), after_s, 3, silence_s=5.0, patience_s=5.0)
+    taken = wait_for_exposures(every(0.01, lambda now: now), after_s, 3, silence_s=5.0, patience_s=5.0)
     assert len(taken) == 3
     assert all(exposure.began_s > after_s for exposure in taken)
 
 
 def test_an_exposure_that_ended_at_rest_but_began_before_does_not_count() -> None:
     after_s = time.monotonic()
-    taken = at_rest(every(0.01, lambda now: now - 0.1), after_s, 1, silence_s=5.0, patience_s=5.0)
+    taken = wait_for_exposures(every(0.01, lambda now: now - 0.1), after_s, 1, silence_s=5.0, patience_s=5.0)
     # It came at least 0.1 s after `after_s`, the time it is older than it looks.
     assert time.monotonic() - after_s >= 0.1
     assert taken[0].began_s > after_s
@@ -107,15 +107,15 @@ def test_an_exposure_that_ended_at_rest_but_began_before_does_not_count() -> Non
 
 def test_a_silent_camera_is_told_from_a_slow_one() -> None:
     with pytest.raises(NoFramesError, match=r"no frame for 0\.1 s"):
-        at_rest(every(60.0, lambda now: now), 0.0, 3, silence_s=0.1, patience_s=60.0)
+        wait_for_exposures(every(60.0, lambda now: now), 0.0, 3, silence_s=0.1, patience_s=60.0)
     with pytest.raises(BadFrameError, match="only 1 of 3 frames began") as slow:
-        at_rest(every(0.25, lambda now: now), time.monotonic(), 3, silence_s=60.0, patience_s=0.4)
+        wait_for_exposures(every(0.25, lambda now: now), time.monotonic(), 3, silence_s=60.0, patience_s=0.4)
     assert not isinstance(slow.value, NoFramesError)
 
 
 def test_a_camera_with_a_wrong_clock_is_found_out() -> None:
     with pytest.raises(BadFrameError, match=r"older ones came.*its clock is wrong"):
-        at_rest(every(0.01, lambda now: now - 3600), time.monotonic(), 1, silence_s=5.0, patience_s=0.2)
+        wait_for_exposures(every(0.01, lambda now: now - 3600), time.monotonic(), 1, silence_s=5.0, patience_s=0.2)
 
 
 def test_the_errors_cross_processes() -> None:
@@ -129,13 +129,13 @@ def scene() -> NDArray[np.uint8]:
 
 
 def frame_with(*pictures: Picture) -> NDArray[np.uint8]:
-    image = combined([Exposure(plane(), K, 0.0)], 0.0001, pictures).image
+    image = combine([Exposure(plane(), K, 0.0)], 0.0001, pictures).image
     assert image is not None
     return image
 
 
 def test_a_frame_has_a_picture_only_if_there_are_some_and_it_is_their_mean() -> None:
-    assert combined([Exposure(plane(), K, 0.0)], 0.0001).image is None
+    assert combine([Exposure(plane(), K, 0.0)], 0.0001).image is None
     # Means of 20, 21 and 25 above the first: 22.
     image = frame_with(*(Picture(scene() + np.uint8(more), K, 0.0) for more in (20, 21, 25)))
     assert image.dtype == np.uint8
@@ -190,4 +190,4 @@ def test_a_camera_that_sends_no_pictures_is_told_so() -> None:
         return None
 
     with pytest.raises(NoFramesError, match=r"no picture for 0\.1 s"):
-        at_rest(receive, 0.0, 3, silence_s=0.1, patience_s=60.0, what="picture")
+        wait_for_exposures(receive, 0.0, 3, silence_s=0.1, patience_s=60.0, what="picture")

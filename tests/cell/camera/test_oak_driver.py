@@ -28,6 +28,7 @@ from cell.errors import BadFrameError, CameraLostError, CameraUnreachableError, 
 from cell.planning.look_at import look_at
 from cell.self_test.check_result import failed
 from cell.simulation.devices.frame_source import FrameSource
+from cell.simulation.devices.oak_pipeline import open_simulated
 from cell.simulation.devices.world import SimulatedWorld, simulated_world
 from cell.simulation.rendering.depth_camera import camera_model
 
@@ -326,12 +327,16 @@ import numpy as np
 from cell.camera.oak_driver import OakDriver
 from cell.config.camera_config import SimulatedCamera
 from cell.config.cell_config import CellSettings
+from cell.simulation.devices.oak_pipeline import open_simulated
 from cell.simulation.devices.world import simulated_world
 
 settings = CellSettings(camera=SimulatedCamera(model="ideal", fps=60.0))
 T_base_flange = np.diag([1.0, -1.0, -1.0, 1.0])
 T_base_flange[:3, 3] = 0.36, 0.0, 0.6
-driver = OakDriver(settings.camera, simulated_world(settings), lambda: lambda: T_base_flange)
+driver = OakDriver(
+    settings.camera,
+    lambda: open_simulated(settings.camera, simulated_world(settings), lambda: lambda: T_base_flange),
+)
 driver.open()
 driver._running().watch(True)
 until = time.monotonic() + 6
@@ -357,13 +362,12 @@ def test_a_closed_stream_is_a_lost_camera() -> None:
             send(stream.controls[0], dai.CameraControl())
 
 
-def test_a_camera_that_breaks_its_link_while_it_is_opened_is_told_so(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_camera_that_breaks_its_link_while_it_is_opened_is_told_so() -> None:
     def describe() -> CameraInfo:
         raise RuntimeError("Original message: X_LINK_ERROR")
 
     with sensor([1000]) as (_, stream):
-        oak = OakDriver(OAK)
-        monkeypatch.setattr(oak, "_start", lambda: replace(stream, describe=describe))
+        oak = OakDriver(OAK, lambda: replace(stream, describe=describe))
         with pytest.raises(CameraUnreachableError) as refused:
             oak.open()
     step = failed("camera", [refused.value])
@@ -384,7 +388,7 @@ def looking_down(world: SimulatedWorld, azimuth_rad: float = 0.0) -> NDArray[np.
 @contextmanager
 def driver(world: SimulatedWorld, pose: Any) -> Iterator[OakDriver]:
     settings = SimulatedCamera(model="ideal", fps=50.0)
-    result = OakDriver(settings, world, lambda: pose)
+    result = OakDriver(settings, lambda: open_simulated(settings, world, lambda: pose))
     try:
         yield result
     finally:
@@ -462,8 +466,7 @@ def test_only_a_simulated_camera_fails_on_request_and_only_an_open_one_works(wor
             with pytest.raises(CameraLostError, match="not open"):
                 method()
     with sensor([1000]) as (_, stream):
-        oak = OakDriver(OAK)
-        oak._stream = stream
+        oak = driving(stream)
         with pytest.raises(CellError, match="only a simulated camera"):
             oak.fault("zero")
 
@@ -475,7 +478,7 @@ def test_a_picture_comes_with_the_depth_only_when_it_is_asked_for(world: Simulat
         plain = oak.capture(time.monotonic(), 5.0, 10.0)
         assert plain.image is None
         assert next_message(oak._running().pictures, 0.3) is None
-        pictured = oak.capture(time.monotonic(), 5.0, 10.0, image=True)
+        pictured = oak.capture(time.monotonic(), 5.0, 10.0, with_image=True)
         # The gate is shut again: after those that were under way no more come.
         while next_message(oak._running().pictures, 0.3) is not None:
             pass
@@ -502,7 +505,7 @@ def test_pictures_show_the_pose_at_the_moment_of_their_exposure(world: Simulated
     with driver(world, pose) as oak:
         oak.open()
         after_s = time.monotonic() + 0.3
-        image = oak.capture(after_s, 5.0, 10.0, image=True).image
+        image = oak.capture(after_s, 5.0, 10.0, with_image=True).image
     assert image is not None
     there, elsewhere = (FrameSource(world).picture(T).astype(float) for T in (rest, moving))
     assert np.abs(image - there).mean() < 3 < np.abs(image - elsewhere).mean()
@@ -514,11 +517,11 @@ def test_a_picture_that_shows_nothing_is_refused_whatever_the_depth(world: Simul
         oak.open()
         oak.fault(fault)
         with pytest.raises(BadFrameError, match="picture shows nothing"):
-            oak.capture(time.monotonic(), 5.0, 10.0, image=True)
+            oak.capture(time.monotonic(), 5.0, 10.0, with_image=True)
 
 
 def driving(stream: Stream) -> OakDriver:
-    result = OakDriver(OAK)
+    result = OakDriver(OAK, lambda: stream)
     result._stream = stream
     return result
 
@@ -527,7 +530,7 @@ def test_a_camera_whose_pictures_stay_away_is_told_so() -> None:
     with sensor([1000]) as (node, stream):
         node.pictureless = True
         with pytest.raises(NoFramesError, match=r"no picture for 1\.0 s"):
-            driving(stream).capture(time.monotonic(), 1.0, 20.0, image=True)
+            driving(stream).capture(time.monotonic(), 1.0, 20.0, with_image=True)
 
 
 def test_no_dots_are_in_a_picture_and_they_are_on_again_after_it() -> None:
@@ -542,7 +545,7 @@ def test_no_dots_are_in_a_picture_and_they_are_on_again_after_it() -> None:
         with stream.sending_pictures():
             assert decode_picture(next_message(stream.pictures, 5.0)).pixels.min() == 200
         oak = driving(replace(stream, dots=dots))
-        image = oak.capture(time.monotonic(), 5.0, 10.0, image=True).image
+        image = oak.capture(time.monotonic(), 5.0, 10.0, with_image=True).image
         assert image is not None
         assert (image.min(), image.max()) == (50, 200)
         assert switched == [False, True]
@@ -559,4 +562,4 @@ def test_dots_that_do_not_obey_are_a_lost_camera() -> None:
     with sensor([1000]) as (_, stream):
         oak = driving(replace(stream, dots=dots))
         with pytest.raises(CameraLostError, match="projector could not be switched"):
-            oak.capture(time.monotonic(), 5.0, 10.0, image=True)
+            oak.capture(time.monotonic(), 5.0, 10.0, with_image=True)

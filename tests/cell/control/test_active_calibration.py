@@ -9,7 +9,7 @@ import pytest
 from calibration.geometry.transforms import from_rotation_vector
 from calibration.storage.hand_eye_file import write_hand_eye
 from cell.config.cell_config import CellSettings, HandEyeSettings
-from cell.control.active_calibration import rough_hand_eyes
+from cell.control.active_calibration import initial_guess
 from cell.errors import CalibrationError
 from cell.simulation.devices.world import simulated_world
 
@@ -24,21 +24,22 @@ def file(tmp_path: Path) -> Path:
 
 
 def test_a_file_of_this_camera_and_robot_is_taken_and_one_that_may_be(file: Path) -> None:
-    told = rough_hand_eyes(HandEyeSettings(file=file), None)
+    told = initial_guess(HandEyeSettings(file=file), None)
     for ids in (("camera-1", "robot-1"), (None, None), ("camera-1", None)):
-        np.testing.assert_allclose(told.of(*ids).T_flange_camera, BY_FILE, atol=1e-12)
+        np.testing.assert_allclose(told.choose(*ids).T_flange_camera, BY_FILE, atol=1e-12)
 
 
 @pytest.mark.parametrize("ids", [("camera-2", "robot-1"), ("camera-1", "robot-2")])
 def test_a_file_of_another_camera_or_robot_is_not(file: Path, ids: tuple[str, str]) -> None:
     with pytest.raises(
-        CalibrationError, match=r"roughly where the camera is \(.* made with .*-1, this is .*-2.* ruler"
+        CalibrationError,
+        match=r"approximate pose of the camera on the flange \(.* made with .*-1, this is .*-2.* ruler",
     ):
-        rough_hand_eyes(HandEyeSettings(file=file), None).of(*ids)
-    by_ruler = rough_hand_eyes(HandEyeSettings(file=file, rough_xyz_m=(0.2, 0.0, 0.1)), None).of(*ids)
+        initial_guess(HandEyeSettings(file=file), None).choose(*ids)
+    by_ruler = initial_guess(HandEyeSettings(file=file, rough_xyz_m=(0.2, 0.0, 0.1)), None).choose(*ids)
     np.testing.assert_allclose(by_ruler.T_flange_camera[:3, 3], (0.2, 0.0, 0.1))
     world = simulated_world(CellSettings())
-    by_world = rough_hand_eyes(HandEyeSettings(file=file), world).of(*ids)
+    by_world = initial_guess(HandEyeSettings(file=file), world.told_hand_eye).choose(*ids)
     np.testing.assert_allclose(by_world.T_flange_camera, world.told_T_flange_camera)
 
 
@@ -54,21 +55,24 @@ def test_a_ruler_that_contradicts_the_file_is_told(
 ) -> None:
     settings = HandEyeSettings(file=file, rough_xyz_m=xyz_m, rough_rotation_rad=rotation_rad)
     with pytest.raises(CalibrationError) as told:
-        rough_hand_eyes(settings, None).of("camera-1", "robot-1")
+        initial_guess(settings, None).choose("camera-1", "robot-1")
     words = str(told.value)
     assert "puts the camera at [0.000, -0.060, 0.040] m" in words
-    assert f"rough_xyz_m at [{', '.join(f'{x:.3f}' for x in xyz_m)}] m, {apart} apart: take the file" in words
+    assert (
+        f"rough_xyz_m at [{', '.join(f'{x:.3f}' for x in xyz_m)}] m, {apart} apart: remove the calibration file"
+        in words
+    )
 
 
 def test_a_ruler_that_agrees_with_the_file_as_well_as_a_ruler_can_leaves_the_file(file: Path) -> None:
     turn = (0.0, np.deg2rad(9.0), 0.0)
     settings = HandEyeSettings(file=file, rough_xyz_m=(0.0, -0.06, 0.069), rough_rotation_rad=turn)
-    np.testing.assert_allclose(rough_hand_eyes(settings, None).of(None, None).T_flange_camera, BY_FILE, atol=1e-12)
+    np.testing.assert_allclose(initial_guess(settings, None).choose(None, None).T_flange_camera, BY_FILE, atol=1e-12)
 
 
 def test_a_file_that_cannot_be_read_leaves_the_ruler(file: Path) -> None:
     file.write_text("{")
-    told = rough_hand_eyes(HandEyeSettings(file=file, rough_xyz_m=(0.2, 0.0, 0.1)), None).of("camera-1", "robot-1")
+    told = initial_guess(HandEyeSettings(file=file, rough_xyz_m=(0.2, 0.0, 0.1)), None).choose("camera-1", "robot-1")
     assert told.T_flange_camera[0, 3] == 0.2
-    with pytest.raises(CalibrationError, match=r"roughly where the camera is \(.*hand_eye.json"):
-        rough_hand_eyes(HandEyeSettings(file=file), None)
+    with pytest.raises(CalibrationError, match=r"approximate pose of the camera on the flange \(.*hand_eye.json"):
+        initial_guess(HandEyeSettings(file=file), None)

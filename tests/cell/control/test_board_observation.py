@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike
 
 from calibration.dataset.setup import Setup
 from calibration.observations import BoardView
-from cell.control.board_observation import board_seen
+from cell.control.calibration_run import observe_board
 from tests.calibration.board_views import NOISE_FREE, record
 
 
@@ -21,7 +21,7 @@ def only(view: BoardView, pixels: ArrayLike) -> BoardView:
 def test_exact_corners_are_where_they_ought_to_be() -> None:
     observations = record(1, 6, NOISE_FREE).observations
     for view in observations.views:
-        seen = board_seen(view, Setup.from_observations(observations))
+        seen = observe_board(view, Setup.from_observations(observations))
         assert (seen.corners, seen.possible) == (len(view.ids), 70)
         assert seen.rms_px is not None
         assert seen.rms_px < 1e-9
@@ -29,7 +29,7 @@ def test_exact_corners_are_where_they_ought_to_be() -> None:
 
 def test_noise_is_told() -> None:
     observations = record(2, 20).observations
-    told = [board_seen(view, Setup.from_observations(observations)).rms_px or np.nan for view in observations.views]
+    told = [observe_board(view, Setup.from_observations(observations)).rms_px or np.nan for view in observations.views]
     # 0.2 px, of which the six numbers of a pose take a little; 20 views of 140 coordinates scatter by 1.4 %.
     assert np.sqrt(np.mean(np.square(told))) == pytest.approx(0.2 * np.sqrt(1 - 6 / 140), rel=0.05)
 
@@ -39,12 +39,12 @@ def test_the_parts_of_the_picture_are_counted_row_by_row() -> None:
     setup, view = Setup.from_observations(observations), observations.views[0]
     assert setup.image_size == (1280, 800)  # parts of 160 x 160
     corners = [(0, 0), (159.9, 10), (1279.4, 0), (170, 0), (0, 799.4), (1279, 799), (640, 400), (-0.4, -0.4)]
-    assert board_seen(only(view, corners), setup).cells == (0, 1, 7, 20, 32, 39)
+    assert observe_board(only(view, corners), setup).cells == (0, 1, 7, 20, 32, 39)
 
 
 def test_corners_that_fit_no_pose_have_no_distance_from_it() -> None:
     observations = record(4, 6).observations
     view = observations.views[0]
-    seen = board_seen(only(view, view.pixels[:5]), Setup.from_observations(observations))
+    seen = observe_board(only(view, view.pixels[:5]), Setup.from_observations(observations))
     assert (seen.corners, seen.rms_px) == (5, None)
     assert seen.cells

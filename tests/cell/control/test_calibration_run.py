@@ -2,6 +2,7 @@
 
 import json
 import resource
+import time
 from collections.abc import Callable, Iterator
 from contextlib import closing
 from dataclasses import replace
@@ -25,9 +26,9 @@ from calibration.verification.verification import Verification
 from cell.config.arm_config import SimulatedArm, URArm
 from cell.config.camera_config import OakCamera, SimulatedCamera
 from cell.config.cell_config import CellSettings, HandEyeSettings
-from cell.control.board_observation import BoardSeen
-from cell.control.calibration_run import CalibrationRun, run_calibration, run_verification
+from cell.control.calibration_run import BoardObservation, CalibrationRun, run_calibration, run_verification
 from cell.control.cell import Cell
+from cell.control.prepared import PreparedCalibration
 from cell.devices import View
 from cell.errors import CalibrationError, MissingViewsError, StoppedError
 from cell.simulation.devices.world import simulated_world
@@ -46,7 +47,7 @@ class Told:
         self.events: list[tuple[str, int]] = []
         self.reasons: dict[int, str] = {}
         self.coverage: list[float] = []
-        self.boards: dict[int, BoardSeen] = {}
+        self.boards: dict[int, BoardObservation] = {}
         self._on_recorded = on_recorded
 
     def moving(self, index: int) -> None:
@@ -60,11 +61,11 @@ class Told:
     def missing(self, index: int, reason: str) -> None:
         self.reasons[index] = reason
 
-    def seen(self, index: int, board: BoardSeen, coverage: float) -> None:
+    def detected(self, index: int, board: BoardObservation, coverage: float) -> None:
         self.boards[index] = board
         self.coverage.append(coverage)
 
-    def unseen(self, index: int, reason: str) -> None:
+    def not_detected(self, index: int, reason: str) -> None:
         self.reasons[index] = reason
 
     def home(self) -> None:
@@ -92,6 +93,10 @@ def controller_q(cell: Cell) -> NDArray[np.float64]:
         return admin.state().q_rad
 
 
+def prepared_calibration(cell: Cell, board: Board = BOARD, **numbers: int) -> PreparedCalibration:
+    return cell.prepare_calibration(board, time.monotonic(), **numbers)
+
+
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return tmp_path_factory.mktemp("calibration")
@@ -110,8 +115,8 @@ def done(cell: Cell, folder: Path) -> tuple[CalibrationRun, Told, Path]:
     """A calibration of that cell, its listener, and its folder."""
     reasons: set[str | None] = set()
     told, run_folder = Told(lambda _: reasons.add(cell.status.reason)), folder / "runs" / "1"
-    plan = cell.prepare_calibration(BOARD)
-    run = run_calibration(cell, plan, run_folder, BOARD, told)
+    prepared = prepared_calibration(cell)
+    run, plan = run_calibration(cell, prepared, run_folder, told), prepared.plan
     np.testing.assert_allclose(controller_q(cell), plan.home_q_rad, atol=2e-3)
     assert cell.status.state == "ready"
     assert reasons == {"a calibration is under way"}
@@ -129,7 +134,7 @@ def test_the_camera_is_found_where_it_is(cell: Cell, done: tuple[CalibrationRun,
     assert off_m < 0.0004
     assert off_rad < np.deg2rad(0.08)
     assert off_m < 3 * run.result.sigma_m
-    assert run.unseen == ()
+    assert run.unused == ()
     assert told.reasons == {}
     assert {(board.corners, board.possible) for board in told.boards.values()} == {(48, 48)}
     assert told.coverage == sorted(told.coverage)
@@ -170,14 +175,14 @@ def test_what_is_in_the_folder_gives_the_same_again(cell: Cell, done: tuple[Cali
 def test_a_calibration_is_never_written_over(cell: Cell, done: tuple[CalibrationRun, Told, Path]) -> None:
     before = controller_q(cell)
     with pytest.raises(CalibrationFolderError, match="holds a calibration already"):
-        run_calibration(cell, cell.prepare_calibration(BOARD), done[2], BOARD, Told())
+        run_calibration(cell, prepared_calibration(cell), done[2], Told())
     np.testing.assert_array_equal(controller_q(cell), before)
 
 
 def verification_of(cell: Cell, folder: Path) -> Verification:
     reasons: set[str | None] = set()
     told = Told(lambda _: reasons.add(cell.status.reason))
-    verification = run_verification(cell, cell.prepare_verification(), folder, told)
+    verification = run_verification(cell, cell.prepare_verification(time.monotonic()), folder, told)
     assert reasons == {"a verification is under way"}
     return verification
 
@@ -186,7 +191,7 @@ def test_a_calibration_in_use_is_verified_and_a_drift_noticed(
     cell: Cell, folder: Path, done: tuple[CalibrationRun, Told, Path], tmp_path: Path
 ) -> None:
     with pytest.raises(CalibrationError, match="no hand-eye calibration to verify yet: calibrate the cell with"):
-        cell.prepare_verification()
+        cell.prepare_verification(time.monotonic())
     active = folder / HAND_EYE_FILE
     activate(done[2] / HAND_EYE_FILE, active)
     try:
@@ -201,7 +206,7 @@ def test_a_calibration_in_use_is_verified_and_a_drift_noticed(
         assert not bad.passed
         assert "calibrate again" in bad.message
         # For a scan the strings lie there again, and it is that file's calibration.
-        cell.prepare(2)
+        cell.prepare_scan(2, time.monotonic())
         assert cell.status.hand_eye is not None
         assert cell.status.hand_eye.T_flange_camera[0, 3] == document["T_flange_camera"]["xyz_m"][0]
     finally:
@@ -214,21 +219,21 @@ def test_a_verification_goes_by_the_calibration_that_it_was_planned_with(
     active = folder / HAND_EYE_FILE
     activate(done[2] / HAND_EYE_FILE, active)
     try:
-        plan, before = cell.prepare_verification(), controller_q(cell)
-        assert cell.made_with(plan).sha256 == load_hand_eye(active, np.inf).sha256
+        prepared, before = cell.prepare_verification(time.monotonic()), controller_q(cell)
+        assert prepared.hand_eye.sha256 == load_hand_eye(active, np.inf).sha256
         document = json.loads(active.read_text())
         document["T_flange_camera"]["xyz_m"][0] += 0.005
         active.write_text(json.dumps(document))
-        with pytest.raises(CalibrationError, match="changed while it was to be verified: verify it again"):
-            run_verification(cell, plan, tmp_path / "run", Told())
+        with pytest.raises(CalibrationError, match="changed during its verification: verify it again"):
+            run_verification(cell, prepared, tmp_path / "run", Told())
         np.testing.assert_array_equal(controller_q(cell), before)
     finally:
         active.unlink()
 
 
 def test_the_arm_moves_by_the_mounting_that_it_was_planned_with(cell: Cell, folder: Path, tmp_path: Path) -> None:
-    plan = cell.prepare_calibration(BOARD, poses=10, held_out=0)
-    planned_with, active = cell.made_with(plan).T_flange_camera, folder / HAND_EYE_FILE
+    prepared = prepared_calibration(cell, poses=10, held_out=0)
+    planned_with, active = prepared.hand_eye.T_flange_camera, folder / HAND_EYE_FILE
     try:
         write_hand_eye(active, planned_with @ from_rotation_vector((0.1, 0, 0), (0, 0, 0)), created=datetime.now(UTC))
         views: list[View] = []
@@ -239,22 +244,19 @@ def test_the_arm_moves_by_the_mounting_that_it_was_planned_with(cell: Cell, fold
                 cell.stop()
                 return view
 
-        with pytest.raises(StoppedError), cell.calibrating(plan, Stopping(), Told(), 8) as looks:
-            list(looks)
+        with pytest.raises(StoppedError), cell.run(prepared, Stopping(), Told()) as views_of_run:
+            list(views_of_run)
         np.testing.assert_array_equal(views[0].T_flange_camera, planned_with)
-        cell.prepare(2)
-        with pytest.raises(CalibrationError, match="was not the last one to be prepared"):
-            run_calibration(cell, replace(plan), tmp_path / "run", BOARD, Told())
     finally:
         active.unlink()
 
 
 def test_a_folder_that_cannot_be_written_shows_before_anything_moves(cell: Cell, tmp_path: Path) -> None:
-    plan, before = cell.prepare_calibration(BOARD, poses=10, held_out=0), controller_q(cell)
+    prepared, before = prepared_calibration(cell, poses=10, held_out=0), controller_q(cell)
     (tmp_path / "file").write_text("")
     told = Told()
     with pytest.raises(OSError, match="Not a directory"):
-        run_calibration(cell, plan, tmp_path / "file" / "run", BOARD, told)
+        run_calibration(cell, prepared, tmp_path / "file" / "run", told)
     assert told.events == []
     np.testing.assert_array_equal(controller_q(cell), before)
     limit = resource.getrlimit(resource.RLIMIT_FSIZE)
@@ -262,7 +264,7 @@ def test_a_folder_that_cannot_be_written_shows_before_anything_moves(cell: Cell,
     resource.setrlimit(resource.RLIMIT_FSIZE, (1 << 20, limit[1]))
     try:
         with pytest.raises(OSError, match="File too large"):
-            run_calibration(cell, plan, tmp_path / "run", BOARD, told)
+            run_calibration(cell, prepared, tmp_path / "run", told)
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, limit)
     assert told.events == []
@@ -276,9 +278,9 @@ def test_a_cell_whose_calibration_cannot_be_used_is_not_ready_after_the_run(
     active = folder / HAND_EYE_FILE
     write_hand_eye(active, T_FLANGE_CAMERA, created=datetime.now(UTC), camera_id="another")
     try:
-        plan = cell.prepare_calibration(BOARD, poses=10, held_out=0)
+        prepared = prepared_calibration(cell, poses=10, held_out=0)
         with pytest.raises(MissingViewsError):
-            run_calibration(cell, plan, tmp_path / "run", Board(dictionary="DICT_5X5_100"), Told())
+            run_calibration(cell, replace(prepared, board=Board(dictionary="DICT_5X5_100")), tmp_path / "run", Told())
         assert (cell.status.state, cell.status.slug) == ("not_ready", "calibration")
         assert "made with camera another" in str(cell.status.reason)
     finally:
@@ -292,7 +294,7 @@ def test_looks_that_the_camera_fails_are_named_and_the_others_solved_from(cell: 
         cell.camera.fault("constant" if len(told.events) == 6 else "none")  # three views are taken
 
     told = Told(on_recorded=fail)
-    plan = cell.prepare_calibration(BOARD, poses=9, held_out=0)
+    prepared = prepared_calibration(cell, poses=9, held_out=0)
     # The camera gives nothing from then on, until it is well again.
     missing = told.missing
 
@@ -301,10 +303,10 @@ def test_looks_that_the_camera_fails_are_named_and_the_others_solved_from(cell: 
         cell.camera.fault("none")
 
     told.missing = well_again
-    run = run_calibration(cell, plan, tmp_path / "run", BOARD, told)
+    run = run_calibration(cell, prepared, tmp_path / "run", told)
     assert len(told.reasons) == 1
     assert len(run.result.views) == 8
-    assert len(run.unseen) == 1
+    assert len(run.unused) == 1
     assert "not-verified" in {finding.code for finding in run.result.findings}
     assert not run.verification.passed
 
@@ -316,7 +318,7 @@ def test_what_was_taken_until_a_stop_is_on_the_disk(cell: Cell, tmp_path: Path) 
 
     told = Told(on_recorded=stop)
     with pytest.raises(StoppedError):
-        run_calibration(cell, cell.prepare_calibration(BOARD), tmp_path / "run", BOARD, told)
+        run_calibration(cell, prepared_calibration(cell), tmp_path / "run", told)
     assert cell.status.slug == "stopped"
     observed = detect_views(read_folder(tmp_path / "run"))
     assert len(observed.observations.views) + len(observed.held_out.views) == 3
@@ -327,9 +329,9 @@ def test_what_was_taken_until_a_stop_is_on_the_disk(cell: Cell, tmp_path: Path) 
 def test_a_board_that_nobody_laid_there_is_missed(cell: Cell, tmp_path: Path) -> None:
     told = Told()
     another = Board(dictionary="DICT_5X5_100")
-    plan = cell.prepare_calibration(BOARD, poses=8, held_out=0)
+    prepared = prepared_calibration(cell, poses=8, held_out=0)
     with pytest.raises(MissingViewsError, match="seen in 0 views, 8 are needed: lay it flat in the middle"):
-        run_calibration(cell, plan, tmp_path / "run", another, told)
+        run_calibration(cell, replace(prepared, board=another), tmp_path / "run", told)
     assert set(told.reasons) == set(range(8))
     assert cell.status.state == "ready"
 
@@ -342,7 +344,7 @@ def test_without_any_idea_of_the_mounting_the_error_says_how_to_measure_it(tmp_p
     )
     with closing(Cell(settings)) as cell:
         with pytest.raises(CalibrationError, match=r"measure with a ruler .* hand_eye\.rough_xyz_m"):
-            cell.prepare_calibration(BOARD)
+            prepared_calibration(cell)
         with pytest.raises(CalibrationError, match=r"there is no hand-eye calibration .* yet: calibrate the"):
             cell.connect()
 
@@ -359,7 +361,7 @@ def test_a_rough_mounting_by_a_ruler_will_do(tmp_path: Path) -> None:
         rough_rotation_rad=tuple(turn / (2 * np.sin(angle)) * angle),
     )
     with closing(Cell(told)) as cell:
-        run = run_calibration(cell, cell.prepare_calibration(BOARD), tmp_path / "run", BOARD, Told())
+        run = run_calibration(cell, prepared_calibration(cell), tmp_path / "run", Told())
     assert run.result.verdict == "accept"
     off_m, off_rad = error_of(run.result.X, told)
     # Three sigma of what this arm allows, as measured over many cells.
@@ -371,11 +373,13 @@ def test_a_rough_mounting_by_a_ruler_will_do(tmp_path: Path) -> None:
 def test_a_board_that_looks_the_same_from_two_sides(tmp_path: Path) -> None:
     with closing(Cell(settings_with(tmp_path))) as cell:
         board = Board(kind="checkerboard", columns=9, rows=7, pitch_m=0.026)
-        run = run_calibration(cell, cell.prepare_calibration(board), tmp_path / "runs" / "1", board, Told())
+        run = run_calibration(cell, prepared_calibration(cell, board), tmp_path / "runs" / "1", Told())
         assert run.result.verdict == "accept"
         assert [view.used for view in run.result.views] == [True] * 15
         assert run.verification.passed
         activate(tmp_path / "runs" / "1" / HAND_EYE_FILE, tmp_path / "hand_eye.json")
-        verification = run_verification(cell, cell.prepare_verification(), tmp_path / "runs" / "2", Told())
+        verification = run_verification(
+            cell, cell.prepare_verification(time.monotonic()), tmp_path / "runs" / "2", Told()
+        )
         assert verification.passed
         assert verification.board_moved_m is None

@@ -15,6 +15,7 @@ from cell.config.arm_config import SimulatedArm, URArm
 from cell.config.camera_config import OakCamera, SimulatedCamera
 from cell.config.cell_config import CellSettings, HandEyeSettings
 from cell.control.cell import Cell
+from cell.control.prepared import PreparedScan
 from cell.devices import View
 from cell.errors import (
     CameraUnreachableError,
@@ -23,7 +24,6 @@ from cell.errors import (
     RobotUnreachableError,
     StoppedError,
 )
-from cell.planning.viewpoints import ViewpointPlan
 from cell.recording.writer import RecordingWriter, read_recording
 from cell.simulation.devices.world import simulated_world, world_truth
 from cell.simulation.evaluation.metrics import score
@@ -81,10 +81,13 @@ def opened(settings: CellSettings) -> Iterator[Cell]:
         cell.close()
 
 
-def scan(cell: Cell, path: Path, listener: Told, plan: ViewpointPlan | None = None) -> list[View]:
-    plan = plan or cell.prepare()
-    header = cell.header(RADIUS_M)
-    with RecordingWriter(path, header) as writer, cell.scanning(plan, writer, listener) as views:
+def prepared_scan(cell: Cell, views: int | None = None) -> PreparedScan:
+    return cell.prepare_scan(views, time.monotonic())
+
+
+def scan(cell: Cell, path: Path, listener: Told, prepared: PreparedScan | None = None) -> list[View]:
+    prepared = prepared or prepared_scan(cell)
+    with RecordingWriter(path, prepared.header) as writer, cell.run(prepared, writer, listener) as views:
         return list(views)
 
 
@@ -102,9 +105,9 @@ def cell() -> Iterator[Cell]:
 
 def test_each_view_is_announced_taken_and_on_the_disk_in_the_planned_order(cell: Cell, tmp_path: Path) -> None:
     told, path = Told(), tmp_path / "scan.mcap"
-    plan = cell.prepare()
-    views = scan(cell, path, told, plan)
-    order = [leg.view for leg in plan.legs if leg.view is not None]
+    prepared = prepared_scan(cell)
+    views = scan(cell, path, told, prepared)
+    order = [leg.view for leg in prepared.plan.legs if leg.view is not None]
     assert [view.index for view in views] == order
     assert told.events == [event for index in order for event in (("moving", index), ("recorded", index))]
     recorded = read_recording(path)
@@ -112,10 +115,10 @@ def test_each_view_is_announced_taken_and_on_the_disk_in_the_planned_order(cell:
     for taken, read in zip(views, recorded.views, strict=True):
         np.testing.assert_array_equal(taken.T_base_flange, read.T_base_flange)
         # The pose is the controller's own; the plan's is by nominal kinematics, which the virtual arm has.
-        wanted = plan.viewpoints[taken.index].T_base_flange
+        wanted = prepared.plan.viewpoints[taken.index].T_base_flange
         np.testing.assert_allclose(taken.T_base_flange, wanted, atol=5e-4)
     # The arm is home and the cell ready for the next.
-    np.testing.assert_allclose(controller_q(cell), plan.home_q_rad, atol=2e-3)
+    np.testing.assert_allclose(controller_q(cell), prepared.plan.home_q_rad, atol=2e-3)
     assert cell.status.state == "ready"
 
 
@@ -165,29 +168,29 @@ def test_a_view_that_the_camera_fails_is_missing_and_the_other_seven_are_kept(ce
 
 
 def test_the_views_can_be_asked_for_again_after_the_last(cell: Cell, tmp_path: Path) -> None:
-    plan = cell.prepare(2)
+    prepared = prepared_scan(cell, 2)
     with (
-        RecordingWriter(tmp_path / "scan.mcap", cell.header(RADIUS_M)) as writer,
-        cell.scanning(plan, writer, Told()) as views,
+        RecordingWriter(tmp_path / "scan.mcap", prepared.header) as writer,
+        cell.run(prepared, writer, Told()) as views,
     ):
         assert len(list(views)) == 2
         assert list(views) == []
 
 
 def test_an_error_behind_the_last_view_does_not_stop_an_arm_that_is_home(cell: Cell, tmp_path: Path) -> None:
-    def refused(plan: ViewpointPlan) -> None:
+    def refused(prepared: PreparedScan) -> None:
         with (
-            RecordingWriter(tmp_path / "scan.mcap", cell.header(RADIUS_M)) as writer,
-            cell.scanning(plan, writer, Told()) as views,
+            RecordingWriter(tmp_path / "scan.mcap", prepared.header) as writer,
+            cell.run(prepared, writer, Told()) as views,
         ):
             list(views)
             views.wait()
             raise ZeroDivisionError
 
-    plan = cell.prepare(2)
+    prepared = prepared_scan(cell, 2)
     with pytest.raises(ZeroDivisionError):
-        refused(plan)
-    np.testing.assert_allclose(controller_q(cell), plan.home_q_rad, atol=2e-3)
+        refused(prepared)
+    np.testing.assert_allclose(controller_q(cell), prepared.plan.home_q_rad, atol=2e-3)
     assert cell.status.state == "ready"
 
 
@@ -211,21 +214,21 @@ def test_a_fault_is_not_forgotten_because_somebody_plans(tmp_path: Path) -> None
 
 def test_a_camera_that_shows_nothing_fails_the_scan_and_leaves_the_arm_home(tmp_path: Path) -> None:
     with opened(simulated()) as cell:
-        plan = cell.prepare()
+        prepared = prepared_scan(cell)
         cell.camera.fault("zero")
         told = Told()
         with pytest.raises(MissingViewsError, match="0 views were taken, 4 are needed"):
-            scan(cell, tmp_path / "scan.mcap", told, plan)
+            scan(cell, tmp_path / "scan.mcap", told, prepared)
         assert set(told.reasons) == set(range(8))
-        np.testing.assert_allclose(controller_q(cell), plan.home_q_rad, atol=2e-3)
+        np.testing.assert_allclose(controller_q(cell), prepared.plan.home_q_rad, atol=2e-3)
 
 
 def test_a_stop_between_planning_and_moving_keeps_the_arm_where_it_is(cell: Cell, tmp_path: Path) -> None:
-    plan = cell.prepare()
+    prepared = prepared_scan(cell)
     before = controller_q(cell)
     cell.stop()
     with pytest.raises(StoppedError):
-        scan(cell, tmp_path / "scan.mcap", Told(), plan)
+        scan(cell, tmp_path / "scan.mcap", Told(), prepared)
     np.testing.assert_array_equal(controller_q(cell), before)
     assert cell.status.slug == "stopped"
     cell.connect()
@@ -233,10 +236,10 @@ def test_a_stop_between_planning_and_moving_keeps_the_arm_where_it_is(cell: Cell
 
 
 def test_a_stop_when_the_arm_is_home_leaves_a_cell_that_was_never_ready_behind_it(cell: Cell, tmp_path: Path) -> None:
-    plan, told = cell.prepare(2), []
+    prepared, told = prepared_scan(cell, 2), []
     with (
-        RecordingWriter(tmp_path / "scan.mcap", cell.header(RADIUS_M)) as writer,
-        cell.scanning(plan, writer, Told()) as views,
+        RecordingWriter(tmp_path / "scan.mcap", prepared.header) as writer,
+        cell.run(prepared, writer, Told()) as views,
     ):
         assert len(list(views)) == 2
         views.wait()
@@ -250,36 +253,36 @@ def test_what_was_asked_for_before_a_stop_is_refused_and_changes_nothing(cell: C
     asked_s = time.monotonic()
     cell.stop()
     cell.connect()
-    with pytest.raises(StoppedError, match="after this was asked for"):
-        cell.prepare(2, asked_s)
+    with pytest.raises(StoppedError, match="stopped after this request"):
+        cell.prepare_scan(2, asked_s)
     assert cell.status.state == "ready"
-    cell.prepare(2)
+    prepared_scan(cell, 2)
 
 
 def test_a_robot_lost_on_the_way_home_is_a_fault_though_too_few_views_came_first(tmp_path: Path) -> None:
     """With too few views the arm goes home all the same; what happens on that way is the worse news."""
     with opened(simulated()) as cell:
-        plan = cell.prepare()
+        prepared = prepared_scan(cell)
         cell.camera.fault("zero")
         with closing(controller(cell)) as admin:
 
             def lost(_: int) -> None:
-                if len(told.reasons) == len(plan.viewpoints):
+                if len(told.reasons) == len(prepared.plan.viewpoints):
                     admin.protective_stop(at_share=0.5)  # of the next move
 
             told = Told(on_missing=lost)
             with pytest.raises(MissingViewsError):
-                scan(cell, tmp_path / "scan.mcap", told, plan)
+                scan(cell, tmp_path / "scan.mcap", told, prepared)
         assert (cell.status.state, cell.status.slug) == ("fault", "protective-stop")
 
 
 def test_an_arm_that_was_moved_since_the_scan_was_planned_is_not_sent_that_way(tmp_path: Path) -> None:
     with opened(simulated()) as cell:
-        plan = cell.prepare(2)
+        prepared = prepared_scan(cell, 2)
         admin = controller(cell)
         # A person takes it at the pendant, turns its base, and gives it back; then somebody connects.
         admin.foreign_program()
-        admin.reset(plan.start_q_rad + [1.2, 0.0, 0.0, 0.0, 0.0, 0.0])
+        admin.reset(prepared.plan.start_q_rad + [1.2, 0.0, 0.0, 0.0, 0.0, 0.0])
         # The watch of an idle arm notices; to connect before that would end in the same finding, or find nothing yet.
         deadline = time.monotonic() + 20.0
         while cell.status.state == "ready":
@@ -287,40 +290,40 @@ def test_an_arm_that_was_moved_since_the_scan_was_planned_is_not_sent_that_way(t
             time.sleep(0.02)
         cell.connect()
         begin = admin.state().events
-        with pytest.raises(RobotNotReadyError, match="moved after its way was planned"):
-            scan(cell, tmp_path / "scan.mcap", Told(), plan)
+        with pytest.raises(RobotNotReadyError, match="moved after its path was planned"):
+            scan(cell, tmp_path / "scan.mcap", Told(), prepared)
         assert not [event for event in admin.log(begin) if event["kind"] == "motion_start"]
         admin.close()
         assert len(scan(cell, tmp_path / "another.mcap", Told())) == 8
 
 
 def test_a_scan_that_nobody_wants_any_more_stops_the_arm(tmp_path: Path) -> None:
-    def interrupted(cell: Cell, plan: ViewpointPlan) -> None:
+    def interrupted(cell: Cell, prepared: PreparedScan) -> None:
         with (
-            RecordingWriter(tmp_path / "scan.mcap", cell.header(RADIUS_M)) as writer,
-            cell.scanning(plan, writer, Told()) as views,
+            RecordingWriter(tmp_path / "scan.mcap", prepared.header) as writer,
+            cell.run(prepared, writer, Told()) as views,
         ):
             next(iter(views))
             raise KeyboardInterrupt
 
     with opened(simulated(time_factor=2.0)) as cell:
-        plan = cell.prepare()
+        prepared = prepared_scan(cell)
         admin = controller(cell)
         with pytest.raises(KeyboardInterrupt):
-            interrupted(cell, plan)
+            interrupted(cell, prepared)
         assert not admin.state().moving
         moves = [event for event in admin.log() if event["kind"] == "motion_start"]
         admin.close()
-        assert len(moves) < len(plan.legs)
+        assert len(moves) < len(prepared.plan.legs)
     assert len(read_recording(tmp_path / "scan.mcap").views) >= 1
 
 
 def test_two_cells_work_side_by_side_and_one_stops_alone(tmp_path: Path) -> None:
     with opened(simulated()) as one, opened(simulated()) as other:
-        plans = [each.prepare() for each in (one, other)]
+        prepared = [prepared_scan(each) for each in (one, other)]
         assert one.controller_host != other.controller_host
         one.stop()
-        assert len(scan(other, tmp_path / "other.mcap", Told(), plans[1])) == 8
+        assert len(scan(other, tmp_path / "other.mcap", Told(), prepared[1])) == 8
         assert one.status.slug == "stopped"
 
 
@@ -375,8 +378,8 @@ def test_a_controller_that_is_not_ours_carries_the_simulated_camera(tmp_path: Pa
         arm = URArm(kind="ur", host=other.host, watchdog_hz=1.0)
         camera = simulated().camera.model_copy(update={"kind": "simulated"})
         with opened(CellSettings(arm=arm, camera=camera)) as cell:
-            views = scan(cell, tmp_path / "scan.mcap", Told())
-            header = cell.header(RADIUS_M)
+            prepared = prepared_scan(cell)
+            views, header = scan(cell, tmp_path / "scan.mcap", Told(), prepared), prepared.header
             world = simulated_world(cell.settings)
         model = recognise(
             views, ChainParameters.for_radius(RADIUS_M), Scene(header.table_z_m, header.workspace_m), "graph"

@@ -5,12 +5,12 @@ from typing import Any
 
 import pytest
 
-from cell.control.status import CellStatus, KeptStatus
+from cell.control.status import CellStatus, SharedStatus
 
 
 def test_each_change_is_told_in_order_whichever_thread_makes_it() -> None:
-    status, told = KeptStatus(), list[CellStatus]()
-    status.tell(told.append)
+    status, told = SharedStatus(), list[CellStatus]()
+    status.subscribe(told.append)
 
     def change(thread: int) -> None:
         for number in range(500):
@@ -29,24 +29,24 @@ def test_each_change_is_told_in_order_whichever_thread_makes_it() -> None:
 
 
 def test_what_changes_nothing_is_not_told() -> None:
-    status, told = KeptStatus(), list[CellStatus]()
-    status.tell(told.append)
-    status.no_longer_ready("stopped", "by request")  # it was not ready
+    status, told = SharedStatus(), list[CellStatus]()
+    status.subscribe(told.append)
+    status.leave_ready("stopped", "by request")  # it was not ready
     assert told == []
-    status.after(None)
-    status.no_longer_ready("stopped", "by request")
+    status.set_outcome(None)
+    status.leave_ready("stopped", "by request")
     assert [one.state for one in told] == ["ready", "not_ready"]
 
 
 def test_who_changes_it_does_not_wait_for_one_who_is_being_told() -> None:
-    status, told, entered, let_go = KeptStatus(), list[str | None](), threading.Event(), threading.Event()
+    status, told, entered, let_go = SharedStatus(), list[str | None](), threading.Event(), threading.Event()
 
     def slow(now: CellStatus) -> None:
         entered.set()
         assert let_go.wait(60)
         told.append(now.slug)
 
-    status.tell(slow)
+    status.subscribe(slow)
     first = threading.Thread(target=status.change, kwargs={"slug": "first"})
     first.start()
     assert entered.wait(60)
@@ -58,7 +58,7 @@ def test_who_changes_it_does_not_wait_for_one_who_is_being_told() -> None:
 
 
 def test_a_listener_that_fails_or_changes_the_status_itself(caplog: pytest.LogCaptureFixture) -> None:
-    status, told = KeptStatus(), list[Any]()
+    status, told = SharedStatus(), list[Any]()
 
     def fails(_: CellStatus) -> None:
         raise RuntimeError("of no use")
@@ -68,7 +68,7 @@ def test_a_listener_that_fails_or_changes_the_status_itself(caplog: pytest.LogCa
             status.change(slug="seen")
 
     for listener in (fails, reacts, lambda now: told.append((now.state, now.slug))):
-        status.tell(listener)
-    status.after(None)
+        status.subscribe(listener)
+    status.set_outcome(None)
     assert told == [("ready", None), ("ready", "seen")]
     assert caplog.messages == ["a listener to the cell's status failed"] * 2

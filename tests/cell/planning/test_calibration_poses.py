@@ -6,7 +6,6 @@ import pytest
 
 from calibration.geometry.transforms import from_rotation_vector, inverse, rotation_angle, transform_points
 from calibration.target.board import Board
-from cell.camera.optics import camera_optics
 from cell.config.arm_config import SimulatedArm
 from cell.config.camera_config import SimulatedCamera
 from cell.config.cell_config import CellSettings, MountingSettings, WorkspaceSettings
@@ -52,7 +51,7 @@ def reached(plan: ViewpointPlan) -> list[Viewpoint]:
 @pytest.mark.parametrize("cell", range(len(CELLS)))
 def test_wherever_the_board_lies_about_the_middle_every_picture_shows_all_of_it(cell: int) -> None:
     settings, plan = CELLS[cell], planned(cell)
-    optics, rng = camera_optics(settings.camera), np.random.default_rng(0)
+    optics, rng = settings.camera.optics, np.random.default_rng(0)
     points = BOARD.points - BOARD.points.mean(axis=0)
     assert plan.reached == 17
     for v, _ in itertools.product(reached(plan), range(20)):
@@ -69,7 +68,7 @@ def test_wherever_the_board_lies_about_the_middle_every_picture_shows_all_of_it(
 
 
 def test_a_mounting_measured_with_a_ruler_shows_most_of_the_board() -> None:
-    optics, rng = camera_optics(DEFAULT.camera), np.random.default_rng(0)
+    optics, rng = DEFAULT.camera.optics, np.random.default_rng(0)
     corners = BOARD.points - BOARD.points.mean(axis=0) + middle_of(DEFAULT)
     turn, shift = rng.normal(size=(2, 3))
     error = from_rotation_vector(0.03 * shift / np.linalg.norm(shift), np.deg2rad(10) * turn / np.linalg.norm(turn))
@@ -93,7 +92,7 @@ def test_the_poses_are_tilted_and_rolled_all_round_at_two_distances() -> None:
     distances = [v.distance_m for v in solved_from]
     near, far = min(distances), max(distances)
     assert LEAST_RATIO <= far / near <= LARGEST_RATIO
-    assert far <= camera_optics(DEFAULT.camera).working_m[1] + 1e-9
+    assert far <= DEFAULT.camera.optics.working_m[1] + 1e-9
     assert sum(distance > (near + far) / 2 for distance in distances) == 5
     wanted = {round(np.rad2deg(v.roll_rad)) for v in solved_from if v.fallback is None}
     assert wanted == {-75, -25, 25, 75}

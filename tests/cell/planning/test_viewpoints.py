@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from calibration.geometry.transforms import inverse, transform_points
-from cell.camera.optics import camera_optics
 from cell.config.arm_config import ArmModelName, SimulatedArm
 from cell.config.camera_config import CameraName, SimulatedCamera
 from cell.config.cell_config import CellSettings, MountingSettings, ScanSettings, WorkspaceSettings
@@ -77,7 +76,7 @@ def test_a_workspace_that_fits_the_arm_is_seen_from_all_sides(settings: CellSett
 
 @pytest.mark.parametrize("settings", CELLS)
 def test_the_camera_looks_at_the_workspace_where_the_plan_says(settings: CellSettings) -> None:
-    plan, optics = plan_of(settings), camera_optics(settings.camera)
+    plan, optics = plan_of(settings), settings.camera.optics
     (x0, x1), (y0, y1), (floor, _) = settings.workspace_m
     middle = np.array([(x0 + x1) / 2, (y0 + y1) / 2, floor])
     for v in plan.viewpoints:
@@ -97,7 +96,7 @@ def test_the_camera_looks_at_the_workspace_where_the_plan_says(settings: CellSet
 
 def test_the_whole_floor_is_in_the_image_from_the_least_distance_that_does() -> None:
     settings = cell(half_m=0.15)
-    optics = camera_optics(settings.camera)
+    optics = settings.camera.optics
     (x0, x1), (y0, y1), (floor, _) = settings.workspace_m
     corners = np.array([(x, y, floor) for x in (x0, x1) for y in (y0, y1)])
     wanted = [v for v in plan_of(settings).viewpoints if v.fallback is None]
@@ -243,7 +242,7 @@ def test_a_workspace_that_fits_the_camera_is_covered(settings: CellSettings) -> 
 def test_a_workspace_larger_than_the_pictures_is_told() -> None:
     plan = plan_of(LARGE)
     # As many places, drawn at random, are out of the pictures: each is looked for in each, one by one.
-    rng, optics = np.random.default_rng(0), camera_optics(LARGE.camera)
+    rng, optics = np.random.default_rng(0), LARGE.camera.optics
     (x0, x1), (y0, y1), (floor, _) = LARGE.workspace_m
     places = np.column_stack([rng.uniform(x0, x1, 4000), rng.uniform(y0, y1, 4000), np.full(4000, floor)])
     pictures = np.zeros(len(places))

@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from cell.camera.optics import camera_optics
 from cell.config.camera_config import SimulatedCamera
 from cell.config.cell_config import CellSettings
 from cell.devices import CameraInfo, Frame
@@ -54,7 +53,7 @@ def test_what_a_camera_says_of_itself_is_judged(
 def test_a_depth_image_is_judged(
     depth_m: float, share: float, age_s: float, focal: float, aside: bool, outcome: str, told: str
 ) -> None:
-    optics = camera_optics(SimulatedCamera())
+    optics = SimulatedCamera().optics
     depth = np.zeros((optics.height, optics.width), dtype=np.uint16)
     depth[: round(share * optics.height)] = round(depth_m / 1e-4)
     K = optics.K @ np.diag([focal, focal, 1.0])

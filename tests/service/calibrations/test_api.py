@@ -17,7 +17,7 @@ import pytest
 from calibration.target.board import Board
 from cell.config.camera_config import SimulatedCamera
 from cell.config.cell_config import CellSettings
-from cell.control.board_observation import BoardSeen
+from cell.control.calibration_run import BoardObservation
 from cell.simulation.devices.world import simulated_world
 from recognition.registration.hand_eye_error import HandEyeErrorEstimate
 from service.data_folder import DataFolder
@@ -77,7 +77,7 @@ def client(
         for row in left.values():
             store.calibrations.add(row)
         store.calibrations.set_view(left["scanning"].id, 0, "recorded")
-        store.calibrations.set_seen(left["scanning"].id, 0, BoardSeen(40, 48, 0.12, (3, 4, 11)))
+        store.calibrations.set_seen(left["scanning"].id, 0, BoardObservation(40, 48, 0.12, (3, 4, 11)))
         store.calibrations.set_view(left["scanning"].id, 1, "moving")
         information = np.diag([1e6] * 3 + [4e6] * 3)
         for _ in range(3):

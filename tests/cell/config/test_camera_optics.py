@@ -2,14 +2,14 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from cell.camera.optics import baseline_m, camera_optics
 from cell.config.camera_config import CameraName, OakCamera, OakProduct, SimulatedCamera
+from cell.config.camera_optics import baseline_m
 from cell.simulation.rendering.depth_camera import CAMERAS
 
 
 @pytest.mark.parametrize("name", ["oak-d-sr", "oak-d-pro", "ideal"])
 def test_a_simulated_camera_s_optics_are_its_own(name: CameraName) -> None:
-    model, optics = CAMERAS[name], camera_optics(SimulatedCamera(model=name))
+    model, optics = CAMERAS[name], SimulatedCamera(model=name).optics
     assert np.array_equal(optics.K, model.K)
     assert (optics.width, optics.height, optics.near_m) == (model.width, model.height, model.near_m)
     assert optics.working_m == model.working_m
@@ -30,7 +30,7 @@ def test_an_oak_measures_from_where_its_maker_says(
     product: OakProduct, size: tuple[int, int], extended: bool, near_m: float, tolerance_m: float
 ) -> None:
     camera = OakCamera(kind="oak", product=product, width=size[0], height=size[1], extended_disparity=extended)
-    optics = camera_optics(camera)
+    optics = camera.optics
     assert optics.near_m == pytest.approx(near_m, abs=tolerance_m)
     assert (optics.width, optics.height) == size
     near, far = optics.working_m
@@ -41,7 +41,7 @@ def test_an_oak_measures_from_where_its_maker_says(
 
 def test_the_field_of_view_does_not_depend_on_the_resolution() -> None:
     half, full = (
-        camera_optics(OakCamera(kind="oak", width=width, height=height)) for width, height in ((640, 400), (1280, 800))
+        OakCamera(kind="oak", width=width, height=height).optics for width, height in ((640, 400), (1280, 800))
     )
     assert half.width / half.K[0, 0] == full.width / full.K[0, 0]
     # 77 degrees across, of the rectified images.
@@ -50,7 +50,7 @@ def test_the_field_of_view_does_not_depend_on_the_resolution() -> None:
 
 def test_a_working_range_that_is_given_is_taken() -> None:
     for camera in (SimulatedCamera(working_m=(0.3, 0.5)), OakCamera(kind="oak", working_m=(0.3, 0.5))):
-        assert camera_optics(camera).working_m == (0.3, 0.5)
+        assert camera.optics.working_m == (0.3, 0.5)
 
 
 def test_cameras_that_do_not_exist_are_refused() -> None:

@@ -1,0 +1,60 @@
+"""What the driver of a camera must offer. The driver runs in a child process of its own."""
+
+from typing import Literal, Protocol
+
+from cell.devices import CameraInfo, Frame
+
+Fault = Literal["none", "silent", "zero", "constant", "stale", "lost"]
+"""Faults of a simulated camera. `silent` sends nothing; `zero` sends depth without measurements and black images;
+`constant` sends one depth and one grey level; `stale` sends old images; `lost` closes the stream."""
+
+
+class CameraDriver(Protocol):
+    """Drive one camera.
+
+    The methods are called one at a time. Their arguments, results and errors must be picklable. A driver imports the
+    vendor's library inside its methods, so that the parent process never loads it.
+    """
+
+    def open(self) -> CameraInfo:
+        """Open the camera, wait for its first image, and let its exposure settle.
+
+        Raises:
+            CameraUnreachableError: No camera answers, or it sends no images.
+        """
+        ...
+
+    def capture(self, after_s: float, silence_s: float, patience_s: float, with_image: bool = False) -> Frame:
+        """Return the median of the configured number of exposures.
+
+        Args:
+            after_s: Earliest start of an exposure, seconds of `time.monotonic()`.
+            silence_s: Largest time between two images.
+            patience_s: Time after which all exposures must be there.
+            with_image: Whether the frame has an intensity image.
+
+        Raises:
+            CameraLostError: The link to the camera broke.
+            BadFrameError: The images show nothing, or too few came.
+        """
+        ...
+
+    def info(self) -> CameraInfo:
+        """Return the camera's present state.
+
+        Raises:
+            CameraLostError: The camera does not answer.
+        """
+        ...
+
+    def fault(self, kind: Fault) -> None:
+        """Make a simulated camera fail from now on.
+
+        Raises:
+            CellError: The camera is a real one.
+        """
+        ...
+
+    def close(self) -> None:
+        """Release the camera."""
+        ...

@@ -1,0 +1,214 @@
+"""Preparation of a scan, a calibration or a verification: connect, plan, check. The arm does not move."""
+
+import logging
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from datetime import datetime
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.input_checks.observations import MIN_VIEWS
+from calibration.storage.hand_eye_file import HandEye
+from calibration.target.board import Board
+from cell.config.cell_config import CellSettings
+from cell.control.active_calibration import (
+    hand_eye_in_use,
+    initial_guess,
+    require_own_devices,
+    require_still_verified,
+    require_unchanged,
+    verifiable_hand_eye,
+)
+from cell.control.equipment import Equipment
+from cell.control.prepared import Prepared, PreparedCalibration, PreparedScan, PreparedVerification
+from cell.control.status import SharedStatus
+from cell.control.stop_requests import StopRequests
+from cell.devices import ArmInfo, CameraInfo
+from cell.errors import AcknowledgeRequiredError, CalibrationError, CameraLostError, CellError, StoppedError
+from cell.planning.calibration_poses import plan_calibration, plan_verification
+from cell.planning.viewpoints import ViewpointPlan, plan_viewpoints, require_enough
+from cell.recording.header import RecordingHeader
+
+log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True, eq=False)
+class Connected:
+    """Devices that answered, and the calibration that they are used with."""
+
+    arm: ArmInfo
+    """Connected arm."""
+    camera: CameraInfo
+    """Connected camera."""
+    hand_eye: HandEye | None
+    """Calibration of this camera and robot, or None where none is needed."""
+
+
+class Preparation:
+    """Connect arm and camera and plan their tour. It belongs to the thread that uses the equipment."""
+
+    def __init__(self, settings: CellSettings, equipment: Equipment, status: SharedStatus, stops: StopRequests) -> None:
+        self._settings, self._equipment, self._status, self._stops = settings, equipment, status, stops
+
+    def scan(self, views: int | None, requested_at: float) -> PreparedScan:
+        """Prepare a scan, as `Cell.prepare_scan` says."""
+        self._stops.raise_if_stopped_since(requested_at)  # before connecting: a stale request must not connect
+        self._equipment.lay_board(None)
+        connected = self.connect(self.active_hand_eye)
+        hand_eye = connected.hand_eye
+        assert hand_eye is not None
+        plan = self.plan_scan(views, hand_eye)
+        require_enough(plan, self._settings.for_views(views).scan.min_views)
+        self._stops.raise_if_stopped_since(requested_at)
+        min_views = min(self._settings.scan.min_views, len(plan.viewpoints))
+        header = self._recording_header(hand_eye, connected)
+        return PreparedScan(plan, hand_eye, requested_at, min_views, header)
+
+    def calibration(self, board: Board, poses: int, held_out: int, requested_at: float) -> PreparedCalibration:
+        """Prepare a calibration, as `Cell.prepare_calibration` says."""
+        guess = initial_guess(self._settings.hand_eye, self._equipment.nominal_hand_eye)
+        self._stops.raise_if_stopped_since(requested_at)
+        self._equipment.lay_board(board)
+        connected = self.connect(None)
+        camera_id, robot_serial = connected.camera.device_id, connected.arm.serial
+        try:
+            hand_eye = guess.choose(camera_id, robot_serial)
+            plan = plan_calibration(self._settings, board, hand_eye.T_flange_camera, self._q_rad, poses, held_out)
+        except CellError:
+            self.require_usable()
+            raise
+        self._stops.raise_if_stopped_since(requested_at)
+        return PreparedCalibration(plan, hand_eye, requested_at, MIN_VIEWS, board, camera_id, robot_serial)
+
+    def verification(self, requested_at: float) -> PreparedVerification:
+        """Prepare a verification, as `Cell.prepare_verification` says."""
+        hand_eye = verifiable_hand_eye(self._settings.hand_eye)
+        board = hand_eye.board
+        assert board is not None  # `verifiable_hand_eye` requires it
+        self._stops.raise_if_stopped_since(requested_at)
+        self._equipment.lay_board(board)
+        connected = self.connect(lambda: hand_eye)
+        plan = plan_verification(self._settings, board, hand_eye.T_flange_camera, self._q_rad)
+        self._stops.raise_if_stopped_since(requested_at)
+        ids = connected.camera.device_id, connected.arm.serial
+        return PreparedVerification(plan, hand_eye, requested_at, len(plan.viewpoints), board, *ids)
+
+    def connect(self, load_hand_eye: Callable[[], HandEye] | None) -> Connected:
+        """Connect arm and camera, unless they are connected.
+
+        Args:
+            load_hand_eye: Loads the calibration, which must be of this camera and robot. None means that no calibration
+                is needed.
+
+        Raises:
+            AcknowledgeRequiredError: A fault has not been acknowledged.
+            CellError: Arm, camera or calibration cannot be used.
+            StoppedError: A stop was requested meanwhile.
+        """
+        status, started_at = self._status.now, time.monotonic()
+        if status.state == "fault":
+            raise AcknowledgeRequiredError(status.reason)
+        if status.state != "ready":
+            self._status.change(reason="arm and camera are being connected: nothing moves")
+        try:
+            hand_eye = None if load_hand_eye is None else load_hand_eye()
+            arm = status.arm if status.state == "ready" and self._is_still_ready() else None
+            if arm is None:
+                arm = self._equipment.arm.connect()
+            camera = self._connect_camera()
+            arm_state = self._equipment.arm.state()
+            if hand_eye is not None:
+                require_own_devices(hand_eye, camera.device_id, arm.serial)
+        except Exception as error:
+            self._status.set_outcome(error)
+            raise
+        self._status.set_connected(
+            started_at, arm=arm, arm_state=arm_state, camera=camera, hand_eye=hand_eye or status.hand_eye
+        )
+        self._stops.raise_if_stopped_since(started_at)
+        return Connected(arm, camera, hand_eye)
+
+    def plan_scan(self, views: int | None, hand_eye: HandEye) -> ViewpointPlan:
+        """Plan the viewpoints of a scan from the arm's last known posture.
+
+        Raises:
+            ViewpointsError: No path leads from the arm's posture.
+        """
+        plan = plan_viewpoints(self._settings.for_views(views), hand_eye.T_flange_camera, self._q_rad)
+        self._status.change(plan=plan)
+        return plan
+
+    def active_hand_eye(self, moment: datetime | None = None) -> HandEye:
+        """Load the active calibration from its file. Its age is checked at `moment`, or now.
+
+        Raises:
+            CalibrationError: There is no usable calibration.
+        """
+        return hand_eye_in_use(self._settings.hand_eye, self._equipment.nominal_hand_eye, moment)
+
+    def require_hand_eye_unchanged(self, prepared: Prepared, started: datetime) -> None:
+        """Raise CalibrationError if the active calibration is no longer the prepared one.
+
+        Args:
+            prepared: What runs now. A calibration needs no active one.
+            started: Start of the run, at which the calibration must not be too old.
+        """
+        match prepared:
+            case PreparedScan(hand_eye=hand_eye):
+                require_unchanged(hand_eye, self.active_hand_eye(started))
+            case PreparedVerification(hand_eye=hand_eye):
+                require_still_verified(hand_eye, self._settings.hand_eye)
+
+    def require_usable(self) -> bool:
+        """Make a ready cell not ready if a scan could not use its calibration. Return whether a scan could."""
+        status = self._status.now
+        try:
+            require_own_devices(
+                self.active_hand_eye(),
+                None if status.camera is None else status.camera.device_id,
+                None if status.arm is None else status.arm.serial,
+            )
+        except CalibrationError as error:
+            self._status.leave_ready(error.slug, str(error))
+            return False
+        return True
+
+    @property
+    def _q_rad(self) -> NDArray[np.float64] | None:
+        """Last known joint angles (6,), or None."""
+        state = self._equipment.latest_arm_state or self._status.now.arm_state
+        return None if state is None else state.q_rad
+
+    def _is_still_ready(self) -> bool:
+        """Whether the arm that was ready can be moved. Raise the reason, unless the arm was stopped."""
+        try:
+            self._equipment.arm.check_ready()
+        except StoppedError:
+            return False
+        return True
+
+    def _connect_camera(self) -> CameraInfo:
+        camera = self._equipment.camera
+        if camera.connected:
+            try:
+                return camera.info()
+            except CameraLostError as error:
+                log.warning("%s; connecting the camera again", error)
+        return camera.connect()
+
+    def _recording_header(self, hand_eye: HandEye, connected: Connected) -> RecordingHeader:
+        arm, camera = connected.arm, connected.camera
+        return RecordingHeader(
+            depth_unit_m=camera.depth_unit_m,
+            string_radius_m=None,
+            T_flange_camera=hand_eye.T_flange_camera,
+            table_z_m=self._settings.mounting.table_z_m,
+            workspace_m=self._settings.workspace_m,
+            provenance={
+                "camera": f"{camera.product} {camera.device_id}",
+                "robot": f"{arm.model} {arm.serial}, software {arm.software}",
+                "calibration_sha256": hand_eye.sha256,
+            },
+        )
