@@ -17,6 +17,7 @@ from where it was. Nothing here ever connects again, unlocks, or sends a move a 
 import logging
 import threading
 import time
+from collections.abc import Callable
 from typing import Any, NoReturn
 
 import numpy as np
@@ -24,6 +25,7 @@ import numpy as np
 from calibration.geometry.transforms import from_rotation_vector
 from cell.arm.arm_reading import STEADY_RAD_S, arm_state, fastest, silence
 from cell.arm.control_program import DASHBOARD_S, OurProgram
+from cell.arm.driver import ArmDriver
 from cell.arm.robot_modes import mode_error
 from cell.arm.rtde_driver import CONNECT_S, UrDriver
 from cell.arm.ur_reading import Reading
@@ -61,8 +63,8 @@ NOT_CONNECTED = "the robot is not connected: connect first"
 class ArmLink:
     """All methods but `stop` belong to one thread at a time; `stop` and `latest` to any."""
 
-    def __init__(self, settings: ArmSettings) -> None:
-        self._settings = settings
+    def __init__(self, settings: ArmSettings, make_driver: Callable[[str, float], ArmDriver] = UrDriver) -> None:
+        self._settings, self._make_driver = settings, make_driver
         self.latest: ArmState | None = None
         """What the arm last told of itself."""
         self.stopped = threading.Event()
@@ -87,7 +89,7 @@ class ArmLink:
         """
         # In this order: a stop that finds the child finds what it is to end as well.
         self.program = OurProgram(address, self._settings.watchdog_hz)
-        self.child = child = Child("arm", UrDriver, address, self._settings.watchdog_hz)
+        self.child = child = Child("arm", self._make_driver, address, self._settings.watchdog_hz)
         try:
             try:
                 state = self.seen(*child.call("at_rest", timeout_s=CONNECT_S + 1.0))

@@ -1,14 +1,18 @@
 """A UR arm as the rest of the cell sees it, real or simulated: an `Arm` of `cell.devices`."""
 
+from collections.abc import Callable
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cell.arm.arm_reading import silence
 from cell.arm.connection import ArmLink
 from cell.arm.control_program import DASHBOARD_S
+from cell.arm.driver import ArmDriver
 from cell.arm.fault_recovery import acknowledge_protective_stop
 from cell.arm.motion import watched_move
 from cell.arm.preflight import probe, resolved
+from cell.arm.rtde_driver import UrDriver
 from cell.config.arm_config import ArmSettings
 from cell.devices import ArmInfo, ArmState
 from cell.errors import MotionError, RobotNotReadyError, StoppedError
@@ -21,10 +25,12 @@ MODEL_M = 0.05
 class UrArm:
     """One UR arm. Every method but `stop` belongs to one thread at a time; `stop`, `host` and `latest` to any."""
 
-    def __init__(self, settings: ArmSettings, host: str) -> None:
+    def __init__(
+        self, settings: ArmSettings, host: str, make_driver: Callable[[str, float], ArmDriver] = UrDriver
+    ) -> None:
         """Touches nothing yet. `host`: the controller's name or address."""
         self.settings, self.host = settings, host
-        self._link = ArmLink(settings)
+        self._link = ArmLink(settings, make_driver)
 
     @property
     def latest(self) -> ArmState | None:

@@ -31,7 +31,7 @@ SCENES = (
 
 
 class CameraSettings(StrictSettings):
-    """Settings that every kind of camera has. A subclass adds `kind`, `optics` and `device_id`."""
+    """Settings that every kind of camera has. A subclass adds `kind`, `optics`, `device_id` and `summary`."""
 
     exposures: int = Field(default=5, ge=1, le=25)
     """Number of depth images per view. The view is their median."""
@@ -52,6 +52,11 @@ class CameraSettings(StrictSettings):
     @property
     def device_id(self) -> str | None:
         """Device id of the camera, or None if the settings do not determine it."""
+        raise NotImplementedError
+
+    @property
+    def summary(self) -> str:
+        """Short description of the camera for a report."""
         raise NotImplementedError
 
     @field_validator("working_m")
@@ -107,6 +112,11 @@ class SimulatedCamera(CameraSettings):
         """Device id that the simulated camera reports."""
         return simulated_camera_id(self.model, self.seed)
 
+    @property
+    def summary(self) -> str:
+        """Model and scene."""
+        return f"simulated {self.model} that sees {self.scene}"
+
 
 class OakCamera(CameraSettings):
     """A Luxonis OAK depth camera."""
@@ -148,3 +158,8 @@ class OakCamera(CameraSettings):
         """Device id of the camera, or None if `device` is an address or is not set."""
         # An IP address or a USB port has dots or colons; a device id has none.
         return self.device if self.device is not None and self.device.isalnum() else None
+
+    @property
+    def summary(self) -> str:
+        """Product and device."""
+        return f"{self.product} camera" + (f" {self.device}" if self.device else "")

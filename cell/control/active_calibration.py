@@ -11,6 +11,7 @@ from calibration.errors import HandEyeError
 from calibration.geometry.transforms import from_rotation_vector, inverse, rotation_angle
 from calibration.storage.hand_eye_file import HandEye, load_hand_eye, require_match
 from cell.config.cell_config import HandEyeSettings
+from cell.control.prepared import Prepared, PreparedScan, PreparedVerification
 from cell.errors import CalibrationError
 
 CALIBRATE = "calibrate the cell with `pointchain calibrate run`, or name the file of a calibration in hand_eye.file"
@@ -139,18 +140,26 @@ def require_own_devices(hand_eye: HandEye, camera_id: str | None, robot_serial: 
         raise CalibrationError(str(error)) from error
 
 
-def require_still_verified(verified: HandEye, settings: HandEyeSettings) -> None:
-    """Raise CalibrationError if `verified` is no longer the active calibration."""
-    if verifiable_hand_eye(settings).sha256 != verified.sha256:
-        raise CalibrationError("the hand-eye calibration was changed during its verification: verify it again")
+def require_unchanged(prepared: Prepared, settings: HandEyeSettings, nominal: HandEye | None, moment: datetime) -> None:
+    """Raise CalibrationError if the active calibration is no longer the prepared one.
 
+    A calibration run needs no active calibration.
 
-def require_unchanged(used: HandEye, active: HandEye) -> None:
-    """Raise CalibrationError if the active calibration is not the one that the scan uses."""
-    if active.sha256 != used.sha256:
-        raise CalibrationError(
-            "the hand-eye calibration was changed during the scan: its views would not fit together. Scan again"
-        )
+    Args:
+        prepared: Scan, calibration or verification that runs now.
+        settings: Active file and maximum age.
+        nominal: Calibration of a simulated cell, or None.
+        moment: Start of the run. A calibration that becomes too old during a scan stays usable.
+    """
+    match prepared:
+        case PreparedScan(hand_eye=used):
+            if hand_eye_in_use(settings, nominal, moment).sha256 != used.sha256:
+                raise CalibrationError(
+                    "the hand-eye calibration was changed during the scan: its views would not fit together. Scan again"
+                )
+        case PreparedVerification(hand_eye=used):
+            if verifiable_hand_eye(settings).sha256 != used.sha256:
+                raise CalibrationError("the hand-eye calibration was changed during its verification: verify it again")
 
 
 def _no_guess_error(file_error: str) -> CalibrationError:

@@ -82,7 +82,12 @@ class BackgroundScan:
             BaseException: The error of the body, or else of the scan.
         """
         try:
-            self._start()
+            self._ended.clear()
+            try:
+                self._thread.start()
+            except RuntimeError:  # the system has no further thread
+                self._ended.set()
+                raise
             yield
             self.wait()
         except BaseException as error:
@@ -95,14 +100,6 @@ class BackgroundScan:
                 stop()
                 self.join()
                 raise
-            raise
-
-    def _start(self) -> None:
-        self._ended.clear()
-        try:
-            self._thread.start()
-        except RuntimeError:  # the system has no further thread
-            self._ended.set()
             raise
 
     def _run(self) -> None:

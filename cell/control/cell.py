@@ -28,6 +28,7 @@ from calibration.storage.hand_eye_file import HandEye
 from calibration.target.board import Board
 from cell.camera.camera import LiveCamera
 from cell.config.cell_config import CellSettings
+from cell.control.active_calibration import require_unchanged
 from cell.control.background_scan import BackgroundScan
 from cell.control.equipment import Equipment
 from cell.control.idle_monitor import IdleMonitor
@@ -203,13 +204,13 @@ class Cell:
             self._stops.raise_if_stopped_since(prepared.requested_at)
             self._status.change(state="busy", slug="cell-busy", reason=f"a {prepared.purpose} is under way")
             is_scan, arm = prepared.purpose == "scan", self._equipment.arm
-            check = partial(self._preparation.require_hand_eye_unchanged, prepared, datetime.now(UTC))
+            settings, nominal = self.settings.hand_eye, self._equipment.nominal_hand_eye
             means = ScanMeans(
                 arm=arm,
                 camera=self._equipment.camera,
                 T_flange_camera=prepared.hand_eye.T_flange_camera,
                 settle_s=self.settings.camera.settle_s,
-                check=check,
+                check=partial(require_unchanged, prepared, settings, nominal, datetime.now(UTC)),
                 with_image=not is_scan,
             )
 

@@ -4,7 +4,6 @@ import logging
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from datetime import datetime
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,12 +16,10 @@ from cell.control.active_calibration import (
     hand_eye_in_use,
     initial_guess,
     require_own_devices,
-    require_still_verified,
-    require_unchanged,
     verifiable_hand_eye,
 )
 from cell.control.equipment import Equipment
-from cell.control.prepared import Prepared, PreparedCalibration, PreparedScan, PreparedVerification
+from cell.control.prepared import PreparedCalibration, PreparedScan, PreparedVerification
 from cell.control.status import SharedStatus
 from cell.control.stop_requests import StopRequests
 from cell.devices import ArmInfo, CameraInfo
@@ -140,26 +137,13 @@ class Preparation:
         self._status.change(plan=plan)
         return plan
 
-    def active_hand_eye(self, moment: datetime | None = None) -> HandEye:
-        """Load the active calibration from its file. Its age is checked at `moment`, or now.
+    def active_hand_eye(self) -> HandEye:
+        """Load the active calibration from its file.
 
         Raises:
             CalibrationError: There is no usable calibration.
         """
-        return hand_eye_in_use(self._settings.hand_eye, self._equipment.nominal_hand_eye, moment)
-
-    def require_hand_eye_unchanged(self, prepared: Prepared, started: datetime) -> None:
-        """Raise CalibrationError if the active calibration is no longer the prepared one.
-
-        Args:
-            prepared: What runs now. A calibration needs no active one.
-            started: Start of the run, at which the calibration must not be too old.
-        """
-        match prepared:
-            case PreparedScan(hand_eye=hand_eye):
-                require_unchanged(hand_eye, self.active_hand_eye(started))
-            case PreparedVerification(hand_eye=hand_eye):
-                require_still_verified(hand_eye, self._settings.hand_eye)
+        return hand_eye_in_use(self._settings.hand_eye, self._equipment.nominal_hand_eye)
 
     def require_usable(self) -> bool:
         """Make a ready cell not ready if a scan could not use its calibration. Return whether a scan could."""

@@ -115,8 +115,10 @@ def return_home(arm: Arm, plan: ViewpointPlan) -> None:
 
 
 def _follow(arm: Arm, waypoints_rad: NDArray[np.float64]) -> ArmState:
-    states = [arm.move(q_rad) for q_rad in waypoints_rad]
-    return states[-1]
+    state = arm.move(waypoints_rad[0])
+    for q_rad in waypoints_rad[1:]:
+        state = arm.move(q_rad)
+    return state
 
 
 def _capture(means: ScanMeans, index: int, at_rest: ArmState) -> View:

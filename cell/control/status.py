@@ -83,16 +83,11 @@ class SharedStatus:
 
     def change(self, **values: Any) -> None:
         """Set fields of the status."""
-        with self._lock:
-            self._set(values)
-        self._notify()
+        self._change(values)
 
     def set_connected(self, started_at: float, **values: Any) -> None:
         """Make the cell ready by a connection that was started at `started_at`, monotonic seconds."""
-        with self._lock:
-            self._connected_at = started_at
-            self._set({"state": "ready", "slug": None, "reason": None, **values})
-        self._notify()
+        self._change({"state": "ready", "slug": None, "reason": None, **values}, connected_at=started_at)
 
     def leave_ready(self, slug: str, reason: str, connected_before: float = math.inf) -> None:
         """Make a ready cell not ready; any other state stays.
@@ -102,10 +97,8 @@ class SharedStatus:
             reason: Why the cell is not ready, and what to do.
             connected_before: Monotonic seconds. A cell whose connection was started later stays ready.
         """
-        with self._lock:
-            if self._status.state == "ready" and self._connected_at <= connected_before:
-                self._set({"state": "not_ready", "slug": slug, "reason": reason})
-        self._notify()
+        values = {"state": "not_ready", "slug": slug, "reason": reason}
+        self._change(values, lambda: self._status.state == "ready" and self._connected_at <= connected_before)
 
     def set_outcome(self, error: BaseException | None, faults: tuple[type[CellError], ...] = SAFETY_STOPS) -> None:
         """Set the state that follows from the end of an operation.
@@ -126,23 +119,28 @@ class SharedStatus:
             reason = "the last scan or calibration ended in an error: connect, or start a live scan"
             self.change(state="not_ready", slug="stopped", reason=reason)
 
-    def _set(self, values: dict[str, Any]) -> None:
-        self._status = replace(self._status, **values)
-        self._pending.append(self._status)
-        self._changed.notify_all()
-
-    def _notify(self) -> None:
-        """Pass pending statuses to the listeners, unless another thread is doing so already."""
+    def _change(
+        self,
+        values: dict[str, Any],
+        condition: Callable[[], bool] | None = None,
+        connected_at: float | None = None,
+    ) -> None:
+        """Set fields of the status if the condition holds, and notify the listeners."""
+        with self._lock:
+            if condition is None or condition():
+                self._status = replace(self._status, **values)
+                self._connected_at = self._connected_at if connected_at is None else connected_at
+                self._pending.append(self._status)
+                self._changed.notify_all()
+        # a thread that finds another one notifying leaves its own change to that one, and does not wait
         while self._pending and self._notifying.acquire(blocking=False):
             try:
                 while self._pending:
-                    self._notify_listeners(self._pending.popleft())
+                    status = self._pending.popleft()
+                    for listener in self._listeners:
+                        try:
+                            listener(status)
+                        except Exception:  # a failing listener must not affect the cell or the other listeners
+                            log.exception("a listener to the cell's status failed")
             finally:
                 self._notifying.release()
-
-    def _notify_listeners(self, status: CellStatus) -> None:
-        for listener in self._listeners:
-            try:
-                listener(status)
-            except Exception:  # a failing listener must not affect the cell or the other listeners
-                log.exception("a listener to the cell's status failed")

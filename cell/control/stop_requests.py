@@ -7,7 +7,9 @@ import time
 from cell.control.status import SharedStatus
 from cell.errors import STOPPED, StoppedError
 
-STOPPED_SINCE = "the arm was stopped after this request, which has not moved the arm: check where the arm stands, then request again"
+STOPPED_SINCE = (
+    "the arm was stopped after this request, which has not moved it: check where the arm stands, then request again"
+)
 
 
 class StopRequests:
@@ -36,7 +38,7 @@ class StopRequests:
 
         A cell that became ready by a connection older than the stop is then no longer ready.
         """
-        if not self.is_stopped_since(requested_at):
-            return
-        self._status.leave_ready("stopped", STOPPED, connected_before=self._last_s)
-        raise StoppedError(STOPPED_SINCE)
+        last_s = self._last_s
+        if last_s >= requested_at:
+            self._status.leave_ready("stopped", STOPPED, connected_before=last_s)
+            raise StoppedError(STOPPED_SINCE)

@@ -3,7 +3,6 @@
 from collections.abc import Callable, Iterator
 
 from cell.config.arm_config import SimulatedArm
-from cell.config.camera_config import SimulatedCamera
 from cell.config.cell_config import CellSettings
 from cell.control.equipment import Equipment
 from cell.devices import InvalidViewError
@@ -65,9 +64,7 @@ def _configuration(grounds: Grounds) -> Step:
     words = [
         f"{'simulated ' if isinstance(arm, SimulatedArm) else ''}{arm.model}"
         + (f" at {arm.host}" if arm.host is not None else ""),
-        f"simulated {camera.model} that sees {camera.scene}"
-        if isinstance(camera, SimulatedCamera)
-        else f"{camera.product} camera" + (f" {camera.device}" if camera.device else ""),
+        camera.summary,
         "workspace " + " x ".join(f"{low:g}..{high:g}" for low, high in settings.workspace_m) + " m",
         f"{scan.views} views, {scan.min_views} at least",
         f"up to {arm.speed_rad_s:g} rad/s and {arm.flange_speed_m_s:g} m/s",

@@ -31,10 +31,9 @@ def test_a_move_does_not_leave_once_a_stop_was_asked_for(
     controller: RunningController, monkeypatch: pytest.MonkeyPatch
 ):
     """Also when the stop still waits for its turn; nothing of the move was sent when it was asked for."""
-    monkeypatch.setattr("cell.arm.connection.UrDriver", SlowToAllow)
     monkeypatch.setattr("cell.arm.connection.STOP_TURN_S", 5.0)  # else it would not wait, and end the process
     begin = fresh(controller)
-    arm = UrArm(FAST, controller.host)
+    arm = UrArm(FAST, controller.host, SlowToAllow)
     try:
         arm.connect()
         with thread_of(lambda: arm.move(far())) as result:

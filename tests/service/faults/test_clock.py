@@ -55,7 +55,7 @@ def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
         def now(cls, tz: Any = None) -> datetime:  # type: ignore[override]
             return datetime.now(tz) + clock.off
 
-    for module in ("calibration.storage.hand_eye_file", "cell.control.planner"):
+    for module in ("calibration.storage.hand_eye_file", "cell.control.cell"):
         monkeypatch.setattr(f"{module}.datetime", Moment)
     monkeypatch.setattr(time, "time", lambda real=time.time: real() + clock.off.total_seconds())
     return clock
