@@ -1,4 +1,4 @@
-"""The cell's devices and what they deliver, whether live, simulated or recorded."""
+"""The views of a scan and the protocols of the devices that deliver them: live, simulated or recorded."""
 
 import time
 from dataclasses import dataclass, field
@@ -11,14 +11,14 @@ from calibration.geometry.transforms import rigid
 
 
 class InvalidViewError(ValueError):
-    """The parts of a view are not valid, or do not fit together."""
+    """A value of a view is not valid, or two values contradict each other."""
 
     slug = "invalid-view"
 
 
 @dataclass(frozen=True, eq=False)
 class View:
-    """One depth image with its camera pose. The values are checked when the view is made.
+    """One depth image with its camera pose, checked when it is created.
 
     Raises:
         InvalidViewError: The depth, the picture or K has the wrong type or shape, or a value is not valid.
@@ -42,7 +42,7 @@ class View:
     index: int
     """Number of the viewpoint, from 0."""
     depth: NDArray[np.uint16]
-    """(H, W) depth along the optical axis in units of `depth_unit_m`; 0 = not measured."""
+    """Depth image (H, W) along the optical axis in units of `depth_unit_m`; 0 = not measured."""
     depth_unit_m: float
     """Metres per depth count, from 1e-6 to 0.01."""
     K: NDArray[np.float64]
@@ -52,12 +52,12 @@ class View:
     T_flange_camera: NDArray[np.float64]
     """(4, 4) hand-eye calibration, metres. The camera frame has x right, y down, z forward."""
     stamp_s: float = 0.0
-    """Time of the exposure, seconds since the epoch."""
+    """Time of the last exposure, seconds since the epoch."""
     colour_jpeg: bytes | None = field(default=None, repr=False)
     """Colour image of the same moment, JPEG, or None."""
     image: NDArray[np.uint8] | None = field(default=None, repr=False)
-    """(H, W) or (H, W, 3) BGR picture of the camera of the depth image, with the same size and K, or None. It is not
-    part of a recording."""
+    """Intensity image (H, W) or (H, W, 3) BGR with the size and the K of the depth image, or None. Recordings do not
+    contain it."""
 
     def __post_init__(self) -> None:
         where = f"view {self.index}"

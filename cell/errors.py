@@ -1,12 +1,12 @@
-"""What can go wrong in the cell, each with a slug that the service and the command line pass on.
+"""Errors of the cell, each with a code that the service and the command line pass on.
 
-The words say what happened and what a person at the cell can do about it. All can be pickled: they cross from the
-device's process to ours.
+A message says what happened and what a person at the cell can do. Every error can be pickled, because errors cross from
+a driver's child process to the parent.
 """
 
 
 class CellError(RuntimeError):
-    """Something in the cell that keeps a scan from being done."""
+    """The cell cannot do what was requested."""
 
     slug = "cell"
 
@@ -18,31 +18,31 @@ class RobotUnreachableError(CellError):
 
 
 class RobotNotReadyError(CellError):
-    """The controller answers, but must not or cannot be driven now: local mode, a foreign program, power off ..."""
+    """The controller answers but cannot be driven now: local control, another program, no power."""
 
     slug = "robot-not-ready"
 
 
 class RobotLostError(CellError):
-    """The link to the controller, or the process that holds it, was lost."""
+    """The link to the controller broke, or the driver's process ended."""
 
     slug = "robot-lost"
 
 
 class ProtectiveStopError(CellError):
-    """The robot's safety system stopped it; a person must look and acknowledge."""
+    """The robot is in a protective stop. A person must inspect the cell and acknowledge it."""
 
     slug = "protective-stop"
 
 
 class EmergencyStopError(CellError):
-    """The emergency stop is pressed."""
+    """The robot is in an emergency stop."""
 
     slug = "emergency-stop"
 
 
 class MotionError(CellError):
-    """A move was refused by the controller, or did not end where it should."""
+    """The controller rejected a move, or the move did not end at its target."""
 
     slug = "motion-failed"
 
@@ -51,20 +51,20 @@ STOPPED = "the arm was stopped by request: connect, or start a live scan"
 
 
 class StoppedError(CellError):
-    """Somebody asked for a stop."""
+    """A stop was requested."""
 
     slug = "stopped"
 
 
 class TooEarlyError(CellError):
-    """A protective stop cannot be acknowledged yet: the robot itself refuses for some seconds."""
+    """The robot does not allow the acknowledgement of a protective stop yet."""
 
     slug = "too-early"
 
     def __init__(self, message: str, wait_s: float) -> None:
         super().__init__(message, wait_s)
         self.wait_s = wait_s
-        """Then it is worth another try."""
+        """Time to wait before the next attempt."""
 
     def __str__(self) -> str:
         return self.args[0]
@@ -77,19 +77,19 @@ class CameraUnreachableError(CellError):
 
 
 class CameraLostError(CellError):
-    """The camera, or the process that holds it, was lost while at work."""
+    """The link to the camera broke, or the driver's process ended."""
 
     slug = "camera-lost"
 
 
 class BadFrameError(CellError):
-    """The camera gave frames that show nothing: all zero, constant, or never settled."""
+    """The frames of the camera show nothing, for example all zero or constant."""
 
     slug = "bad-frame"
 
 
 class ViewpointsError(CellError):
-    """Too few of the viewpoints can be reached."""
+    """Too few viewpoints are reachable."""
 
     slug = "viewpoints-unreachable"
 
@@ -101,30 +101,30 @@ class MissingViewsError(CellError):
 
 
 class CalibrationError(CellError):
-    """The hand-eye calibration is missing, too old, of another camera, or changed during the scan."""
+    """The hand-eye calibration is missing, too old, of another camera or robot, or changed during the scan."""
 
     slug = "calibration"
 
 
 class CellSettingsError(CellError):
-    """Settings that contradict one another or cannot be, with the key's name."""
+    """Settings contradict one another or are impossible. The message names the key."""
 
     slug = "config"
 
 
 class CellBusyError(CellError):
-    """The arm is in use."""
+    """Another operation uses the arm."""
 
     slug = "cell-busy"
 
 
 class AcknowledgeRequiredError(CellError):
-    """There was a fault; a person must look at the cell and acknowledge it first."""
+    """A fault must be acknowledged first, by a person who has inspected the cell."""
 
     slug = "acknowledge-required"
 
 
 class NothingToAcknowledgeError(CellError):
-    """There is no fault."""
+    """There is no fault to acknowledge."""
 
     slug = "no-fault"

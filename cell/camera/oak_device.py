@@ -1,6 +1,6 @@
-"""Opens a real OAK camera, with settings for thin things near by.
+"""Opening of a real OAK camera, with settings for thin objects at short distance.
 
-No such camera was at hand when this was written: names and values were checked against depthai 3.12, not on a device.
+No such camera was available for testing. Names and values were checked against depthai 3.12.
 """
 
 import contextlib
@@ -20,23 +20,23 @@ if TYPE_CHECKING:
     import depthai as dai
 
 CONFIDENCE = 55
-"""Depth of no more confidence than this is dropped (0 to 255)."""
+"""Confidence threshold of the stereo matching, 0 to 255. Larger costs are dropped."""
 LEFT_RIGHT_PX = 5
-"""Largest disagreement of matching left to right and right to left, as the device counts disparity."""
+"""Largest difference between the disparities of the left-right and the right-left matching, as the device counts."""
 FRACTIONAL_BITS = 5
-"""Disparities are told in 1/32 pixel."""
+"""Fractional bits of a disparity: its unit is 1/32 pixel."""
 
-LENSES_APART_SHARE = 0.1
+BASELINE_SHARE = 0.1
 INTRINSICS_PX = 0.5
-TURNED_RAD = float(np.deg2rad(0.05))
-"""Larger differences of the factory's calibration from the one in use are told."""
+ROTATION_RAD = float(np.deg2rad(0.05))
+"""Smallest differences between the factory calibration and the current one that give a warning."""
 
 
 def open_device(settings: OakCamera) -> Stream:
-    """A running pipeline on the configured camera.
+    """Start a pipeline on the configured camera.
 
     Raises:
-        CameraUnreachableError: there is none, or it does not start; it says what to check.
+        CameraUnreachableError: The camera is not found, or does not start.
     """
     load(settings.device)
     import depthai as dai
@@ -57,9 +57,9 @@ def open_device(settings: OakCamera) -> Stream:
 
 
 def configure_depth(config: "dai.StereoDepthConfig", settings: OakCamera) -> None:
-    """Sets the stereo matching of an RVC2 camera, whatever preset was there before.
+    """Set every parameter of the stereo matching of an RVC2 camera.
 
-    Nothing that smooths or thins out: at half a metre it would erase a string of 4 mm.
+    All filters that smooth or decimate are off. At half a metre they would erase a string of 4 mm diameter.
     """
     import depthai as dai
 
@@ -89,7 +89,7 @@ def configure_depth(config: "dai.StereoDepthConfig", settings: OakCamera) -> Non
 def calibration_warnings(
     factory: "dai.CalibrationHandler", current: "dai.CalibrationHandler", settings: OakCamera
 ) -> list[str]:
-    """What an operator should know of the camera's calibration: the hand-eye calibration rests on it."""
+    """Return warnings about the camera's own calibration, on which the hand-eye calibration depends."""
     import depthai as dai
 
     left, right = dai.CameraBoardSocket.CAM_B, dai.CameraBoardSocket.CAM_C
@@ -99,31 +99,31 @@ def calibration_warnings(
             np.array(calibration.getCameraIntrinsics(socket, settings.width, settings.height))
             for calibration in (current, factory)
         )
-        if (off_px := float(np.abs(K - K_factory).max())) > INTRINSICS_PX:
+        if (difference_px := float(np.abs(K - K_factory).max())) > INTRINSICS_PX:
             warnings.append(
-                f"the {name} lens' intrinsics in use differ from the factory's by {off_px:.1f} pixels: after such a "
-                "change the hand-eye calibration must be done anew"
+                f"the current intrinsics of the {name} lens differ from the factory's by "
+                f"{difference_px:.1f} pixels: after such a change, calibrate the cell again"
             )
     T, T_factory = (np.array(calibration.getCameraExtrinsics(right, left)) for calibration in (current, factory))
     turned = np.eye(4)
     turned[:3, :3] = T_factory[:3, :3].T @ T[:3, :3]
-    if (off_rad := rotation_angle(turned)) > TURNED_RAD:
+    if (difference_rad := rotation_angle(turned)) > ROTATION_RAD:
         warnings.append(
-            f"the lenses are turned by {np.rad2deg(off_rad):.2f} degrees against their factory calibration: depth may "
-            "be wrong; was the camera dropped, or calibrated anew?"
+            f"the lenses are turned by {np.rad2deg(difference_rad):.2f} degrees against their factory values: depth "
+            "may be wrong; was the camera dropped or recalibrated?"
         )
-    apart_m = float(np.linalg.norm(T[:3, 3])) / 100
+    measured_m = float(np.linalg.norm(T[:3, 3])) / 100
     expected_m = baseline_m(settings.product)
-    if abs(apart_m - expected_m) > LENSES_APART_SHARE * expected_m:
+    if abs(measured_m - expected_m) > BASELINE_SHARE * expected_m:
         warnings.append(
             f"camera.product is {settings.product}, whose lenses are {expected_m * 1000:.0f} mm apart; this camera's "
-            f"are {apart_m * 1000:.0f} mm apart"
+            f"are {measured_m * 1000:.0f} mm apart"
         )
     return warnings
 
 
 def unreachable(device: str | None, reason: str) -> str:
-    """What to check when there is no camera."""
+    """Return the message for a camera that is not found, with what to check."""
     what = "no OAK camera was found on USB" if device is None else f"the camera {device} was not found"
     checks = "check its cable and power supply, and that no other program uses it"
     usb = "; on Linux, that the udev rule for vendor 03e7 is installed (in a container, that /dev/bus/usb is mapped)"
@@ -132,7 +132,7 @@ def unreachable(device: str | None, reason: str) -> str:
 
 
 def _find(device: str | None) -> "dai.DeviceInfo":
-    """The one camera that is meant. Raises CameraUnreachableError."""
+    """Return the configured camera. Raise CameraUnreachableError unless exactly one matches and is free."""
     import depthai as dai
 
     if device is not None and _is_address(device):
@@ -165,7 +165,7 @@ def _is_address(device: str) -> bool:
 def _started(device: "dai.Device", settings: OakCamera) -> Stream:
     import depthai as dai
 
-    device.setMaxReconnectionAttempts(0)  # a lost link is told, not mended behind our back
+    device.setMaxReconnectionAttempts(0)  # a lost link must be reported, not repaired silently
     warnings = _warnings(device, settings)
     pipeline = dai.Pipeline(device)
     pipeline.setAutoCalibrationMode(dai.Pipeline.AutoCalibrationMode.OFF)
@@ -179,9 +179,9 @@ def _started(device: "dai.Device", settings: OakCamera) -> Stream:
             camera.initialControl.setManualExposure(settings.exposure_us, settings.iso)
     left, right = (camera.requestOutput((settings.width, settings.height), fps=settings.fps) for camera in cameras)
     depth, rectified = _depth_output(pipeline, device, left, right, settings)
-    gate = _shut_gate(pipeline, rectified)
+    gate = _closed_gate(pipeline, rectified)
     queue = depth.createOutputQueue(maxSize=1, blocking=False)
-    # Those that come while depth is waited for are kept; were there more, the oldest would go.
+    # images that arrive during the wait for depth are kept; when there are more, the oldest are dropped
     pictures = gate.output.createOutputQueue(maxSize=settings.exposures, blocking=False)
     shutter = gate.inputControl.createInputQueue()
     timing = left.createOutputQueue(maxSize=1, blocking=False)
@@ -221,7 +221,7 @@ def _depth_output(
     right: "dai.Node.Output",
     settings: OakCamera,
 ) -> tuple["dai.Node.Output", "dai.Node.Output"]:
-    """The depth images, and the rectified left pictures that they are of, pixel for pixel."""
+    """Return the outputs of the depth images and of the rectified left images, which match pixel for pixel."""
     import depthai as dai
 
     if device.getPlatform() == dai.Platform.RVC4 and device.isNeuralDepthSupported():
@@ -235,13 +235,13 @@ def _depth_output(
     return stereo.depth, stereo.rectifiedLeft
 
 
-def _shut_gate(pipeline: "dai.Pipeline", output: "dai.Node.Output") -> "dai.node.Gate":
-    """A gate on the camera behind which images stay until it is told to open: unasked for, they take no bandwidth."""
+def _closed_gate(pipeline: "dai.Pipeline", output: "dai.Node.Output") -> "dai.node.Gate":
+    """Return a closed gate on the camera, so that images need no bandwidth unless they are requested."""
     import depthai as dai
 
     gate = pipeline.create(dai.node.Gate)
     gate.initialConfig.open = False
-    # What waits at a shut gate must not keep the stereo node from going on.
+    # images that wait at a closed gate must not block the stereo node
     gate.input.setBlocking(False)
     gate.input.setMaxSize(1)
     output.link(gate.input)

@@ -1,6 +1,6 @@
-"""What a cell is made of and how it may move: values only. `service.config` reads them from a file.
+"""Settings of a cell: devices, workspace, mounting, calibration and scan. `service.config` reads them from a file.
 
-The models are pydantic's, so that a mistyped key or an impossible value is refused with its name.
+A mistyped key or an impossible value is rejected with its name.
 """
 
 import math
@@ -14,8 +14,8 @@ from cell.config.camera_config import OakCamera, SimulatedCamera
 from cell.config.strict_model import Range, StrictSettings, Vector3
 from recognition.parameters import R_MAX, R_MIN
 
-MOST_M = 5.0
-"""Nothing of a cell is farther from the arm's base."""
+MAX_DISTANCE_M = 5.0
+"""Largest distance of any part of the cell from the arm's base."""
 
 
 class WorkspaceSettings(StrictSettings):
@@ -33,7 +33,7 @@ class WorkspaceSettings(StrictSettings):
     def _ordered(cls, value: Range) -> Range:
         if not value[0] < value[1]:
             raise ValueError("the first must be less than the second, as [0.2, 0.7]")
-        if max(map(abs, value)) > MOST_M:
+        if max(map(abs, value)) > MAX_DISTANCE_M:
             raise ValueError("metres are needed; no arm reaches that far")
         return value
 
@@ -52,8 +52,8 @@ class MountingSettings(StrictSettings):
     @classmethod
     def _boxes(cls, value: tuple[tuple[Vector3, Vector3], ...]) -> tuple[tuple[Vector3, Vector3], ...]:
         for number, (one, other) in enumerate(value, 1):
-            if max(map(abs, one + other)) > MOST_M:
-                raise ValueError(f"box {number} is farther off than {MOST_M:g} m; metres are needed")
+            if max(map(abs, one + other)) > MAX_DISTANCE_M:
+                raise ValueError(f"box {number} is farther off than {MAX_DISTANCE_M:g} m; metres are needed")
             if any(a == b for a, b in zip(one, other, strict=True)):
                 raise ValueError(f"box {number} is flat: its two corners must differ in x, y and z")
         return value
@@ -94,7 +94,7 @@ class HandEyeSettings(StrictSettings):
 
     @property
     def active_file(self) -> Path | None:
-        """Where the calibration in use is, if there is one; None where no place for it is known."""
+        """Path of the active calibration, which may not exist yet, or None without a configured path."""
         return self.file or (None if self.folder is None else self.folder / "hand_eye.json")
 
     @field_validator("file", "folder")
@@ -118,7 +118,7 @@ class HandEyeSettings(StrictSettings):
 
 
 def _kind(value: object) -> object:
-    """Simulated, unless told otherwise."""
+    """Return the kind of a device, which is simulated by default."""
     return value.get("kind", "simulated") if isinstance(value, dict) else getattr(value, "kind", None)
 
 
@@ -133,7 +133,7 @@ AnyCamera = Annotated[
 
 
 class CellSettings(StrictSettings):
-    """The whole cell. Unless told otherwise it is a simulated one."""
+    """Settings of the whole cell. The default is a simulated cell."""
 
     arm: AnyArm = SimulatedArm()
     camera: AnyCamera = SimulatedCamera()
@@ -144,24 +144,25 @@ class CellSettings(StrictSettings):
 
     @model_validator(mode="after")
     def _possible(self) -> Self:
-        # A camera that was only forgotten must not be replaced by one that sees strings that are not there.
+        # a forgotten camera must not become a simulated one, whose strings do not exist
         if isinstance(self.arm, URArm) and "kind" not in self.camera.model_fields_set:
             raise ValueError(
-                'arm.kind is "ur", and camera.kind is not told: "oak", or "simulated" to rehearse with UR\'s simulator'
+                'arm.kind is "ur", and camera.kind is missing: set it to "oak", or to "simulated" for a rehearsal with '
+                "UR's simulator"
             )
         self._refuse_base_within()
         return self
 
     def _refuse_base_within(self) -> None:
-        """No string lies where the arm stands. Below its base there is room when it hangs above the table."""
+        """Raise ValueError if the workspace contains the base of the arm. Strings may lie below a base that hangs."""
         x_m, y_m, (_, top) = self.workspace_m
         radius = BASE_RADIUS_M[self.arm.model]
         aside = math.hypot(*(max(low, 0.0, -high) for low, high in (x_m, y_m)))
         if aside < radius and top > 0:
             raise ValueError(
-                f"workspace: x_m {list(x_m)} and y_m {list(y_m)} hold the arm's own base, which stands about x = y = 0 "
-                f"with a radius of {radius:g} m, from z = 0 up: choose x_m or y_m beside it; where the base is above "
-                "the table, mounting.table_z_m says how far, and workspace.top_m must end below it"
+                f"workspace: x_m {list(x_m)} and y_m {list(y_m)} contain the base of the arm, which stands at x = "
+                f"y = 0 with a radius of {radius:g} m, from z = 0 up: choose x_m or y_m beside it; where the base is "
+                "above the table, set its height in mounting.table_z_m and end workspace.top_m below it"
             )
 
     @property
@@ -181,7 +182,7 @@ class CellSettings(StrictSettings):
         return self.arm.serial
 
     def for_views(self, views: int | None) -> "CellSettings":
-        """For a scan of so many views; None: as many as are told here."""
+        """Return the settings of a scan with this number of views. None means the configured number."""
         if views is None:
             return self
         least = min(views, self.scan.min_views)

@@ -1,4 +1,4 @@
-"""What all settings have in common: a mistyped key or an impossible value is refused with its name."""
+"""Base of all settings: a mistyped key or an impossible value is rejected with its name."""
 
 import math
 import re
@@ -11,13 +11,13 @@ Vector6 = tuple[float, float, float, float, float, float]
 
 
 class StrictSettings(BaseModel):
-    """Numbers are finite, and nothing is taken that is not known."""
+    """A frozen model without unknown keys. Every number is finite."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
 
-PLAINLY_BEYOND = 3.0
-"""A value beyond its limits by this factor is in another unit, if it is within them in that unit."""
+OTHER_UNIT_FACTOR = 3.0
+"""Factor by which a value must exceed its limits to count as given in another unit."""
 
 
 def unit_hint(name: str, value: float, low: float, high: float) -> str:
@@ -30,7 +30,7 @@ def unit_hint(name: str, value: float, low: float, high: float) -> str:
         high: Largest value that is taken.
     """
     unit = re.search(r"_(m|rad)(_s2?)?$", name)
-    if unit is None or not abs(value) >= PLAINLY_BEYOND * max(abs(low), abs(high)):
+    if unit is None or not abs(value) >= OTHER_UNIT_FACTOR * max(abs(low), abs(high)):
         return ""
     expected, other, factor = {
         "m": ("metres", "millimetres", 0.001),

@@ -241,7 +241,7 @@ def test_variables_alone_make_a_real_cell(monkeypatch: pytest.MonkeyPatch, tmp_p
         ("[arm]\nflange_speed_m_s = 250", "metres per second are expected, and 250 looks like millimetres per second"),
         ("[camera]\nkind = 'oak'\nextended_disparity = 'maybe'", "is 'maybe'; true or false is taken"),
         ("[scan]\nviews = 3", "scan: min_views is 4, more than the 3 views"),
-        ("[arm]\nkind = 'ur'\nhost = '10.0.0.1'", "camera.kind is not told"),
+        ("[arm]\nkind = 'ur'\nhost = '10.0.0.1'", "camera.kind is missing"),
         ("[hand_eye]\nrough_xyz_m = [30, -60, 50]", "no camera is more than 1 m from the flange that carries it"),
         ("[hand_eye]\nrough_rotation_rad = [0, 0, 90]", "an angle in radians, not degrees"),
     ],

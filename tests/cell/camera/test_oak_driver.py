@@ -225,7 +225,7 @@ def test_a_camera_with_its_factory_calibration_gives_no_warning() -> None:
     ("current", "words"),
     [
         # Half of it at half the resolution.
-        (calibration(focal_px=808.0), ["left lens' intrinsics in use differ .* by 1.5 pixels", "right lens'"]),
+        (calibration(focal_px=808.0), ["intrinsics of the left lens differ .* by 1.5 pixels", "of the right lens"]),
         (calibration(turned_deg=0.2), [r"lenses are turned by 0\.20 degrees"]),
         (calibration(apart_cm=2.0), ["product is oak-d-pro, whose lenses are 75 mm apart; this camera's are 20 mm"]),
     ],
