@@ -23,6 +23,7 @@ TIER_COSTS: Mapping[str, Sequence[float]] = {
     "soft": (1.0,),
     "photo": (4.2,),
     "hard": (3.3, 4.6, 2.1),
+    "measured": (1.1, 1.6),
 }
 """Time of one scene of each tier, in units of the probe. Scenes of a tier with several kinds take them in turn."""
 SPEED_STARTS, SPEED_PROBES = 7, 45.0

@@ -27,7 +27,9 @@ def _is_loopback(address: str) -> bool:
 
 
 class ArmSettings(StrictSettings):
-    """Settings that every kind of arm has. A subclass adds `kind`."""
+    """Settings that every kind of arm has."""
+
+    # a subclass adds `kind`
 
     model: ArmModelName = "ur5e"
     """Model of the arm. The planner takes its kinematics and link sizes from it."""
@@ -67,6 +69,12 @@ class SimulatedArm(ArmSettings):
     on."""
     time_factor: float = Field(default=1.0, ge=0.1, le=100.0)
     """Factor on the speed of the simulated arm. 2 makes it twice as fast."""
+    pose_error_m: float = Field(default=0.0, ge=0.0, le=0.01)
+    """Root mean square of a smooth error of the reported position. Real UR arms have 0.0003 to 0.0012."""
+    pose_error_rad: float = Field(default=0.0, ge=0.0, le=0.02)
+    """Root mean square of a smooth error of the reported orientation. Real UR arms have 0.0016 to 0.0037."""
+    seed: int = Field(default=0, ge=0)
+    """Random seed of these errors. Each arm has its own."""
 
     @property
     def serial(self) -> str:

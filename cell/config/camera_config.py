@@ -31,7 +31,9 @@ SCENES = (
 
 
 class CameraSettings(StrictSettings):
-    """Settings that every kind of camera has. A subclass adds `kind`, `optics`, `device_id` and `summary`."""
+    """Settings that every kind of camera has."""
+
+    # a subclass adds `kind`, `optics`, `device_id` and `summary`
 
     exposures: int = Field(default=5, ge=1, le=25)
     """Number of depth images per view. The view is their median."""

@@ -146,7 +146,11 @@ class Equipment:
             if self.controller is not None:
                 self.controller.close()
             try:
-                self.controller = start_controller(arm.model, arm.host, arm.time_factor, self._first_posture())
+                self.controller = start_controller(
+                    *(arm.model, arm.host, arm.time_factor, self._first_posture()),
+                    pose_error=(arm.pose_error_m, arm.pose_error_rad),
+                    seed=arm.seed,
+                )
             except ControllerStartError as error:
                 raise RobotUnreachableError(str(error)) from error
             log.info("the simulated arm's controller listens at %s", self.controller.host)

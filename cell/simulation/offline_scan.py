@@ -66,11 +66,11 @@ def simulate(
     pose_rng = np.random.default_rng([seed, _POSES])
     T_flange_camera = T_FLANGE_CAMERA
     told_T_flange_camera = perturbed(T_flange_camera, errors.hand_eye_m, errors.hand_eye_rad, pose_rng)
-    told_T_base_flange = told_flange_poses(T_base_camera, T_flange_camera, errors, pose_rng)
+    told_T_base_flange = told_flange_poses(T_base_camera, T_flange_camera, errors, pose_rng, seed)
     bias_px = 0.0
     if camera.noise is not None:
         bias_px = camera.noise.bias_px * np.random.default_rng([seed, _SESSION]).standard_normal()
-    depth_camera = DepthCamera(camera, scene, bias_px)
+    depth_camera = DepthCamera(camera, scene, bias_px, seed)
     half = max(WORKSPACE_HALF_M, float(np.abs(points[:, :2]).max()) + 0.03)
     header = RecordingHeader(
         depth_unit_m=camera.depth_unit_m,

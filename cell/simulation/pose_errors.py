@@ -1,13 +1,14 @@
 """Where the simulated camera looks from, and how wrongly the arm and the calibration tell it."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from calibration.geometry.transforms import from_rotation_vector, inverse
 from cell.planning.look_at import least_distance, look_at, two_rings
+from cell.simulation.kinematic_error import KinematicError
 
 T_FLANGE_CAMERA = from_rotation_vector((0.03, -0.06, 0.05), (0.1, 0.05, 0.4))
 """The simulated camera's mounting, before errors. Oblique, so that a wrong order of transforms shows."""
@@ -23,10 +24,14 @@ class PoseErrors:
     hand_eye_m: float = 0.0007
     """Of the calibration, once a scan."""
     hand_eye_rad: float = float(np.deg2rad(0.15))
+    smooth_m: float = 0.0
+    """Root mean square of a further error of the reported position, which changes smoothly with the pose."""
+    smooth_rad: float = 0.0
+    """Root mean square of a further error of the reported orientation, which changes smoothly with the pose."""
 
     def scaled(self, factor: float) -> "PoseErrors":
         """All of them times a factor."""
-        return PoseErrors(*(factor * e for e in (self.robot_m, self.robot_rad, self.hand_eye_m, self.hand_eye_rad)))
+        return PoseErrors(*(factor * value for value in astuple(self)))
 
 
 NO_ERRORS = PoseErrors(0.0, 0.0, 0.0, 0.0)
@@ -57,9 +62,17 @@ def told_flange_poses(
     T_flange_camera: NDArray[np.float64],
     errors: PoseErrors,
     rng: np.random.Generator,
+    seed: int = 0,
 ) -> list[NDArray[np.float64]]:
-    """The `T_base_flange` that the robot tells for true camera poses and the true mounting of the camera."""
-    return [perturbed(T @ inverse(T_flange_camera), errors.robot_m, errors.robot_rad, rng) for T in T_base_camera]
+    """The `T_base_flange` that the robot tells for true camera poses and the true mounting of the camera.
+
+    The smooth error is that of the arm of this `seed`.
+    """
+    smooth = KinematicError(errors.smooth_m, errors.smooth_rad, seed)
+    T_base_flange = [T @ inverse(T_flange_camera) for T in T_base_camera]
+    if errors.smooth_m > 0 or errors.smooth_rad > 0:
+        T_base_flange = [smooth.apply(T) for T in T_base_flange]
+    return [perturbed(T, errors.robot_m, errors.robot_rad, rng) for T in T_base_flange]
 
 
 def perturbed(

@@ -23,7 +23,7 @@ class FrameSource:
         """Builds what the rays are cast at."""
         _import_open3d()
         self.world = world
-        self._camera = DepthCamera(world.camera, world.scene, world.bias_px)
+        self._camera = DepthCamera(world.camera, world.scene, world.bias_px, world.seed)
         self._rng = np.random.default_rng([world.seed, _EXPOSURE])
         self._T_base_flange = np.zeros((4, 4))
         self._look: Look | None = None

@@ -3,8 +3,9 @@
 Faithful in: error growing with the square of the distance, a bias of the session, waves between whole
 disparities (pixel locking), an error that averaging frames does not remove and that neighbouring pixels share,
 rounding of disparities, holes, frayed rims, pixels flying between a string and the table, and the band that the
-other camera does not see. Not modelled: the matching window's rounding of thin things, weak or repeating
-texture, shine, lens distortion left after rectification, and interference of projected dots.
+other camera does not see. Presets with measured errors also have the slow warp of one device, holes and flicker at
+rims, and smooth wrong patches as on weak texture. Not modelled: the matching window's rounding of thin things,
+repeating texture, shine, and interference of projected dots.
 """
 
 from dataclasses import dataclass
@@ -17,6 +18,9 @@ MEDIAN_OF_FIVE = 0.5355
 
 MIN_DISPARITY_PX = 0.5
 """Smaller disparities are no measurement."""
+
+WARP_ORDER = 3
+"""Number of half periods of a device's warp across the image."""
 
 RIM_M = 0.0015
 """A depth that departs by this much from its neighbours' plane is at a rim."""
@@ -46,6 +50,20 @@ class StereoNoise:
     """Spread of the shift of rims in the image; more than two pixels never."""
     flying_share: float = 0.12
     """Share of rim pixels that lie between what is before and behind the rim."""
+    warp_px: float = 0.0
+    """Root mean square of the device's warp: a slow disparity error over the image that one device always has."""
+    edge_ring_px: int = 8
+    """Width of the ring at a rim in which pixels get lost or flicker."""
+    edge_hole_share: float = 0.0
+    """Share of the pixels of that ring that are never measured."""
+    flicker_share: float = 0.0
+    """Share of the pixels of that ring that are measured in every second exposure on average."""
+    patches: float = 0.0
+    """Mean number of patches per image in which weak texture gives a smooth but wrong disparity."""
+    patch_px: float = 10.0
+    """Largest disparity error of a patch."""
+    patch_radius_px: float = 12.0
+    """Radius of a patch in the depth image."""
 
     @property
     def focal_baseline_px_m(self) -> float:
@@ -61,10 +79,32 @@ class StillImage:
     """(H, W), pixels, before the error of each frame and the rounding."""
     good: NDArray[np.bool_]
     """(H, W): pixels that can be measured."""
+    flickering: NDArray[np.bool_] | None = None
+    """(H, W): pixels that are measured in every second exposure on average; None without such pixels."""
+
+
+def device_warp(noise: StereoNoise, shape: tuple[int, int], rng: np.random.Generator) -> NDArray[np.float32] | None:
+    """Return the disparity error (H, W) of one device, pixels, or None for a preset without warp.
+
+    The error is a sum of cosines with up to `WARP_ORDER` half periods across the image, scaled to `noise.warp_px` root
+    mean square, with zero mean. Real devices differ by such an error of some tenths of a pixel.
+    """
+    if noise.warp_px == 0:
+        return None
+    v, u = (np.cos(np.pi * np.outer(np.arange(WARP_ORDER + 1), (np.arange(n) + 0.5) / n)) for n in shape)
+    weights = rng.standard_normal((WARP_ORDER + 1, WARP_ORDER + 1))
+    weights[0, 0] = 0.0  # the mean is `bias_px`
+    warp = np.einsum("ij,ih,jw->hw", weights, v, u)
+    return (noise.warp_px * warp / np.sqrt(np.mean(warp**2))).astype(np.float32)
 
 
 def still_image(
-    depth: NDArray[np.float32], focal_px: float, noise: StereoNoise, bias_px: float, rng: np.random.Generator
+    depth: NDArray[np.float32],
+    focal_px: float,
+    noise: StereoNoise,
+    bias_px: float,
+    rng: np.random.Generator,
+    warp: NDArray[np.float32] | None = None,
 ) -> StillImage:
     """What all exposures from one pose share, of an exact depth image (H, W), metres, infinite where nothing is.
 
@@ -75,12 +115,25 @@ def still_image(
     seen = np.isfinite(depth) & (depth > 0)
     disparity = np.where(seen, fb / np.where(seen, depth, 1), 0).astype(np.float32)
     hidden = _occluded(disparity * np.float32(focal_px / noise.matching_focal_px))
-    disparity = _fray(disparity, noise, rng)
+    rims = _rims(disparity, noise)
+    disparity = _fray(disparity, rims, noise, rng)
     blobs = _correlated(rng, depth.shape)
     wave = np.sin(np.float32(2 * np.pi) * disparity)
     disparity += np.float32(noise.wave_px) * wave + np.float32(bias_px)
     disparity += np.float32(noise.fixed_px) * _correlated(rng, depth.shape)
-    return StillImage(disparity, seen & ~hidden & (blobs > _quantile(noise.hole_share)))
+    good = seen & ~hidden & (blobs > _quantile(noise.hole_share))
+    # these errors draw nothing where a preset has none of them
+    if warp is not None:
+        disparity += warp
+    if noise.patches > 0:
+        disparity += _patches(disparity.shape, noise, rng)
+    flickering = None
+    if noise.edge_hole_share > 0 or noise.flicker_share > 0:
+        ring, quality = _ring(rims, noise.edge_ring_px), _correlated(rng, depth.shape)
+        lost = quality <= _quantile(noise.edge_hole_share)
+        good &= ~(ring & lost)
+        flickering = ring & ~lost & (quality <= _quantile(noise.edge_hole_share + noise.flicker_share))
+    return StillImage(disparity, good, flickering)
 
 
 def expose(
@@ -95,6 +148,8 @@ def expose(
     disparity = still.disparity + spread * rng.standard_normal(still.disparity.shape, dtype=np.float32)
     disparity = np.rint(disparity / np.float32(noise.step_px)) * np.float32(noise.step_px)
     good = still.good & (disparity > MIN_DISPARITY_PX)
+    if still.flickering is not None:
+        good &= ~still.flickering | (rng.random(good.shape, dtype=np.float32) < 0.5)
     return np.where(good, fb / np.where(good, disparity, 1), 0).astype(np.float32)
 
 
@@ -106,10 +161,30 @@ def _occluded(disparity: NDArray[np.float32]) -> NDArray[np.bool_]:
     return partner > nearest + np.float32(0.5)
 
 
-def _fray(disparity: NDArray[np.float32], noise: StereoNoise, rng: np.random.Generator) -> NDArray[np.float32]:
+def _ring(rims: NDArray[np.bool_], width_px: int) -> NDArray[np.bool_]:
+    """Return the pixels (H, W) within `width_px` of a rim."""
+    from scipy.ndimage import maximum_filter
+
+    return np.asarray(maximum_filter(rims, size=2 * width_px + 1), dtype=np.bool_)
+
+
+def _patches(shape: tuple[int, ...], noise: StereoNoise, rng: np.random.Generator) -> NDArray[np.float32]:
+    """Return the disparity error (H, W) of smooth bumps at random positions, as on weak texture."""
+    v, u = np.mgrid[: shape[0], : shape[1]].astype(np.float32)
+    error = np.zeros(shape, dtype=np.float32)
+    for _ in range(rng.poisson(noise.patches)):
+        v0, u0 = rng.random(2) * shape
+        radius, height_px = noise.patch_radius_px * rng.uniform(0.5, 1.5), rng.uniform(-noise.patch_px, noise.patch_px)
+        error += np.float32(height_px) * np.exp(-((v - v0) ** 2 + (u - u0) ** 2) / np.float32(radius) ** 2)
+    return error
+
+
+def _fray(
+    disparity: NDArray[np.float32], rims: NDArray[np.bool_], noise: StereoNoise, rng: np.random.Generator
+) -> NDArray[np.float32]:
     """Rims moved by a pixel or two, and some of their pixels flying between front and back."""
     height, width = disparity.shape
-    v, u = np.nonzero(_rims(disparity, noise))
+    v, u = np.nonzero(rims)
     shift_v, shift_u = (
         np.clip(np.rint(noise.jitter_px * _correlated(rng, disparity.shape)[v, u]), -2, 2).astype(np.int64)
         for _ in range(2)

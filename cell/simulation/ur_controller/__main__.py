@@ -26,12 +26,19 @@ def main() -> int:
     parser.add_argument("--q-rad", type=float, nargs=6, help="joint angles at the start")
     parser.add_argument("--table-z-m", type=float, help="safety plane that the flange must not come below")
     parser.add_argument("--software", default="5.25.1", help="the version it tells")
+    parser.add_argument(
+        "--pose-error-m", type=float, default=0.0, help="rms error of the position (%(default)s)"
+    )
+    parser.add_argument("--pose-error-rad", type=float, default=0.0, help="rms error of the orientation (%(default)s)")
+    parser.add_argument("--seed", type=int, default=0, help="seed of these errors (%(default)s)")
     parser.add_argument("--with-parent", action="store_true", help="ends when standard input is closed")
     options = parser.parse_args()
     try:
         major, minor, bugfix = (int(part) for part in options.software.split("."))
     except ValueError:
         parser.error(f"--software {options.software}: three numbers are needed, as 5.25.1")
+    if not (options.pose_error_m >= 0 and options.pose_error_rad >= 0 and options.seed >= 0):
+        parser.error("--pose-error-m, --pose-error-rad and --seed must not be negative")
     if not options.time_factor > 0:
         parser.error("--time-factor must be positive")
     try:
@@ -54,6 +61,9 @@ def main() -> int:
         options.time_factor,
         options.table_z_m,
         (major, minor, bugfix, 0),
+        options.pose_error_m,
+        options.pose_error_rad,
+        options.seed,
     )
     if options.with_parent:
         signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent ends it in its own time

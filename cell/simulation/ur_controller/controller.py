@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cell.config.arm_config import ArmModelName, simulated_serial
+from cell.simulation.kinematic_error import KinematicError
 from cell.simulation.ur_controller.robot.event_log import EventLog
 from cell.simulation.ur_controller.robot.robot import Robot
 from cell.simulation.ur_controller.robot.safety_limits import SafetyLimits
@@ -48,6 +49,12 @@ class ControllerOptions:
     """Safety plane; see SafetyLimits."""
     version: tuple[int, int, int, int]
     """Of the software, as the controller tells it."""
+    pose_error_m: float = 0.0
+    """Root mean square of the reported position's smooth error. 0 reports the pose by nominal kinematics."""
+    pose_error_rad: float = 0.0
+    """Root mean square of the reported orientation's smooth error."""
+    seed: int = 0
+    """Seed of that error."""
 
 
 async def serve(options: ControllerOptions, sockets: dict[int, socket.socket], with_parent: bool) -> None:
@@ -58,7 +65,11 @@ async def serve(options: ControllerOptions, sockets: dict[int, socket.socket], w
     loop = asyncio.get_running_loop()
     log, links = EventLog(), Links()
     q_rad = np.array(options.q_rad, dtype=np.float64)
-    robot = Robot(options.model, q_rad, options.time_factor, SafetyLimits(options.table_z_m), log, loop.time())
+    error = None
+    if options.pose_error_m > 0 or options.pose_error_rad > 0:
+        error = KinematicError(options.pose_error_m, options.pose_error_rad, options.seed)
+    limits = SafetyLimits(options.table_z_m)
+    robot = Robot(options.model, q_rad, options.time_factor, limits, log, loop.time(), error)
     rtde = RtdeServer(robot, links, options.version)
     identity = Identity(options.version, serial=simulated_serial(options.model))
     listeners = _Listeners(

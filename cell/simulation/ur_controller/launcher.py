@@ -67,6 +67,8 @@ def start_controller(
     q_rad: ArrayLike | None = None,
     table_z_m: float | None = None,
     software: str | None = None,
+    pose_error: tuple[float, float] = (0.0, 0.0),
+    seed: int = 0,
 ) -> RunningController:
     """Starts a virtual controller and returns when it takes connections.
 
@@ -77,6 +79,8 @@ def start_controller(
         q_rad: (6,) joint angles at the start.
         table_z_m: height of a safety plane that the flange must not come below; None for none.
         software: the version that it tells, as "5.25.1".
+        pose_error: Root mean squares of the reported pose's smooth error, metres and radians.
+        seed: Seed of that error.
 
     Raises:
         ControllerStartError: the address is taken, or the process did not start.
@@ -88,6 +92,7 @@ def start_controller(
     command += [f"--host={host}"] if host is not None else []
     command += [f"--table-z-m={table_z_m!r}"] if table_z_m is not None else []
     command += [f"--software={software}"] if software is not None else []
+    command += [f"--pose-error-m={pose_error[0]!r}", f"--pose-error-rad={pose_error[1]!r}", f"--seed={seed}"]
     command += (
         ["--q-rad", *map(repr, np.asarray(q_rad, dtype=np.float64).reshape(6).tolist())] if q_rad is not None else []
     )

@@ -143,6 +143,23 @@ def test_a_scan_of_a_random_scene_by_a_noisy_camera_gives_the_true_topology(tmp_
     assert judged.mean_m < 0.001
 
 
+def test_a_scan_by_devices_with_the_errors_of_real_ones_gives_the_true_topology(tmp_path: Path) -> None:
+    plain = simulated(model="oak-d-pro-measured", exposures=5)
+    arm = plain.arm.model_copy(update={"pose_error_m": 0.0006, "pose_error_rad": 0.0026, "seed": 4})
+    settings = plain.model_copy(update={"arm": arm})
+    with opened(settings) as cell:
+        prepared = prepared_scan(cell)
+        views = scan(cell, tmp_path / "scan.mcap", Told(), prepared)
+    offsets_m = [
+        np.linalg.norm((view.T_base_flange - prepared.plan.viewpoints[view.index].T_base_flange)[:3, 3])
+        for view in views
+    ]
+    assert 0.0002 < np.sqrt(np.mean(np.square(offsets_m))) < 0.0018  # three times the error that was set, at most
+    scene = Scene(settings.mounting.table_z_m, settings.workspace_m)
+    model = recognise(views, ChainParameters.for_radius(RADIUS_M), scene).model
+    assert score(model.to_json(), world_truth(simulated_world(settings))).topology
+
+
 def test_a_camera_that_dies_is_started_again_and_costs_no_view(cell: Cell, tmp_path: Path) -> None:
     def kill(index: int) -> None:
         if len(told.events) == 6:

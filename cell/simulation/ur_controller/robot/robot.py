@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cell.config.arm_config import ArmModelName
+from cell.simulation.kinematic_error import KinematicError
 from cell.simulation.ur_controller.robot.arm import HANDOVER_RAD_S2, PROTECTIVE_RAD_S2, Arm, Goal, UnreachableGoalError
 from cell.simulation.ur_controller.robot.event_log import EventLog
 from cell.simulation.ur_controller.robot.registers import Registers
@@ -40,11 +41,18 @@ class Robot:
     """One robot: arm, registers and states. Time comes in with `advance`."""
 
     def __init__(
-        self, model: ArmModelName, q_rad: Joints, time_factor: float, limits: SafetyLimits, log: EventLog, now_s: float
+        self,
+        model: ArmModelName,
+        q_rad: Joints,
+        time_factor: float,
+        limits: SafetyLimits,
+        log: EventLog,
+        now_s: float,
+        error: KinematicError | None = None,
     ) -> None:
         self.log, self.limits = log, limits
         self.arm = Arm(model, q_rad, time_factor, log, now_s)
-        self.tool = Tool(self.arm)
+        self.tool = Tool(self.arm, error)
         self.registers = Registers()
         self.watchdog = Watchdog()
         self.started_s = self.now_s = now_s

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cell.kinematics import ur_kinematics
+from cell.simulation.kinematic_error import KinematicError
 from cell.simulation.ur_controller.robot.arm import Arm
 from cell.simulation.ur_controller.robot.poses import pose_vector, twist
 from cell.simulation.ur_controller.robot.trajectories import Joints
@@ -29,8 +30,9 @@ class _View:
 class Tool:
     """The tool on an arm's flange."""
 
-    def __init__(self, arm: Arm) -> None:
-        self._arm = arm
+    def __init__(self, arm: Arm, error: KinematicError | None = None) -> None:
+        """`error`: of the reported pose; None: the pose by nominal kinematics is reported."""
+        self._arm, self._error = arm, error
         self._T_flange_tcp: NDArray[np.float64] | None = None
         self._last: _View | None = None
 
@@ -71,7 +73,7 @@ class Tool:
         """The tool centre point's x, y, z and rotation vector."""
         view = self._view()
         if view.pose is None:
-            view.pose = pose_vector(self.T_base_tcp)
+            view.pose = pose_vector(self._reported())
         return view.pose
 
     @property
@@ -83,6 +85,13 @@ class Tool:
             if not self._arm.still:
                 view.speed = twist(self.T_base_tcp, self.at(self._arm.q + DT_S * self._arm.qd), DT_S)
         return view.speed
+
+    def _reported(self) -> NDArray[np.float64]:
+        """Return the pose (4, 4) of the tool centre point as the controller reports it."""
+        if self._error is None:
+            return self.T_base_tcp
+        T = self._error.apply(self._arm.T_base_flange)
+        return T if self._T_flange_tcp is None else T @ self._T_flange_tcp
 
     def _view(self) -> _View:
         arm, view = self._arm, self._last

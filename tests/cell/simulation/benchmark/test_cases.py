@@ -10,7 +10,7 @@ from cell.simulation.scenes.ground_truth import true_crossings
 from cell.simulation.scenes.shapes import polyline_length
 from cell.simulation.scenes.strand_clearance import deepest_overlap
 
-SEEDS = {tier: (0, 1, 2) if tier == "hard" else (0, 2) for tier in TIERS}
+SEEDS = {tier: (0, 1, 2) if tier in ("hard", "measured") else (0, 2) for tier in TIERS}
 
 
 @pytest.fixture(scope="module")
@@ -62,6 +62,13 @@ def test_hard_cases_are_hard_by_turns(cases: dict[str, list[Case]]) -> None:
     assert len(cluttered.scene.boxes) >= 3
     assert of(long)[1] == pytest.approx(1.0, abs=2e-4)
     assert of(long)[3] == 5
+
+
+def test_measured_cases_have_the_errors_of_real_devices(cases: dict[str, list[Case]]) -> None:
+    assert [of(case)[1] for case in cases["measured"]] == pytest.approx([0.4, 0.7, 0.4], abs=2e-4)
+    for case in cases["measured"]:
+        assert case.camera.name == "oak-d-pro-measured"
+        assert 0.0003 <= case.errors.smooth_m <= 0.0012
 
 
 @pytest.mark.parametrize("tier", TIERS)

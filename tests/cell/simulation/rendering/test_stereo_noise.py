@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from cell.simulation.rendering.stereo_noise import MEDIAN_OF_FIVE, StereoNoise, expose, still_image
+from cell.simulation.rendering.depth_camera import CAMERAS
+from cell.simulation.rendering.stereo_noise import MEDIAN_OF_FIVE, StereoNoise, device_warp, expose, still_image
 
 NONE = StereoNoise(
     800.0, 0.05, wave_px=0, fixed_px=0, frame_px=0, step_px=1e-6, hole_share=0, jitter_px=0, flying_share=0
@@ -125,3 +126,65 @@ def test_flying_pixels_lie_between_front_and_back() -> None:
 def test_nothing_in_the_scene_is_nothing_measured() -> None:
     empty = np.full((20, 30), np.inf, dtype=np.float32)
     assert (measure(empty, 800.0, StereoNoise(800.0, 0.05), 0.0, np.random.default_rng(0)) == 0).all()
+
+
+MEASURED = replace(NONE, warp_px=0.3, edge_hole_share=0.15, flicker_share=0.25)
+STEP = np.where(np.arange(900) < 450, np.float32(0.4), np.float32(0.5))[None].repeat(600, axis=0)
+
+
+def test_a_device_has_a_slow_warp_of_its_own() -> None:
+    warps = [device_warp(MEASURED, SHAPE, np.random.default_rng(seed)) for seed in (1, 1, 2)]
+    first, again, other = (warp.astype(np.float64) for warp in warps if warp is not None)
+    np.testing.assert_array_equal(first, again)
+    assert abs(np.corrcoef(first.ravel(), other.ravel())[0, 1]) < 0.9
+    assert np.sqrt(np.mean(first**2)) == pytest.approx(0.3, rel=1e-5)
+    assert abs(first.mean()) < 1e-4
+    # Three half periods across 900 pixels: no more than 3 pi / 900 of the amplitude a pixel.
+    assert np.abs(np.diff(first, axis=1)).max() < 0.02
+    assert device_warp(NONE, SHAPE, np.random.default_rng(1)) is None
+
+
+def test_the_warp_is_in_every_image_of_the_device() -> None:
+    warp = device_warp(MEASURED, SHAPE, np.random.default_rng(1))
+    assert warp is not None
+    still = still_image(WALL, 800.0, NONE, 0.0, np.random.default_rng(0), warp)
+    np.testing.assert_allclose(still.disparity - DISPARITY, warp, atol=1e-4)
+
+
+def test_pixels_beside_a_rim_are_lost_and_flicker() -> None:
+    rng = np.random.default_rng(3)
+    plain = still_image(STEP, 800.0, NONE, 0.0, np.random.default_rng(0))
+    still = still_image(STEP, 800.0, MEASURED, 0.0, rng)
+    columns = np.arange(900)
+    ring = (columns >= 442) & (columns <= 457)  # the rim's two columns, and eight at either side, without their ends
+    lost = plain.good & ~still.good
+    assert not lost[:, (columns < 440) | (columns > 460)].any()
+    # 600 x 16 pixels of noise that three pixels share: about 1,000 independent ones, so that 4 % are three sigmas.
+    assert lost[:, ring][plain.good[:, ring]].mean() == pytest.approx(0.15, abs=0.04)
+    assert still.flickering is not None
+    assert still.flickering[:, ring].mean() == pytest.approx(0.25, abs=0.05)
+    frames = np.stack([expose(still, MEASURED, rng) > 0 for _ in range(20)])
+    steady = still.good & ~still.flickering
+    assert frames[:, steady].all()
+    assert frames[:, still.good & still.flickering].mean() == pytest.approx(0.5, abs=0.02)
+
+
+def test_weak_texture_gives_smooth_patches_within_their_limit() -> None:
+    noise = replace(NONE, patches=4.0, patch_px=10.0)
+    errors = [
+        still_image(WALL, 800.0, noise, 0.0, np.random.default_rng(seed)).disparity - np.float32(DISPARITY)
+        for seed in range(8)
+    ]
+    peaks = [np.abs(error).max() for error in errors]
+    assert 3.0 < max(peaks) <= 12.0  # two patches may meet
+    # A Gaussian of half the radius changes by at most 10 px * 1.2 / 6 from pixel to pixel.
+    assert max(np.abs(np.diff(error, axis=1)).max() for error in errors) < 2.0
+    assert 0.9 < np.mean([np.abs(error) < 0.5 for error in errors]) < 0.999
+
+
+def test_the_former_presets_have_none_of_these_errors() -> None:
+    for name in ("oak-d-sr", "oak-d-pro"):
+        noise = CAMERAS[name].noise
+        assert noise is not None
+        assert (noise.warp_px, noise.edge_hole_share, noise.flicker_share, noise.patches) == (0, 0, 0, 0)
+    assert still_image(WALL, 800.0, StereoNoise(800.0, 0.05), 0.0, np.random.default_rng(0)).flickering is None

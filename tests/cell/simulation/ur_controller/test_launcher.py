@@ -8,10 +8,14 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import pytest
 
+from cell.arm.ur_arm import UrArm
+from cell.config.arm_config import SimulatedArm
 from cell.kinematics import ur_kinematics
+from cell.simulation.kinematic_error import KinematicError
 from cell.simulation.ur_controller.admin_client import AdminClient, AdminRefusedError, ControllerGoneError
 from cell.simulation.ur_controller.launcher import ControllerStartError, RunningController, start_controller
 from cell.simulation.ur_controller.servers.sockets import PORTS
+from tests.cell.loopback import free_host
 from tests.cell.simulation.ur_controller.cell_log import HOME_Q_RAD, wait_for
 
 pytestmark = pytest.mark.xdist_group("cell")  # one at a time: each is several busy processes
@@ -98,3 +102,18 @@ def test_the_pose_may_be_asked_for_often_and_after_closing(controller: RunningCo
     client.close()
     np.testing.assert_allclose(client.pose(), ur_kinematics.forward("ur5e", HOME_Q_RAD), atol=1e-12)  # connects again
     client.close()
+
+
+def test_the_reported_pose_errs_smoothly_and_the_true_one_does_not():
+    with start_controller("ur5e", free_host(), q_rad=HOME_Q_RAD, pose_error=(0.0006, 0.0026), seed=5) as controller:
+        nominal = ur_kinematics.forward("ur5e", HOME_Q_RAD)
+        np.testing.assert_allclose(controller.admin.pose(), nominal, atol=1e-12)
+        arm = UrArm(SimulatedArm(), controller.host)
+        try:
+            arm.connect()
+            reported = arm.state().T_base_flange
+        finally:
+            arm.close()
+    expected = KinematicError(0.0006, 0.0026, 5).apply(nominal)
+    np.testing.assert_allclose(reported, expected, atol=1e-9)
+    assert np.linalg.norm(reported[:3, 3] - nominal[:3, 3]) > 1e-4
