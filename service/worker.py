@@ -1,7 +1,7 @@
 """Recognition in a process of its own: it keeps the event loop free, can be killed, and may crash.
 
-The process is started ahead of its first task, because importing Open3D takes seconds, and is used again and
-again until it is killed or dies.
+The process is started before its first task, because its imports take more than a second. It is used again until it is
+killed or dies.
 """
 
 import logging

@@ -114,7 +114,7 @@ def work(pipe: Connection, set_up_log: SetUp | None = None) -> None:
     try:
         _warm_up()
     except ImportError as error:
-        # Open3D without one of the system's libraries.
+        # a compiled library may lack a library of the system
         pipe.send(Refused(500, "recognition-crashed", f"a library cannot be loaded: {error}"))
         return
     pipe.send(Ready())

@@ -47,7 +47,7 @@ def test_the_calibration_in_use_is_the_named_file_else_that_in_the_folder(tmp_pa
 def test_a_workspace_that_holds_the_arms_base_is_refused(
     x_m: tuple[float, float], y_m: tuple[float, float], table_z_m: float
 ) -> None:
-    with pytest.raises(ValidationError, match=r"workspace: x_m .* contain the base of the arm.*: choose x_m or y_m beside"):
+    with pytest.raises(ValidationError, match=r"workspace: x_m .* contain the base of the arm.*: choose x_m or y_m"):
         cell(x_m, y_m, table_z_m)
 
 
