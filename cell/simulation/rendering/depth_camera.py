@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.geometry.transforms import rigid
+from cell.config.camera_optics import CameraName, simulated_optics
 from cell.simulation.rendering import meshes
 from cell.simulation.rendering.stereo_noise import (
     MEDIAN_OF_FIVE,
@@ -62,19 +63,21 @@ _MEASURED: dict[str, Any] = {"warp_px": 0.3, "edge_hole_share": 0.15, "flicker_s
 """Errors of real OAK-D cameras: a warp of some tenths of a pixel, 10 to 19 % holes within 8 pixels of a rim, 2 to 9 %
 of all pixels flickering, and patches of up to 10 pixels on weak texture."""
 
+
+def _preset(name: CameraName, noise: StereoNoise | None) -> CameraModel:
+    optics = simulated_optics(name, None)
+    focal_px = float(optics.K[0, 0])
+    return CameraModel(name, focal_px, optics.width, optics.height, optics.near_m, optics.working_m, noise)
+
+
 CAMERAS = {
-    "oak-d-sr": CameraModel(
-        "oak-d-sr", 763.0, *_SENSOR, 0.20, (0.25, 0.40), StereoNoise(763.0, 0.020, hole_share=0.03)
-    ),
-    "oak-d-pro": CameraModel(
-        "oak-d-pro", 402.5, 640, 400, 0.32, (0.36, 0.60), StereoNoise(805.0, 0.075, hole_share=0.02)
-    ),
-    "oak-d-pro-measured": CameraModel(
-        "oak-d-pro-measured",
-        *(402.5, 640, 400, 0.32, (0.36, 0.60)),
-        StereoNoise(805.0, 0.075, hole_share=0.02, **_MEASURED),
-    ),
-    "ideal": CameraModel("ideal", 440.0, 640, 400, 0.10, (0.25, 0.60), None),
+    model.name: model
+    for model in (
+        _preset("oak-d-sr", StereoNoise(763.0, 0.020, hole_share=0.03)),
+        _preset("oak-d-pro", StereoNoise(805.0, 0.075, hole_share=0.02)),
+        _preset("oak-d-pro-measured", StereoNoise(805.0, 0.075, hole_share=0.02, **_MEASURED)),
+        _preset("ideal", None),
+    )
 }
 """Presets. oak-d-sr: a baseline of 20 mm, all pixels. oak-d-pro: 75 mm, extended disparity, every second pixel."""
 

@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from cell.config.camera_config import SCENES
 from cell.config.strict_model import unit_hint
 from cell.simulation.scenes.clutter import Box, Clump, fixture_edge, place_boxes, place_clump
 from cell.simulation.scenes.layout import SceneError, Wish, draft
@@ -43,27 +44,6 @@ class StringScene:
         """For each string, whether it is a ring: its last point is then its first."""
         return tuple(is_closed(curve) for curve in self.curves)
 
-
-SCENES = (
-    "straight",
-    "arc",
-    "loop",
-    "figure-eight",
-    "overhand-knot",
-    "coil",
-    "several",
-    "random",
-    "tangle",
-    "settled",
-    "mixed-radii",
-    "ring",
-    "stacked",
-    "side-by-side",
-    "end-on-strand",
-    "long",
-    "empty",
-)
-"""The names that `make_scene` knows."""
 
 _DRAWS = 12
 """Drafts of a scene before it is given up."""

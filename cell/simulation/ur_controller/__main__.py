@@ -26,9 +26,7 @@ def main() -> int:
     parser.add_argument("--q-rad", type=float, nargs=6, help="joint angles at the start")
     parser.add_argument("--table-z-m", type=float, help="safety plane that the flange must not come below")
     parser.add_argument("--software", default="5.25.1", help="the version it tells")
-    parser.add_argument(
-        "--pose-error-m", type=float, default=0.0, help="rms error of the position (%(default)s)"
-    )
+    parser.add_argument("--pose-error-m", type=float, default=0.0, help="rms error of the position (%(default)s)")
     parser.add_argument("--pose-error-rad", type=float, default=0.0, help="rms error of the orientation (%(default)s)")
     parser.add_argument("--seed", type=int, default=0, help="seed of these errors (%(default)s)")
     parser.add_argument("--with-parent", action="store_true", help="ends when standard input is closed")

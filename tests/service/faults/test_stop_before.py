@@ -11,8 +11,9 @@ from typing import Any
 import httpx
 import pytest
 
-from cell.control import scan_loop
+from cell.control import cell as cell_module
 from cell.control.cell import Cell
+from cell.control.preparation import Preparation
 from service.jobs import Jobs
 from service.submissions import Submissions
 from service.worker import RecognitionWorker
@@ -62,7 +63,7 @@ def one_being_planned_and_one_waiting(
     """Two live scans are asked for, the first with what `named` says; both are decided on behind the body."""
     monkeypatch.setattr("service.place.SOON_S", PATIENCE_S)
     with ThreadPoolExecutor() as pool, monkeypatch.context() as patched:
-        planning, asking = Gate(patched, Cell, "plan"), Gate(patched, Submissions, "live", hold=False)
+        planning, asking = Gate(patched, Preparation, "plan_scan"), Gate(patched, Submissions, "live", hold=False)
         try:
             first = pool.submit(cell.client.post, "/api/scans", json=SCAN, **named)
             asking.wait_for_one()
@@ -101,7 +102,7 @@ def test_whoever_waits_for_the_arm_to_come_home_does_not_get_it_behind_a_stop(
 ) -> None:
     cell.is_well()
     with ThreadPoolExecutor() as pool, monkeypatch.context() as patched:
-        way_home, releasing = Gate(patched, scan_loop, "go_home"), Gate(patched, Cell, "release", hold=False)
+        way_home, releasing = Gate(patched, cell_module, "return_home"), Gate(patched, Cell, "release", hold=False)
         try:
             assert finished(cell.client, cell.start(views=4))["state"] == "succeeded"
             way_home.wait_for_one()
@@ -167,7 +168,7 @@ def test_what_waited_unread_on_its_connection_was_asked_for_before_the_stop(
         socket.create_connection((cell.client.base_url.host, cell.client.base_url.port), PATIENCE_S) as connection,
         monkeypatch.context() as patched,
     ):
-        planning = Gate(patched, Cell, "plan")
+        planning = Gate(patched, Preparation, "plan_scan")
         try:
             connection.sendall(f"{scan}{scan}{end}".encode())
             planning.wait_for_one()

@@ -109,7 +109,7 @@ def test_impossible_resolutions_are_refused(resolution: tuple[int, int]) -> None
 
 
 def test_unknown_cameras_are_refused() -> None:
-    with pytest.raises(CameraModelError, match="known are oak-d-sr, oak-d-pro, ideal"):
+    with pytest.raises(CameraModelError, match="known are oak-d-sr, oak-d-pro, oak-d-pro-measured, ideal"):
         camera_model("kinect")
 
 
