@@ -1,17 +1,15 @@
 """Where a program sends the arm."""
 
 import re
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
+from cell.config.arm_config import ArmModelName
 from cell.simulation.ur_controller.robot.arm import Goal, UnreachableGoalError
 from cell.simulation.ur_controller.robot.poses import line_steps, pose_matrix, pose_vector
+from cell.simulation.ur_controller.robot.tcp import Tool
 from cell.simulation.ur_controller.robot.trajectories import JointMove, Joints, LineMove, Motion
-
-if TYPE_CHECKING:
-    from cell.simulation.ur_controller.robot.robot import Robot
 
 _NUMBER = r"[-+0-9.eE]+"
 _PATH_MOVE = re.compile(
@@ -29,11 +27,13 @@ def joint_goal(q_to: Joints, speed_rad_s: float, acceleration_rad_s2: float) -> 
     return Goal("movej", plan, details)
 
 
-def line_goal(robot: "Robot", T_base_tcp: NDArray[np.float64], speed_m_s: float, acceleration_m_s2: float) -> Goal:
+def line_goal(
+    model: ArmModelName, tool: Tool, T_base_tcp: NDArray[np.float64], speed_m_s: float, acceleration_m_s2: float
+) -> Goal:
     """A movel."""
 
     def plan(q: Joints) -> Motion:
-        steps, length_m = line_steps(robot.arm.model, q, T_base_tcp, robot.tool.T_flange_tcp)
+        steps, length_m = line_steps(model, q, T_base_tcp, tool.T_flange_tcp)
         if steps is None:
             raise UnreachableGoalError("movel: the straight line passes out of reach or a singularity")
         return LineMove(steps, length_m, speed_m_s, acceleration_m_s2)
@@ -42,7 +42,7 @@ def line_goal(robot: "Robot", T_base_tcp: NDArray[np.float64], speed_m_s: float,
     return Goal("movel", plan, details)
 
 
-def path_goals(robot: "Robot", text: str) -> list[Goal]:
+def path_goals(model: ArmModelName, tool: Tool, text: str) -> list[Goal]:
     """The moves of the path that ur_rtde wrote into its program; without blends: the arm stops at each point."""
     goals = []
     for kind, pose, numbers, acceleration, speed in _PATH_MOVE.findall(text):
@@ -50,6 +50,6 @@ def path_goals(robot: "Robot", text: str) -> list[Goal]:
         if kind == "j" and not pose:
             goals.append(joint_goal(np.array(target), v, a))
         else:
-            T_base_tcp = pose_matrix(target) if pose else robot.tool.at(np.array(target))
-            goals.append(line_goal(robot, T_base_tcp, v, a))
+            T_base_tcp = pose_matrix(target) if pose else tool.at(np.array(target))
+            goals.append(line_goal(model, tool, T_base_tcp, v, a))
     return goals

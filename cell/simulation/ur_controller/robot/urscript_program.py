@@ -6,19 +6,20 @@ a stop of such a move is therefore only read when the arm has arrived.
 """
 
 from collections.abc import Callable, Iterator, Sequence
-from typing import TYPE_CHECKING
+from typing import Protocol
 
 import numpy as np
 
 from calibration.geometry.transforms import inverse
 from cell.kinematics import ur_kinematics
-from cell.simulation.ur_controller.robot.arm import Goal, UnreachableGoalError
+from cell.simulation.ur_controller.robot.arm import Arm, Goal, UnreachableGoalError
+from cell.simulation.ur_controller.robot.event_log import EventLog
 from cell.simulation.ur_controller.robot.poses import nearest_solution, pose_matrix, pose_vector
+from cell.simulation.ur_controller.robot.registers import Registers
+from cell.simulation.ur_controller.robot.safety_limits import SafetyLimits
 from cell.simulation.ur_controller.robot.targets import joint_goal, line_goal, path_goals
+from cell.simulation.ur_controller.robot.tcp import Tool
 from cell.simulation.ur_controller.robot.trajectories import Joints
-
-if TYPE_CHECKING:
-    from cell.simulation.ur_controller.robot.robot import Robot
 
 NAMES = {
     1: "movej", 2: "movej_ik", 3: "movel", 4: "movel_fk", 6: "force_mode", 7: "force_mode_stop", 8: "zero_ftsensor",
@@ -45,6 +46,33 @@ STEADY_RAD_S = 1e-3
 STEPTIME_S = 0.002
 
 
+class ProgrammedRobot(Protocol):
+    """What a program can do with its robot."""
+
+    arm: Arm
+    """Joints and their moves."""
+    tool: Tool
+    """Tool on the flange."""
+    log: EventLog
+    """Log of events."""
+    limits: SafetyLimits
+    """Safety limits."""
+    registers: Registers
+    """General purpose registers."""
+    payload_kg: float
+    """Mass of the payload."""
+    payload_cog_m: list[float]
+    """Centre of gravity of the payload (3,)."""
+
+    def protective_stop(self, cause: str) -> None:
+        """Stop the arm by the safety system, and pause the program."""
+        ...
+
+    def arm_watchdog(self, hz: float) -> None:
+        """Start the watchdog with this frequency."""
+        ...
+
+
 class ScriptError(Exception):
     """A runtime error: it ends the program."""
 
@@ -54,7 +82,7 @@ class ControlProgram:
 
     name = "rtde_control"
 
-    def __init__(self, robot: "Robot", text: str) -> None:
+    def __init__(self, robot: ProgrammedRobot, text: str) -> None:
         """`text`: as it was uploaded; a path to be moved along is written into it."""
         self._robot, self._text = robot, text
         self._in, self._out = robot.registers.inputs, robot.registers.outputs
@@ -126,7 +154,7 @@ class ControlProgram:
                 yield from self._stop(self._in.integers[1] == 1, self._in.doubles[0])
             case 45:
                 self._kill_thread()
-                for k, goal in enumerate(path_goals(self._robot, self._text)):
+                for k, goal in enumerate(path_goals(self._robot.arm.model, self._robot.tool, self._text)):
                     self._asynchronous_status(k)
                     yield from self._go(goal)
                     yield from self._until_still()
@@ -205,7 +233,7 @@ class ControlProgram:
             goal = joint_goal(target, speed, acceleration)
         else:
             T = pose_matrix(target.tolist()) if command == 3 else self._robot.tool.at(target)
-            goal = line_goal(self._robot, T, speed, acceleration)
+            goal = line_goal(self._robot.arm.model, self._robot.tool, T, speed, acceleration)
         self._kill_thread()
         asynchronous = self._in.integers[1] == 1
         if asynchronous:
