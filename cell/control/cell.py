@@ -202,7 +202,6 @@ class Cell:
         """
         with self._exclusive():
             self._stops.raise_if_stopped_since(prepared.requested_at)
-            self._status.change(state="busy", slug="cell-busy", reason=f"a {prepared.purpose} is under way")
             is_scan, arm = prepared.purpose == "scan", self._equipment.arm
             settings, nominal = self.settings.hand_eye, self._equipment.nominal_hand_eye
             means = ScanMeans(
@@ -220,8 +219,9 @@ class Cell:
                 return_home(arm, prepared.plan)
 
             views = take_views(means, prepared.plan, writer, listener, prepared.min_views)
-            # the state changes at once, whatever the body is doing
+            # a failure changes the state at once, whatever the body is doing
             scan = BackgroundScan(views, home, on_failure=partial(self._status.set_outcome, faults=FAULTS))
+            self._status.change(state="busy", slug="cell-busy", reason=f"a {prepared.purpose} is under way")
             try:
                 with scan.running(self._equipment.stop):
                     yield scan

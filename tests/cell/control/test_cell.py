@@ -28,7 +28,7 @@ from cell.recording.writer import RecordingWriter, read_recording
 from cell.simulation.devices.world import simulated_world, world_truth
 from cell.simulation.evaluation.metrics import score
 from cell.simulation.ur_controller.admin_client import AdminClient
-from cell.simulation.ur_controller.launcher import start_controller
+from cell.simulation.ur_controller.launcher import ControllerStartError, RunningController, start_controller
 from recognition.parameters import ChainParameters
 from recognition.pipeline import recognise
 from recognition.preprocessing.target_cloud import Scene
@@ -406,3 +406,28 @@ def test_a_controller_that_is_not_ours_carries_the_simulated_camera(tmp_path: Pa
     assert judged.topology
     assert judged.mean_m is not None
     assert judged.mean_m < 1e-3
+
+
+def test_a_controller_that_cannot_start_again_leaves_no_cell_busy(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(*_: object, **__: object) -> None:
+        raise ControllerStartError("all addresses are taken")
+
+    with opened(simulated()) as cell:
+        prepared = prepared_scan(cell, 2)
+        equipment = cell._equipment
+        assert equipment.controller is not None
+        os.kill(equipment.controller.pid, signal.SIGKILL)
+        wait_for_end(equipment.controller)
+        monkeypatch.setattr("cell.control.equipment.start_controller", refuse)
+        with pytest.raises(RobotUnreachableError, match="all addresses are taken"):
+            scan(cell, tmp_path / "scan.mcap", Told(), prepared)
+        assert cell.status.state != "busy"
+
+
+def wait_for_end(controller: RunningController) -> None:
+    deadline = time.monotonic() + 10.0
+    while controller.alive:
+        assert time.monotonic() < deadline
+        time.sleep(0.01)
