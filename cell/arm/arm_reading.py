@@ -1,4 +1,4 @@
-"""What a reading of the controller means for the arm that is driven."""
+"""Interpretation of what the controller reports about the arm."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,15 +9,21 @@ from cell.devices import ArmState
 from cell.errors import RobotLostError
 
 FRESH_S = 0.3
-"""A controller whose clock stands still for longer is lost."""
+"""Largest age of the controller's data. The clock of a lost controller stands still."""
 STEADY_RAD_S = 3e-3
-"""At rest every joint is slower than this."""
+"""Largest joint speed of an arm at rest."""
 
 
 def arm_state(reading: Reading, T_flange_tcp: NDArray[np.float64], stopped: bool) -> ArmState:
-    """The reading as a state. `T_flange_tcp`: the tool that its tool pose is of; `stopped`: the arm was, by request."""
+    """Convert a reading to the state of the arm.
+
+    Args:
+        reading: What the controller reports.
+        T_flange_tcp: Tool pose (4, 4) on the flange, to which the reported TCP pose belongs.
+        stopped: Whether the arm was stopped by request.
+    """
     T_base_tcp = from_rotation_vector(reading.base_tcp[:3], reading.base_tcp[3:])
-    # A stop is an operation too, and one that a program's end has cut short never ends.
+    # a stop is an operation too, and it never ends if the program ended first
     under_way = reading.operating and reading.program == "playing" and not stopped
     return ArmState(
         q_rad=np.array(reading.q_rad),
@@ -32,7 +38,7 @@ def arm_state(reading: Reading, T_flange_tcp: NDArray[np.float64], stopped: bool
 
 
 def silence(reading: Reading) -> RobotLostError | None:
-    """That the controller is not heard any more; None if it is."""
+    """Return the error if the controller sends no new data, or None."""
     if not reading.connected:
         return RobotLostError(
             "the connection to the robot broke: check the network cable and the robot's controller, then connect again"
@@ -46,5 +52,5 @@ def silence(reading: Reading) -> RobotLostError | None:
 
 
 def fastest(reading: Reading) -> float:
-    """Speed of the fastest joint, rad/s."""
+    """Return the speed of the fastest joint, rad/s."""
     return max(abs(qd) for qd in reading.qd_rad_s)

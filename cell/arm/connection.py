@@ -1,17 +1,17 @@
-"""The link to one UR controller: the child process that drives it, what it says, and how everything is ended.
+"""Connection to one UR controller: the driver's child process, its data, and the end of motion and program.
 
-Who ends a motion when something breaks:
+What ends a motion when something breaks:
 
-- this process hangs or dies: the controller's watchdog, which only this process's polls keep quiet during a move;
-- the child hangs or dies: it is killed, and the program ended over the dashboard; else the watchdog as well;
-- the link is lost: the same;
-- somebody calls `stop`: the child, or the dashboard when it does not answer at once.
+- If this process hangs or dies, the controller's watchdog does. Only the polls of this process keep it alive in a move.
+- If the child hangs or dies, or the link is lost, the child is killed and the program is ended over the dashboard. The
+  watchdog ends it too.
+- After `stop`, the child does, or the dashboard if the child does not answer at once.
 
-At rest a program that somebody else has started in place of ours is told apart, and left to them.
+A program that another client has started instead of ours is recognised at rest, and is left alone.
 
-Between moves the child keeps the watchdog quiet, which costs next to nothing and does not mind a busy parent, but only
-as long as the parent is heard every few seconds: one that was suspended finds the program ended, and does not go on
-from where it was. Nothing here ever connects again, unlocks, or sends a move a second time by itself.
+Between moves the child keeps the watchdog alive, so that a busy parent does no harm, but only as long as the parent
+calls every few seconds. A parent that was suspended finds the program ended and does not continue. Nothing here
+connects again, unlocks the robot, or sends a move twice on its own.
 """
 
 import logging
@@ -45,56 +45,66 @@ from cell.process.child import Child, ChildBusyError, ChildLostError, NotCalledE
 log = logging.getLogger(__name__)
 
 POLL_S = 0.01
-"""Between two looks at a moving arm."""
+"""Period of the polls of a moving arm."""
 ANSWER_S = 0.4
-"""A child that does not answer a call for so long hangs."""
+"""Timeout of a call. A child that does not answer in time hangs."""
 STOP_TURN_S, STOP_ANSWER_S = 0.012, 0.025
-"""A stop waits so long for its turn, and for the child's answer, before it takes the dashboard's way."""
+"""Times that a stop waits for its turn, and for the answer of the child, before it uses the dashboard."""
 REASON_S = 0.06
-"""A program that ends is waited for so long to tell why: the safety system's word may come a little later."""
+"""Time to wait for the reason of a program's end. The safety mode may arrive a little later."""
 STILL_S = 1.0
-"""After a stop the arm is still so long after it must be, by its deceleration, at the latest."""
+"""Margin on the time that the arm needs to decelerate after a stop."""
 BEAT_S = 1.0
-"""How often the child is told that this process lives."""
+"""Period at which the child receives that this process is alive."""
 
 NOT_CONNECTED = "the robot is not connected: connect first"
 
 
 class ArmLink:
-    """All methods but `stop` belong to one thread at a time; `stop` and `latest` to any."""
+    """The connection of one arm.
+
+    All methods but `stop` belong to one thread at a time. `stop` and `latest` may be used from any thread.
+    """
 
     def __init__(self, settings: ArmSettings, make_driver: Callable[[str, float], ArmDriver] = UrDriver) -> None:
         self._settings, self._make_driver = settings, make_driver
         self.latest: ArmState | None = None
-        """What the arm last told of itself."""
+        """Last state that the arm reported, or None."""
         self.stopped = threading.Event()
-        """Set by `stop`; then nothing moves until the link is opened again."""
+        """Set by `stop`. Nothing moves until the connection is opened again."""
         self.child: Child | None = None
+        """Process of the driver, or None."""
         self.program: OurProgram | None = None
-        """What was last put on the controller."""
+        """Program that was last started on the controller."""
         self.move_sent = False
-        """A move was sent, and not seen to end: now whatever moves the arm must be stopped."""
+        """Whether a move was sent and has not been seen to end. Whatever moves the arm must then be stopped."""
         self.protective_s: float | None = None
-        """When a protective stop was first seen, `time.monotonic()`."""
+        """Time at which a protective stop was first noticed, seconds of `time.monotonic()`, or None."""
         self._ended: CellError | None = RobotNotReadyError(NOT_CONNECTED)
-        """Why nothing can be moved until the link is opened again."""
+        """Why nothing can be moved until the connection is opened again."""
         self._closing = threading.Event()
         self._beat: threading.Thread | None = None
         self._T_flange_tcp = np.eye(4)
 
     def open(self, address: str) -> ArmState:
-        """Starts the child, which connects: a controller that was probed, after `release`. The arm's first state.
+        """Start the child, which connects, and return the first state of the arm.
 
-        Raises: RobotUnreachableError, RobotNotReadyError, RobotLostError; StoppedError after a `stop` meanwhile.
+        The controller must have been probed, and an earlier connection released.
+
+        Raises:
+            RobotUnreachableError: The connection takes too long.
+            RobotNotReadyError: The controller rejects the connection.
+            RobotLostError: The link broke.
+            StoppedError: `stop` was called meanwhile.
         """
-        # In this order: a stop that finds the child finds what it is to end as well.
+        # in this order, so that a stop that finds the child also finds the program
         self.program = OurProgram(address, self._settings.watchdog_hz)
         self.child = child = Child("arm", self._make_driver, address, self._settings.watchdog_hz)
         try:
             try:
                 state = self.seen(*child.call("at_rest", timeout_s=CONNECT_S + 1.0))
             finally:
-                self.program.there = True  # a stop that came before it has not ended it
+                self.program.there = True  # an earlier stop has not ended this program
         except (ChildLostError, CellError) as error:
             if self.stopped.is_set():
                 self.fail(StoppedError(STOPPED))
@@ -113,9 +123,12 @@ class ArmLink:
         return state
 
     def call(self, method: str, *arguments: Any, unless_stopped: bool = False) -> Any:
-        """What the driver answers; when it does not, the reason is looked for, and the link ended.
+        """Call a method of the driver and return its result. Without an answer, find the reason and end the connection.
 
-        `unless_stopped`: once `stop` was called it is not sent, also when a stop still waits for its own turn.
+        Args:
+            method: Name of the method.
+            *arguments: Arguments of the method.
+            unless_stopped: Whether the call is omitted after `stop`, also if the stop still waits for its turn.
         """
         child = self.child
         if child is None:
@@ -137,19 +150,24 @@ class ArmLink:
             raise
         except CellError as error:
             if method != "poll":
-                self.good_poll()  # the reason why the controller did not do it is worth more
+                self.good_poll()  # the reason of the controller is more useful
             self._fail_lost(error)
 
     def poll(self) -> Reading:
-        """What the controller says, be it good or bad. Raises RobotLostError."""
+        """Return what the controller reports, whether good or bad. Raise RobotLostError if the link broke."""
         reading: Reading = self.call("poll")
         self.seen(reading)
         return reading
 
     def good_poll(self) -> Reading:
-        """What the controller says if all is well with it; anything else ends the link, and the motion with it.
+        """Return what the controller reports if the arm can be moved. Anything else ends the connection and the motion.
 
-        Raises: StoppedError, RobotLostError, ProtectiveStopError, EmergencyStopError, RobotNotReadyError.
+        Raises:
+            StoppedError: `stop` was called.
+            RobotLostError: The link broke, or the program has ended.
+            ProtectiveStopError: The robot is in a protective stop.
+            EmergencyStopError: An emergency stop is pressed.
+            RobotNotReadyError: The robot cannot be moved for another reason.
         """
         if self.stopped.is_set():
             self._end_stopped()
@@ -160,24 +178,29 @@ class ArmLink:
         return reading
 
     def ready(self) -> Reading:
-        """Like `good_poll`, and raises at once when the link has ended."""
+        """Return `good_poll`, but raise at once if the connection has ended."""
         if self._ended is not None or self.stopped.is_set():
             raise self.why_ended()
         return self.good_poll()
 
     def at_rest(self) -> ArmState:
-        """The state of an arm at rest, with the tool asked for anew that is taken off its flange."""
+        """Return the state of an arm at rest, for which the tool on the flange is queried again."""
         return self.seen(*self.call("at_rest"))
 
     def seen(self, reading: Reading, flange_tool: tuple[float, ...] | None = None) -> ArmState:
-        """The reading as a state, kept in `latest`. The tool at the flange is the last one known unless given."""
+        """Convert a reading to a state and keep it in `latest`.
+
+        Args:
+            reading: What the controller reports.
+            flange_tool: Tool pose (6,) on the flange, metres and radians. None means the last known one.
+        """
         if flange_tool is not None:
             self._T_flange_tcp = from_rotation_vector(flange_tool[:3], flange_tool[3:])
         self.latest = arm_state(reading, self._T_flange_tcp, self.stopped.is_set())
         return self.latest
 
     def stop(self) -> None:
-        """Stops the arm at once; from any thread."""
+        """Stop the arm. It may be called from any thread."""
         self.stopped.set()
         child = self.child
         if child is not None:
@@ -187,15 +210,15 @@ class ArmLink:
                 return
             except (ChildLostError, ChildBusyError, CellError) as error:
                 log.warning("stopping over the dashboard: %s", error)
-                # First of all it must not be able to send the move that it is perhaps just about to send.
+                # first, because the child may be about to send a move
                 child.kill()
             except BaseException:
-                child.kill()  # interrupted: without it the watchdog, or whoever moves the arm, ends the motion
+                child.kill()  # interrupted: without the child, the watchdog ends the motion
                 raise
         self._end_program(DASHBOARD_S, whatever_plays=True)
 
     def fail(self, error: CellError) -> NoReturn:
-        """Ends link, program and motion, and raises the error, now and whenever a move is asked for."""
+        """End connection, program and motion, and raise the error, now and at every later move."""
         self._ended = error
         if isinstance(error, ProtectiveStopError) and self.protective_s is None:
             self.protective_s = time.monotonic()
@@ -209,9 +232,10 @@ class ArmLink:
         raise self.why_ended()
 
     def _fail_lost(self, error: CellError, silent: bool = False) -> NoReturn:
-        """`fail`; for an arm at rest with what the controller says of its program, where that tells more. ur_rtde, and
-        the `silent` child with it, waits for seconds when somebody else's program has taken the arm, also if that has
-        ended by now."""
+        """Call `fail`, for a resting arm with the reason that the dashboard gives.
+
+        When the program of another client has taken the arm, ur_rtde waits for seconds, and the `silent` child with it.
+        """
         if not self.move_sent and self.program is not None:
             state, name = self.program.seen()
             if name is not None:
@@ -225,13 +249,13 @@ class ArmLink:
         self.fail(error)
 
     def why_ended(self) -> CellError:
-        """Why nothing can be moved."""
+        """Return why nothing can be moved."""
         if self._ended is None:
             return StoppedError(STOPPED)
         return type(self._ended)(str(self._ended))
 
     def release(self) -> None:
-        """Ends what is left, the program included; nothing moves. Afterwards the link can be opened again."""
+        """End the child and the program, so that the connection can be opened again. The arm does not move."""
         self._closing.set()
         child, self.child = self.child, None
         if child is not None:
@@ -251,7 +275,7 @@ class ArmLink:
         self._ended = RobotNotReadyError(NOT_CONNECTED)
 
     def _fault(self, reading: Reading) -> CellError | None:
-        """Why the arm must not, or cannot, go on; None if all is well."""
+        """Return why the arm must not or cannot continue, or None."""
         limit_s = time.monotonic() + REASON_S
         while True:
             error = silence(reading) or mode_error(reading.robot_mode, reading.safety_mode)
@@ -264,21 +288,22 @@ class ArmLink:
 
     def _program_ended(self, program: str) -> RobotLostError:
         return RobotLostError(
-            f"the robot's control program is {program}: its watchdog heard nothing from here for "
-            f"{1.0 / self._settings.watchdog_hz:g} s, or somebody ended it at the pendant. Connect again"
+            f"the robot's control program is {program}: its watchdog received nothing for "
+            f"{1.0 / self._settings.watchdog_hz:g} s, or a person ended it at the pendant. Connect again"
         )
 
     def _end_stopped(self) -> NoReturn:
-        """After `stop`, by the thread that moved: until the arm is still. It is made to be when that takes too long."""
+        """Wait, in the thread that moved the arm, until it stands still. Then raise StoppedError."""
         reading = self.poll()
         limit_s = time.monotonic() + self._settings.flange_speed_m_s / self._settings.stop_deceleration_m_s2 + STILL_S
         while fastest(reading) > STEADY_RAD_S:
             if time.monotonic() > limit_s or silence(reading) is not None:
-                self.fail(RobotLostError("the robot was told to stop, and it is not known whether it did: look at it"))
+                self.fail(
+                    RobotLostError("the robot was stopped, but it is unknown whether it stands still: inspect it")
+                )
             time.sleep(POLL_S)
             reading = self.poll()
-        # A stop hides no fault that came with it: somebody must look. And what has only paused the program, whether it
-        # is known or not, must not let it be played on: no watchdog ends it then.
+        # A stop must not hide a fault. A paused program must not continue either, because no watchdog would end it.
         error = self._fault(reading)
         if error is not None:
             self.fail(StoppedError(STOPPED) if isinstance(error, RobotLostError) else error)
@@ -297,6 +322,6 @@ def _beat(child: Child, closing: threading.Event) -> None:
         try:
             child.call("alive", timeout_s=ANSWER_S, turn_s=0.0)
         except ChildBusyError:
-            continue  # whoever has the turn is heard as well
+            continue  # the call that has the turn shows the same
         except ChildLostError:
             return  # the next one who wants something of the arm is told

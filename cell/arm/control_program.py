@@ -1,7 +1,7 @@
-"""The control program that a child process has put on a controller, and its end over the dashboard.
+"""The control program that the driver has started on a controller, and its end over the dashboard.
 
-Needs neither that process nor its connection, and so also ends what they cannot end any more. A program that somebody
-else has started in place of ours is left alone, unless the arm must be stopped whatever moves it.
+The dashboard needs neither the driver's process nor its connection, so a program can be ended when both have failed. A
+program of another client is left alone, unless the arm must be stopped in any case.
 """
 
 import contextlib
@@ -15,39 +15,43 @@ from cell.errors import RobotUnreachableError
 log = logging.getLogger(__name__)
 
 DASHBOARD_S = 1.0
-"""Longest that ending the program over the dashboard may take."""
+"""Timeout for ending the program over the dashboard."""
 ASK_S = 0.3
-"""Longest that asking which program is there may take."""
+"""Timeout for querying the program over the dashboard."""
 STARVED_S = 1.0
-"""So long after its watchdog must have ended our program, one that plays is somebody else's."""
+"""Time after the watchdog's end of our program, after which a running program is that of another client."""
 
 
 class OurProgram:
-    """One program on one controller. `end` may be called from any thread."""
+    """Our program on one controller. `end` may be called from any thread."""
 
     def __init__(self, address: str, watchdog_hz: float) -> None:
-        """Of a controller on which no program was, and on which ours is now about to be started."""
+        """Create the record of a program that is about to be started on a controller without a program."""
         self.address = address
         self.there = True
-        """It may be on the controller."""
+        """Whether the program may be on the controller."""
         self._watchdog_s = 1.0 / watchdog_hz
         self._name: str | None = None
         self._alone_s: float | None = None
         self._endings: list[threading.Thread] = []
 
     def started(self) -> None:
-        """It runs and its watchdog is armed. Asks under which name, by which another one is known later."""
+        """Record that the program runs, and query its name, by which other programs are recognised."""
         with contextlib.suppress(RobotUnreachableError):
             state, name = _program_on(self.address)
             self._name = name if state == "PLAYING" else None
 
     def left_alone(self) -> None:
-        """Nobody keeps its watchdog quiet from now on."""
+        """Record that nothing keeps the program's watchdog alive from now on."""
         self._alone_s = self._alone_s or time.monotonic()
 
     def seen(self) -> tuple[str | None, str | None]:
-        """What the controller says of its program, STOPPED if none runs, None if it says nothing; and the name of one
-        that somebody else has started in place of ours, None if none is known of."""
+        """Query the program on the controller.
+
+        Returns:
+            State of the program, "STOPPED" without a program, or None without an answer. Name of a program that another
+            client has started instead of ours, or None.
+        """
         try:
             state, name = _program_on(self.address)
         except RobotUnreachableError:
@@ -58,19 +62,21 @@ class OurProgram:
         return state, name if name != self._name or (starved and state == "PLAYING") else None
 
     def end(self, wait_s: float, whatever_plays: bool) -> None:
-        """Ends it, and its motion with it. Returns after `wait_s` at the latest, while it goes on trying.
+        """End the program, and its motion with it.
 
-        `whatever_plays`: somebody else's program is ended too.
+        Args:
+            wait_s: Time after which the method returns; the attempt continues in a thread.
+            whatever_plays: Whether the program of another client is ended too.
         """
         if not self.there:
             return
         thread = threading.Thread(target=self._end, args=(whatever_plays,), name="arm-end-program", daemon=True)
         thread.start()
-        self._endings.append(thread)  # only now: another thread may join it at once
+        self._endings.append(thread)  # after the start, because another thread may join it at once
         thread.join(wait_s)
 
     def wait(self) -> None:
-        """Until nothing more is tried: a late end would be that of the next program."""
+        """Wait for the end of all attempts. A late attempt would end the next program."""
         while self._endings:
             self._endings.pop().join()
 
@@ -80,7 +86,7 @@ class OurProgram:
                 log.warning("the program %s on the robot is not ours and is left alone", name)
             else:
                 answer = stop_program(self.address, DASHBOARD_S)
-                if not no_program_left(answer):  # and no watchdog ends one that is paused
+                if not no_program_left(answer):  # a watchdog does not end a paused program
                     log.warning("the robot did not end the program: it says %r", answer)
                     return
             self.there = False
@@ -89,7 +95,7 @@ class OurProgram:
 
 
 def _program_on(address: str) -> tuple[str, str]:
-    """State and name of the controller's program. Raises RobotUnreachableError."""
+    """Return state and name of the controller's program. Raise RobotUnreachableError without an answer."""
     with Dashboard(address, time.monotonic() + ASK_S) as dashboard:
         state, _, name = dashboard.ask("programState").partition(" ")
     return state, name

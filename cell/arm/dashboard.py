@@ -1,7 +1,6 @@
-"""The dashboard of a UR controller over a plain socket: what it says of itself, and the end of its program.
+"""Client of the dashboard server of a UR controller, over a plain socket.
 
-It needs neither the vendor library nor its process, so it still works when those hang. Every command is a constant;
-nothing that comes from outside is ever sent.
+The client needs neither the vendor's library nor its process, so it works when those hang. Every command is a constant.
 """
 
 import contextlib
@@ -23,12 +22,17 @@ _LONGEST_LINE = 4096
 
 
 class Dashboard:
-    """One connection; `with Dashboard(...) as dashboard` closes it."""
+    """One connection, which a `with` statement closes."""
 
     def __init__(self, host: str, until_s: float) -> None:
-        """Connects. `until_s`, of `time.monotonic()`, is when connecting and all answers must have come by.
+        """Connect to the dashboard server.
 
-        Raises RobotUnreachableError.
+        Args:
+            host: Name or address of the controller.
+            until_s: Deadline for the connection and all answers, seconds of `time.monotonic()`.
+
+        Raises:
+            RobotUnreachableError: The dashboard server does not answer in time.
         """
         self._host, self._until_s = host, until_s
         self._received = b""
@@ -40,7 +44,7 @@ class Dashboard:
             raise
 
     def ask(self, command: Command) -> str:
-        """Sends one command; its answer, without the line's end. Raises RobotUnreachableError."""
+        """Send one command and return the answer line. Raise RobotUnreachableError without an answer in time."""
         try:
             self._socket.settimeout(_left(self._until_s))
             self._socket.sendall(command.encode() + b"\n")
@@ -49,7 +53,7 @@ class Dashboard:
         return self._line(command)
 
     def close(self) -> None:
-        """Closes the connection."""
+        """Close the connection."""
         self._socket.close()
 
     def __enter__(self) -> Self:
@@ -75,7 +79,16 @@ class Dashboard:
 
 
 def connected(host: str, port: int, until_s: float) -> socket.socket:
-    """A TCP connection made before `until_s` of `time.monotonic()`. Raises RobotUnreachableError."""
+    """Return a new TCP connection.
+
+    Args:
+        host: Name or address of the controller.
+        port: Port number.
+        until_s: Deadline, seconds of `time.monotonic()`.
+
+    Raises:
+        RobotUnreachableError: The connection fails, or takes too long.
+    """
     try:
         link = socket.create_connection((host, port), timeout=_left(until_s))
     except OSError as error:
@@ -83,21 +96,28 @@ def connected(host: str, port: int, until_s: float) -> socket.socket:
             f"no robot answers at {host}, port {port} ({error}): check arm.host, that the robot's "
             "controller is switched on and booted, the network cable, and that no firewall is in between"
         ) from error
-    with contextlib.suppress(OSError):  # a socket that the peer has closed meanwhile
+    with contextlib.suppress(OSError):  # the peer may have closed the socket
         link.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
     return link
 
 
 def stop_program(host: str, timeout_s: float) -> str:
-    """Ends whatever program runs, which also ends its motion; the dashboard's answer.
+    """End the running program, and with it its motion. Return the answer of the dashboard server.
 
-    The command leaves as soon as the connection stands, before the greeting has come. Raises RobotUnreachableError.
+    The command is sent as soon as the connection is open, before the greeting arrives.
+
+    Args:
+        host: Name or address of the controller.
+        timeout_s: Timeout of the whole call.
+
+    Raises:
+        RobotUnreachableError: The dashboard server does not answer in time.
     """
     until_s = time.monotonic() + timeout_s
     with connected(host, PORT, until_s) as link:
         try:
             link.sendall(b"stop\n")
-            # Closed with anything unread, the connection would be reset and the command perhaps never read.
+            # closing with unread data resets the connection, and the command might not be read
             received = b""
             while received.count(b"\n") < 2:
                 link.settimeout(_left(until_s))
@@ -112,12 +132,12 @@ def stop_program(host: str, timeout_s: float) -> str:
 
 
 def no_program_left(answer: str) -> bool:
-    """Whether the answer to a stop says that no program is there any more. In local mode the robot refuses the stop."""
-    return answer.lower().startswith(("stopped", "failed to execute"))  # the second: there was none
+    """Return whether the answer to a stop says that no program is left. In local mode the robot rejects the stop."""
+    return answer.lower().startswith(("stopped", "failed to execute"))  # the second means that there was no program
 
 
 def _left(until_s: float) -> float:
-    """Seconds left; never 0, which would mean a socket that does not wait."""
+    """Return the seconds until the deadline, at least a millisecond, because 0 makes a socket non-blocking."""
     return max(until_s - time.monotonic(), 1e-3)
 
 

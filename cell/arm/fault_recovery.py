@@ -1,4 +1,4 @@
-"""What follows when a person has looked at the cell and acknowledged a fault: the only place that unlocks a robot."""
+"""Recovery after a fault that a person has acknowledged. Only this file unlocks a robot."""
 
 import time
 
@@ -8,27 +8,36 @@ from cell.arm.robot_modes import UNLOCK_S, mode_error
 from cell.errors import CellError, RobotNotReadyError, TooEarlyError
 
 ANSWERS_S = 2.5
-"""The dashboard's answers have come in this time, or it is not reachable."""
+"""Timeout for the answers of the dashboard server."""
 SEEN_LATER_S = 0.2
-"""A stop is seen so long after it happened at the most."""
+"""Longest time from a protective stop until it is noticed."""
 RELEASE_S = 3.0
-"""After unlocking, the robot is back to normal in this time."""
+"""Longest time from unlocking until the robot is back to normal."""
 
 
 def acknowledge_protective_stop(address: str, seen_s: float | None, program_ours: bool) -> None:
-    """Ends the program, then unlocks a protective stop. Without one, only a program of ours is ended. No motion.
+    """End the program, then unlock a protective stop. The arm does not move.
 
-    A protective stop only pauses the program: played on, it would finish its old motion. So it is ended first, whether
-    or not the robot lets itself be unlocked yet; while it is there nothing is unlocked. `seen_s`: when the stop was
-    first seen, of `time.monotonic()`.
+    A protective stop only pauses the program, which would finish its old motion when it continues. The program is
+    therefore ended first, and nothing is unlocked while it is there. Without a protective stop, only our own program is
+    ended.
 
-    Raises: TooEarlyError, RobotNotReadyError, EmergencyStopError, RobotUnreachableError; ProtectiveStopError when the
-    robot has let itself be unlocked and is stopped all the same.
+    Args:
+        address: IP address of the controller.
+        seen_s: Time at which the stop was first noticed, seconds of `time.monotonic()`, or None.
+        program_ours: Whether our program may be on the controller.
+
+    Raises:
+        TooEarlyError: The robot cannot be unlocked yet.
+        RobotNotReadyError: The robot is in local mode, keeps its program, or is not ready for another reason.
+        EmergencyStopError: An emergency stop is pressed.
+        ProtectiveStopError: The robot was unlocked and is in a protective stop again.
+        RobotUnreachableError: The dashboard server does not answer.
     """
     with Dashboard(address, time.monotonic() + ANSWERS_S) as dashboard:
         mode = safety_mode(dashboard)
         locked = mode == "protective_stop"
-        # Asked before the program is ended: in local mode the robot refuses that.
+        # queried before the program is ended, which a robot in local mode rejects
         if locked and dashboard.ask("is in remote control").lower() != "true":
             raise RobotNotReadyError("the robot is in local mode: unlock it at its pendant")
         answer = dashboard.ask("stop") if program_ours or locked else None
@@ -43,7 +52,7 @@ def acknowledge_protective_stop(address: str, seen_s: float | None, program_ours
         if not locked:
             return
         wait_s = 0.0 if seen_s is None else seen_s + UNLOCK_S - time.monotonic()
-        # Towards the end of the wait the robot knows better: it was stopped a moment before that was seen.
+        # at the end of the wait the robot decides: it was stopped a moment before that was noticed
         if wait_s > SEEN_LATER_S:
             raise TooEarlyError(
                 f"the robot cannot be unlocked earlier than {UNLOCK_S:g} s after its stop: try again in {wait_s:.1f} s",
@@ -51,7 +60,7 @@ def acknowledge_protective_stop(address: str, seen_s: float | None, program_ours
             )
         if "releasing" not in dashboard.ask("unlock protective stop").lower():
             again_s = UNLOCK_S if seen_s is None else max(wait_s, SEEN_LATER_S)
-            raise TooEarlyError(f"the robot does not let itself be unlocked yet: try again in {again_s:.1f} s", again_s)
+            raise TooEarlyError(f"the robot cannot be unlocked yet: try again in {again_s:.1f} s", again_s)
     with Dashboard(address, time.monotonic() + RELEASE_S) as dashboard:
         dashboard.ask("close safety popup")
         error = _after_release(dashboard)
@@ -64,7 +73,7 @@ def _stopped(dashboard: Dashboard) -> bool:
 
 
 def _after_release(dashboard: Dashboard) -> CellError | None:
-    """What still keeps the robot from being driven once its release has had its time."""
+    """Return why the robot cannot be driven after its release, or None."""
     limit_s = time.monotonic() + RELEASE_S - 0.5
     while True:
         error = mode_error(robot_mode(dashboard), safety_mode(dashboard))

@@ -1,4 +1,4 @@
-"""One joint move, watched from its start until the arm is at rest at its target."""
+"""One joint move, monitored from its start until the arm is at rest at the target."""
 
 import time
 
@@ -12,26 +12,33 @@ from cell.config.arm_config import ArmSettings
 from cell.errors import MotionError
 
 START_S = 1.0
-"""A move that was taken begins in this time."""
+"""Longest time from the acceptance of a move to its start."""
 STALL_S = 5.0
-"""An arm that should move and stands still for so long never will."""
+"""Longest standstill of the arm during a move."""
 LINE_RAD = 0.05
-"""A joint move is a straight line of joint angles. An arm further off it is not on our move."""
+"""Largest distance of a joint from the straight line of a joint move. Beyond it, something else moves the arm."""
 ARRIVED_RAD = 2e-3
-"""Greatest joint error at the end of a move; 2 mm at a metre. Real arms end within a tenth of it."""
+"""Largest joint error at the end of a move, which is 2 mm at a distance of 1 m. Real arms have a tenth of it."""
 NEWS_S = 0.05
-"""By the controller's clock: what it said so much later, it said knowing of the answer that came before."""
+"""Time of the controller's clock after which its data are newer than its last answer."""
 STEADY_S = 0.05
-"""At rest is an arm that is steady for so long by the controller's clock."""
+"""Time without motion, by the controller's clock, after which the arm is at rest."""
 SETTLE_S = 1.0
-"""After a move the arm comes to rest in this time."""
+"""Longest time from the end of a move to rest."""
 
 
 def watched_move(link: ArmLink, settings: ArmSettings, q_to: NDArray[np.float64]) -> None:
-    """Moves the arm to the joint angles (6,); returns when it is at rest there.
+    """Move the arm to the joint angles (6,) and wait until it is at rest there.
 
-    Raises: MotionError, and what `ArmLink.good_poll` does. Only after angles that the controller refuses, with which
-    nothing moves, does the link still stand.
+    Args:
+        link: Connection to the controller.
+        settings: Speeds, acceleration and model of the arm.
+        q_to: Target joint angles (6,), rad.
+
+    Raises:
+        MotionError: The controller rejects the angles, or the arm does not move as sent. After rejected angles, nothing
+            has moved and the connection stays usable.
+        CellError: As `ArmLink.good_poll`.
     """
     q_from = np.array(link.ready().q_rad)
     speed = capped_speed(settings.model, q_from, q_to, settings.speed_rad_s, settings.flange_speed_m_s)
@@ -50,26 +57,26 @@ def watched_move(link: ArmLink, settings: ArmSettings, q_to: NDArray[np.float64]
 
 
 def _still_well(link: ArmLink) -> None:
-    """Returns if the controller is well by what it has said since: a program that has just ended allows nothing."""
+    """Check newer data of the controller: a program that has just ended rejects all angles."""
     asked_s = link.good_poll().controller_s
     while link.good_poll().controller_s < asked_s + NEWS_S:
         link.stopped.wait(POLL_S)
 
 
 def _until_ended(link: ArmLink, before: int, q_from: NDArray[np.float64], q_to: NDArray[np.float64]) -> None:
-    """Until the move has ended on the controller."""
+    """Wait for the end of the move on the controller."""
     started_s = moved_s = time.monotonic()
     moved_from = q_from
     while True:
         reading = link.good_poll()
         now_s, q = time.monotonic(), np.array(reading.q_rad)
         if off_line(q, q_from, q_to) > LINE_RAD:
-            link.fail(MotionError("the arm is not on the way that it was sent: something else moves it"))
+            link.fail(MotionError("the arm left the path that it was sent: something else moves it"))
         begun = reading.operation != before
         if begun and not reading.operating:
             return
         if not begun and now_s - started_s > START_S:
-            link.fail(MotionError("the robot took a move and did not begin it: see the pendant's log"))
+            link.fail(MotionError("the robot accepted a move and did not start it: see the pendant's log"))
         if np.abs(q - moved_from).max() > 1e-3:
             moved_from, moved_s = q, now_s
         if now_s - moved_s > STALL_S:
@@ -83,7 +90,7 @@ def _until_ended(link: ArmLink, before: int, q_from: NDArray[np.float64], q_to: 
 
 
 def _until_at_rest(link: ArmLink, q_to: NDArray[np.float64]) -> None:
-    """Until the arm is steady, and at its target."""
+    """Wait until the arm is at rest, and check that it is at the target."""
     limit_s = time.monotonic() + SETTLE_S
     steady_since: float | None = None
     while True:
@@ -101,14 +108,14 @@ def _until_at_rest(link: ArmLink, q_to: NDArray[np.float64]) -> None:
     if error.max() > ARRIVED_RAD:
         link.fail(
             MotionError(
-                f"the arm did not get to where it was sent: joint {int(error.argmax()) + 1} is "
+                f"the arm did not reach its target: joint {int(error.argmax()) + 1} is "
                 f"{np.degrees(error.max()):.2f} degrees off"
             )
         )
 
 
 def off_line(q: NDArray[np.float64], q_from: NDArray[np.float64], q_to: NDArray[np.float64]) -> float:
-    """How far, in its furthest joint, joint angles (6,) are from the straight line between two others."""
+    """Return the distance of joint angles (6,) from the straight line between two others, in the farthest joint."""
     turn = q_to - q_from
     share = np.clip((q - q_from) @ turn / max(float(turn @ turn), 1e-12), 0.0, 1.0)
     return float(np.abs(q - (q_from + share * turn)).max())

@@ -1,7 +1,7 @@
-"""Asks a UR controller whether it may be driven, before anything is started that could disturb it.
+"""Check of a UR controller before a connection: may it be driven?
 
-Plain sockets with deadlines: the vendor library would hang on a peer that accepts and never answers, and would end a
-program that somebody else runs.
+The check uses plain sockets with deadlines. The vendor's library would hang on a peer that accepts and never answers,
+and would end the program of another client.
 """
 
 import socket
@@ -18,7 +18,7 @@ from cell.devices import ArmInfo, RobotMode, SafetyMode
 from cell.errors import CellError, RobotNotReadyError, RobotUnreachableError
 
 PROBE_S = 2.0
-"""Everything must have been answered in this time."""
+"""Timeout of the whole check."""
 RTDE_PORT = 30004
 SCRIPT_PORT = 30003
 
@@ -27,14 +27,18 @@ _PROTOCOL_2 = struct.pack(">HBB", 4, ord("V"), 1)
 
 
 def probe(address: str, model: ArmModelName, ending_s: float = 0.0) -> ArmInfo:
-    """Who answers at the IP address, once it is certain that it may be driven. Sends nothing that changes anything.
+    """Return the identity of the controller, if it may be driven. The check changes nothing on the controller.
 
-    `ending_s`: how long a program may still be seen that is just being ended.
+    Args:
+        address: IP address of the controller.
+        model: Configured model of the arm.
+        ending_s: Time for which a program that is being ended may still be there.
 
     Raises:
-        RobotUnreachableError: nobody answers, or not as a UR controller does.
-        RobotNotReadyError: local mode, power off, another program, another model.
-        ProtectiveStopError, EmergencyStopError: as the robot says.
+        RobotUnreachableError: No controller answers, or the answer is not that of a UR controller.
+        RobotNotReadyError: Local mode, power off, another program or another model.
+        ProtectiveStopError: The robot is in a protective stop.
+        EmergencyStopError: An emergency stop is pressed.
     """
     until_s = time.monotonic() + PROBE_S
     _answers_rtde(address, until_s)
@@ -47,7 +51,7 @@ def probe(address: str, model: ArmModelName, ending_s: float = 0.0) -> ArmInfo:
 
 
 def introduced(dashboard: Dashboard) -> ArmInfo:
-    """Who the robot says that it is. Raises RobotUnreachableError."""
+    """Query the identity of the robot. Raise RobotUnreachableError without an answer."""
     return ArmInfo(
         model=dashboard.ask("get robot model"),
         serial=dashboard.ask("get serial number"),
@@ -58,13 +62,13 @@ def introduced(dashboard: Dashboard) -> ArmInfo:
 def against_driving(
     dashboard: Dashboard, info: ArmInfo, model: ArmModelName, ending_s: float = 0.0
 ) -> Iterator[CellError]:
-    """Each reason why the robot must not or cannot be driven, looked for one after the other.
+    """Yield each reason why the robot must not or cannot be driven, checking one after the other.
 
-    The errors and `ending_s` are those of `probe`. Raises RobotUnreachableError.
+    The arguments and the errors are those of `probe`.
     """
     if info.model.upper().removesuffix("E") != model.removesuffix("e").upper():
         yield RobotNotReadyError(
-            f"arm.model is {model!r}, but the robot says that it is a {info.model}: correct arm.model, or arm.host"
+            f"arm.model is {model!r}, but the robot is a {info.model}: correct arm.model, or arm.host"
         )
     if dashboard.ask("is in remote control").lower() != "true":
         yield RobotNotReadyError(
@@ -78,7 +82,7 @@ def against_driving(
     while (program := dashboard.ask("programState")).split(" ")[0] != "STOPPED":
         if time.monotonic() > program_gone_s:
             state, _, name = program.partition(" ")
-            # That of ur_rtde, which `pointchain serve` has on the robot all the time.
+            # the name of ur_rtde's program, which `pointchain serve` keeps on the robot
             who = "end the software that drives the robot already, or " if "rtde_control" in name else ""
             yield RobotNotReadyError(
                 f"another program ({name or 'without a name'}) is on the robot, {state.lower()}: {who}stop it at the "
@@ -89,7 +93,11 @@ def against_driving(
 
 
 def resolved(host: str, timeout_s: float = 0.8) -> str:
-    """The host's IP address. A resolver that hangs is left to itself. Raises RobotUnreachableError."""
+    """Return the IP address of a host. A resolver that hangs is abandoned in its thread.
+
+    Raises:
+        RobotUnreachableError: The name is unknown, or the name server does not answer within `timeout_s`.
+    """
     answer: list[str | OSError] = []
 
     def look_up() -> None:
@@ -110,15 +118,15 @@ def resolved(host: str, timeout_s: float = 0.8) -> str:
 
 
 def robot_mode(dashboard: Dashboard) -> RobotMode:
-    """The robot's mode; `no_controller` for one that is not known here."""
+    """Query the robot mode. An unknown mode becomes `no_controller`."""
     said = dashboard.ask("robotmode").rpartition(":")[2].strip().lower()
     return next((mode for mode in get_args(RobotMode) if mode == said), "no_controller")
 
 
 def safety_mode(dashboard: Dashboard) -> SafetyMode:
-    """The robot's safety mode; `undefined` for one that is not known here."""
+    """Query the safety mode. An unknown mode becomes `undefined`."""
     said = dashboard.ask("safetystatus").rpartition(":")[2].strip().lower()
-    # Some kinds of safeguard stop have a name of their own: by a door in automatic mode, by two enabling switches.
+    # kinds of safeguard stop with names of their own: a door in automatic mode, and two enabling switches
     if said in (
         "automatic_mode_safeguard_stop", "system_three_position_enabling_stop", "tp_three_position_enabling_stop",
     ):  # fmt: skip
@@ -127,7 +135,7 @@ def safety_mode(dashboard: Dashboard) -> SafetyMode:
 
 
 def software_version(said: str) -> str:
-    """`5.25.1` of "URSoftware 5.25.1.123456 (Jan 01 2026)"; all of it if it looks otherwise."""
+    """Return `5.25.1` for "URSoftware 5.25.1.123456 (Jan 01 2026)", or the whole text if it has another form."""
     words = [word for word in said.split() if word[:1].isdigit() and "." in word]
     return ".".join(words[0].split(".")[:3]) if words else said
 

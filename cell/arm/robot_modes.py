@@ -1,14 +1,14 @@
-"""What the robot's modes mean for a person who wants it to move."""
+"""Errors that follow from the robot mode and the safety mode."""
 
 from cell.devices import RobotMode, SafetyMode
 from cell.errors import CellError, EmergencyStopError, ProtectiveStopError, RobotNotReadyError
 
 UNLOCK_S = 5.0
-"""So long after a protective stop the robot refuses to be unlocked: time for a person to look."""
+"""Time after a protective stop during which the robot rejects unlocking."""
 
 
 def mode_error(robot_mode: RobotMode, safety_mode: SafetyMode) -> CellError | None:
-    """Why a robot in these modes cannot be moved, and what to do; None if it can."""
+    """Return why a robot in these modes cannot be moved and what to do, or None if it can."""
     match safety_mode:
         case "normal" | "reduced":
             pass

@@ -1,14 +1,14 @@
-"""Drives a UR controller through ur_rtde: the part that lives in a child process, see `cell.process.child`.
+"""Driver of a UR controller through ur_rtde. It runs in a child process, see `cell.process.child`.
 
-Only short calls: each reads, or has one command taken by the control script that ur_rtde runs on the controller. Moves
-are asynchronous there, watched by the parent's polls. What is known of ur_rtde 1.6.5 and minded here:
+Every call is short: it reads, or passes one command to the control script that ur_rtde runs on the controller. Moves
+are asynchronous, and the parent's polls monitor them. The driver allows for these properties of ur_rtde 1.6.5:
 
-- Its constructors hold the interpreter's lock and may hang: the kernel's alarm ends the process then.
-- On a lost link it reconnects by itself, uploads its script and sends its last command again. After the connection
-  stands, this process is therefore not allowed to open any file or socket: a lost link ends it.
-- A dead link goes unnoticed: readings carry how long ago the controller's clock last moved.
-- `stopJ(..., asynchronous=True)` is taken at once, while a move runs; the script then decelerates the tool (stopl).
-- Its objects take half a second each to close: the process is just ended.
+- Its constructors hold the interpreter's lock and may hang. An alarm of the kernel then ends the process.
+- On a lost link it reconnects by itself, uploads its script and sends its last command again. Once connected, this
+  process may therefore open no file or socket, so that a lost link ends it.
+- It does not notice a dead link. Readings contain the age of the controller's clock.
+- `stopJ(..., asynchronous=True)` is accepted during a move. The script then decelerates the tool (stopl).
+- Its objects take half a second each to close. The process is ended instead.
 """
 
 from __future__ import annotations
@@ -25,15 +25,15 @@ from cell.arm.ur_reading import PROGRAMS, ROBOT_MODES, Reading, safety
 from cell.errors import STOPPED, CellError, RobotLostError, RobotNotReadyError, RobotUnreachableError, StoppedError
 
 CONNECT_S = 6.0
-"""Longest that connecting may take; the script alone is given 5 s to start."""
+"""Timeout for connecting. The script alone may take 5 s to start."""
 CONTROL_HZ = 250.0
-"""How often the controller answers commands: half of what it can do costs half, and is still 4 ms."""
+"""Rate of the commands. Half of the controller's maximum costs half, and means 4 ms."""
 READ_HZ = 125.0
-"""How often the controller sends what is read here."""
+"""Rate of the controller's data."""
 LEASE_S = 5.0
-"""Between moves the arm's watchdog is kept quiet for so long after the parent's last call."""
+"""Time after the parent's last call during which the watchdog of a resting arm is kept alive."""
 SAME_POSE = 1e-3
-"""Tool poses of an arm at rest differ by less, metres and radians."""
+"""Largest difference of TCP poses of an arm at rest, metres and radians."""
 
 _OPEN_FILES = 3
 _VARIABLES = [
@@ -45,10 +45,10 @@ P = ParamSpec("P")
 R = TypeVar("R")
 
 
-def _told_when_lost(
+def _raises_when_lost(
     method: Callable[Concatenate[UrDriver, P], R],
 ) -> Callable[Concatenate[UrDriver, P], R]:
-    """ur_rtde raises a RuntimeError from whatever it does when it finds its connection broken."""
+    """Turn the RuntimeError that ur_rtde raises for a broken connection into RobotLostError."""
 
     @functools.wraps(method)
     def call(self: UrDriver, *arguments: P.args, **named: P.kwargs) -> R:
@@ -66,14 +66,22 @@ def _told_when_lost(
 
 
 class UrDriver:
-    """One connection to one controller, in a process of its own."""
+    """A `cell.arm.driver.ArmDriver`: one connection to one controller, in a child process."""
 
     def __init__(
         self, address: str, watchdog_hz: float, connect_s: float = CONNECT_S, lease_s: float = LEASE_S
     ) -> None:
-        """Connects, uploads the control script and arms its watchdog. Ends a program that runs: probe first.
+        """Connect, upload the control script and start its watchdog. A running program is ended, so probe first.
 
-        Raises RobotUnreachableError, RobotNotReadyError.
+        Args:
+            address: IP address of the controller.
+            watchdog_hz: Frequency of the watchdog.
+            connect_s: Timeout for connecting.
+            lease_s: Time after the parent's last call during which the watchdog of a resting arm is kept alive.
+
+        Raises:
+            RobotUnreachableError: The controller does not answer.
+            RobotNotReadyError: The controller rejects the connection or the watchdog.
         """
         from rtde_control import RTDEControlInterface as Control
         from rtde_receive import RTDEReceiveInterface as Receive
@@ -82,7 +90,7 @@ class UrDriver:
         signal.setitimer(signal.ITIMER_REAL, connect_s)
         try:
             self._receive = Receive(address, READ_HZ, _VARIABLES)
-            # Without the flag the script would also claim the input for an external force sensor.
+            # without the flag the script would also claim the input of an external force sensor
             self._control = Control(address, CONTROL_HZ, Control.FLAG_UPLOAD_SCRIPT | Control.FLAG_NO_EXT_FT)
         except RuntimeError as error:
             raise _not_connected(address, str(error)) from error
@@ -95,79 +103,75 @@ class UrDriver:
         self._last_kick_s = 0.0
         self._clock_s, self._clock_moved_s = -1.0, time.monotonic()
         if not self._control.setWatchdog(watchdog_hz):
-            raise RobotNotReadyError("the robot did not take the watchdog's frequency: connect again")
+            raise RobotNotReadyError("the robot did not accept the watchdog's frequency: connect again")
 
-    @_told_when_lost
+    @_raises_when_lost
     def poll(self) -> Reading:
-        """What the controller says now. A parent that polls also keeps the arm's watchdog quiet."""
+        """Return what the controller reports now, and keep the watchdog alive."""
         reading = self._reading()
         if self._moving and not reading.operating and reading.operation != self._operation_before:
             self._moving = False
         self._kick(reading)
         return reading
 
-    @_told_when_lost
+    @_raises_when_lost
     def allows(self, q_rad: tuple[float, ...]) -> bool:
-        """Whether the joint angles lie within the safety limits set at the controller."""
+        """Return whether the joint angles (6,) are within the safety limits of the controller."""
         return self._control.isJointsWithinSafetyLimits(list(q_rad))
 
-    @_told_when_lost
+    @_raises_when_lost
     def start_move(self, q_rad: tuple[float, ...], speed_rad_s: float, acceleration_rad_s2: float) -> int:
-        """Starts a joint move and returns at once: the number that its operation will differ from.
-
-        Raises StoppedError, RobotNotReadyError.
-        """
+        """Start a joint move and return the number of the previous operation, as `ArmDriver.start_move` says."""
         if self._stopped:
             raise StoppedError(STOPPED)
         self._operation_before = self._control.getAsyncOperationProgressEx().operationId()
         self._moving = True
         if not self._control.moveJ(list(q_rad), speed_rad_s, acceleration_rad_s2, True):
-            raise RobotNotReadyError("the robot did not take the move")
+            raise RobotNotReadyError("the robot did not accept the move")
         return self._operation_before
 
-    @_told_when_lost
+    @_raises_when_lost
     def stop(self, deceleration_m_s2: float) -> None:
-        """Stops the arm; no move is sent by this process afterwards."""
+        """Stop the arm, and send no move afterwards."""
         self._stopped = True
-        # Asynchronous, as it must be while a move runs, the script makes a stopl of it: the number is of the tool.
+        # the asynchronous form, which a running move needs, becomes a stopl: the deceleration is that of the tool
         self._control.stopJ(deceleration_m_s2, True)
 
-    @_told_when_lost
+    @_raises_when_lost
     def at_rest(self) -> tuple[Reading, tuple[float, ...]]:
-        """What the controller says now, and the tool (6,) that its tool pose is of: metres and axis-angle.
+        """Return what the controller reports of an arm at rest, and the tool's pose (6,) on the flange.
 
-        Only for an arm at rest. Not `getActualToolFlangePose`: ur_rtde does not wait for its answer and gives the one
-        before. Raises RobotLostError.
+        `getActualToolFlangePose` is not used: ur_rtde does not wait for its answer and returns the previous one.
         """
         for _ in range(3):
             before = self._reading()
             tool = self._control.getTCPOffset()
             if len(tool) != 6:
-                raise RobotLostError("the robot did not tell the offset of its tool")
+                raise RobotLostError("the robot did not report the offset of its tool")
             after = self._reading()
-            # A tool that somebody changes just now does not slip in between.
+            # the tool may be changed between two readings
             if same_pose(before.base_tcp, after.base_tcp):
                 return after, tuple(tool)
         raise RobotLostError("the robot's tool pose changes while the arm is at rest: leave the tool's settings alone")
 
     def alive(self) -> None:
-        """The parent is there: between moves this is all it has to say."""
+        """Receive that the parent process is alive."""
 
     def idle(self, quiet_s: float) -> None:
-        """Between moves: keeps the watchdog quiet for as long as the parent lives, so that pauses end no program."""
+        """Keep the watchdog of a resting arm alive as long as the parent is alive, so that pauses end no program."""
         reading = self._reading()
         if not self._moving and quiet_s < self._lease_s:
             self._kick(reading)
 
-    @_told_when_lost
+    @_raises_when_lost
     def end_program(self) -> bool:
-        """Ends the control script, and with it any motion; whether it has ended."""
+        """End the control script, and with it any motion. Return whether it has ended."""
         self._stopped = True
         self._control.stopScript()
         return not self._control.isProgramRunning()
 
     def close(self) -> None:
-        """Nothing to be done: the process is ended."""
+        """Do nothing: the process is ended."""
 
     def _kick(self, reading: Reading) -> None:
         now_s = time.monotonic()
@@ -198,8 +202,8 @@ class UrDriver:
 
 
 def same_pose(a: tuple[float, ...], b: tuple[float, ...]) -> bool:
-    """Whether two tool poses (6,), metres and axis-angle, are those of one arm at rest."""
-    # Near half a turn, as of a tool that points straight down, noise swaps the axis for the opposite one.
+    """Return whether two TCP poses (6,), metres and rotation vector, are those of one arm at rest."""
+    # near half a turn, as for a tool that points down, noise flips the rotation vector
     turn = math.hypot(*b[3:])
     opposite = [each * (1.0 - 2.0 * math.pi / turn) if turn > 0 else each for each in b[3:]]
     return any(
@@ -208,7 +212,7 @@ def same_pose(a: tuple[float, ...], b: tuple[float, ...]) -> bool:
 
 
 def _not_connected(address: str, why: str) -> CellError:
-    """ur_rtde tells its reasons only in words."""
+    """Return the error for a message of ur_rtde, which has no error codes."""
     if "already in use" in why:
         return RobotNotReadyError(
             "something else writes the robot's RTDE registers: end the other RTDE program, or disable EtherNet/IP, "

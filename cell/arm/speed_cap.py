@@ -1,6 +1,6 @@
-"""How fast a joint move may go so that the flange keeps its speed limit.
+"""Speed of a joint move under the speed limit of the flange.
 
-A moveJ goes along a straight line in joint space; its speed is that of the joint that turns furthest, the leading one.
+A moveJ follows a straight line in joint space. Its speed is that of the leading joint, which turns farthest.
 """
 
 import numpy as np
@@ -10,7 +10,7 @@ from cell.config.arm_config import ArmModelName
 from cell.kinematics.ur_kinematics import ARMS, jacobian, joint_speeds
 
 _STEP_RAD = 0.05
-"""Turn of all joints together between two places that are looked at."""
+"""Sum of all joint motions between two samples of the line."""
 
 
 def capped_speed(
@@ -20,10 +20,15 @@ def capped_speed(
     speed_rad_s: float,
     flange_speed_m_s: float,
 ) -> float:
-    """The leading joint's speed, rad/s, for the straight joint move between the angles (6,).
+    """Return the speed of the leading joint, rad/s, for a straight joint move.
 
-    At most `speed_rad_s` and what each joint can do, and such that the flange's origin stays below `flange_speed_m_s`
-    all along the line: proven between the places looked at, so at most 1 % or so too slow.
+    Args:
+        model: Model of the arm.
+        q_from: Joint angles (6,) at the start, rad.
+        q_to: Joint angles (6,) at the target, rad.
+        speed_rad_s: Configured speed of the leading joint. The joints' own limits hold too.
+        flange_speed_m_s: Speed limit of the flange's origin, which holds on the whole line. The bound between two
+            samples makes the move about 1 % slower than necessary.
     """
     turn = np.asarray(q_to, dtype=np.float64) - np.asarray(q_from, dtype=np.float64)
     furthest = float(np.abs(turn).max())
@@ -35,9 +40,9 @@ def capped_speed(
 
 
 def greatest_shift(model: ArmModelName, q_from: ArrayLike, q_to: ArrayLike) -> float:
-    """Greatest speed of the flange's origin, metres per whole move, were the straight joint line passed evenly.
+    """Return an upper bound of the flange's speed for a move of unit duration along the straight joint line, metres.
 
-    An upper bound, near to the true one.
+    The bound is close to the true maximum.
     """
     start = np.asarray(q_from, dtype=np.float64)
     turn = np.asarray(q_to, dtype=np.float64) - start
@@ -45,8 +50,8 @@ def greatest_shift(model: ArmModelName, q_from: ArrayLike, q_to: ArrayLike) -> f
     steps = int(np.ceil(total / _STEP_RAD)) + 1
     places: NDArray[np.float64] = start + np.linspace(0.0, 1.0, steps + 1)[:, None] * turn
     speed = np.linalg.norm(jacobian(model, places)[:, :3] @ turn, axis=1)
-    # Between two places a velocity lies within h^2 / 8 max |v''| of the chord; each derivative along the line brings at
-    # most a factor of the joints' turns together, on a lever no longer than the stretched arm.
+    # Between two samples a velocity is within h^2 / 8 max |v''| of the chord. Each derivative along the line adds at
+    # most a factor of the sum of the joint motions, with a lever no longer than the stretched arm.
     arm = ARMS[model]
     lever = float(np.abs(arm.a_m).sum() + np.abs(arm.d_m).sum())
     return float(speed.max()) + lever * total**3 / (8 * steps**2)

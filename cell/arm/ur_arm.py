@@ -1,4 +1,4 @@
-"""A UR arm as the rest of the cell sees it, real or simulated: an `Arm` of `cell.devices`."""
+"""A UR arm, real or simulated: a `cell.devices.DrivenArm`."""
 
 from collections.abc import Callable
 
@@ -19,32 +19,46 @@ from cell.errors import MotionError, RobotNotReadyError, StoppedError
 from cell.kinematics import ur_kinematics
 
 MODEL_M = 0.05
-"""A calibrated flange pose further than this from the nominal one is another model's."""
+"""Largest distance of the calibrated flange pose from the nominal one. Beyond it, the model is another one."""
 
 
 class UrArm:
-    """One UR arm. Every method but `stop` belongs to one thread at a time; `stop`, `host` and `latest` to any."""
+    """One UR arm.
+
+    Every method but `stop` belongs to one thread at a time. `stop`, `host` and `latest` may be used from any thread.
+    """
 
     def __init__(
         self, settings: ArmSettings, host: str, make_driver: Callable[[str, float], ArmDriver] = UrDriver
     ) -> None:
-        """Touches nothing yet. `host`: the controller's name or address."""
+        """Create the arm; no connection is made before `connect`.
+
+        Args:
+            settings: Model, speeds and watchdog of the arm.
+            host: Name or address of the controller.
+            make_driver: Makes the driver in its child process, from the IP address and the watchdog frequency.
+        """
         self.settings, self.host = settings, host
         self._link = ArmLink(settings, make_driver)
 
     @property
     def latest(self) -> ArmState | None:
-        """What the arm last told of itself; asks nothing."""
+        """Last state that the arm reported, or None. Nothing is queried."""
         return self._link.latest
 
     def connect(self) -> ArmInfo:
-        """Takes the arm: after this it can be moved. It does not move.
+        """Connect to the arm so that it can be moved. The arm does not move.
 
-        Raises: RobotUnreachableError, RobotNotReadyError, RobotLostError, ProtectiveStopError, EmergencyStopError;
-        StoppedError when `stop` was called meanwhile.
+        Raises:
+            RobotUnreachableError: No controller answers.
+            RobotNotReadyError: The controller cannot be driven now, or is of another model.
+            RobotLostError: The link broke.
+            ProtectiveStopError: The robot is in a protective stop.
+            EmergencyStopError: An emergency stop is pressed.
+            StoppedError: `stop` was called meanwhile.
         """
         link = self._link
-        link.stopped.clear()  # first: whoever calls `stop` from now on means this connection too
+        link.stopped.clear()  # first: a `stop` from now on holds for this connection too
         ended_ours = link.program is not None and link.program.there
         link.release()
         address = resolved(self.host)
@@ -55,14 +69,16 @@ class UrArm:
         return info
 
     def check_ready(self) -> None:
-        """Returns if the arm can be moved now. Raises what `move` would, and like it ends the connection then."""
+        """Return if the arm can be moved now. Raise the errors of `move` otherwise; the connection is then over."""
         self._link.ready()
 
     def state(self) -> ArmState:
-        """The arm now; at rest, by the controller's own flange pose, whatever tool is set.
+        """Return the arm's present state. The flange pose is that of the controller, whatever tool is set.
 
-        Raises: RobotLostError; RobotNotReadyError when somebody else's program has taken the arm; or why the
-        connection had ended before.
+        Raises:
+            RobotLostError: The link broke.
+            RobotNotReadyError: The program of another client has taken the arm, or the arm is not connected.
+            CellError: Why the connection ended before.
         """
         link = self._link
         if link.child is None:
@@ -76,29 +92,32 @@ class UrArm:
         return link.seen(reading)
 
     def move(self, q_rad: NDArray[np.float64]) -> ArmState:
-        """Moves to the joint angles (6,) and returns the state at rest there.
+        """Move to the joint angles (6,) and return the state at rest there.
+
+        After every error but rejected angles, the arm is stopped and must be connected again.
 
         Raises:
-            MotionError: the controller refuses the angles (nothing moved, and other moves are possible), or the arm
-                does not move, or not to where it should.
-            RobotLostError, ProtectiveStopError, EmergencyStopError, RobotNotReadyError: as it says; the arm is stopped,
-                and must be connected again.
-            StoppedError: after `stop`.
+            MotionError: The controller rejects the angles (nothing moves), or the arm does not reach its target.
+            RobotLostError: The link broke, or the watchdog has ended the program.
+            RobotNotReadyError: The controller cannot be driven now.
+            ProtectiveStopError: The robot is in a protective stop.
+            EmergencyStopError: An emergency stop is pressed.
+            StoppedError: `stop` was called.
         """
         watched_move(self._link, self.settings, _joints(q_rad))
         return self.state()
 
     def stop(self) -> None:
-        """Stops the arm at once: sent when this returns. A move under way raises StoppedError, and so does every later
-        one until `connect`."""
+        """Stop the arm. The stop is sent when this returns.
+
+        A running move raises StoppedError then, and so does every later move until `connect`.
+        """
         self._link.stop()
 
     def acknowledge(self) -> None:
-        """A person has looked at the cell after a fault: ends the program and unlocks a protective stop. No motion.
+        """End the program and unlock a protective stop, after a person has inspected the cell. The arm does not move.
 
-        The robot must be connected again afterwards.
-
-        Raises: TooEarlyError, RobotNotReadyError, ProtectiveStopError, EmergencyStopError, RobotUnreachableError.
+        The robot must be connected again afterwards. The errors are those of `acknowledge_protective_stop`.
         """
         link = self._link
         program = link.program
@@ -108,7 +127,7 @@ class UrArm:
         link.protective_s, link.program = None, None
 
     def close(self) -> None:
-        """Lets the arm go. A move under way is stopped first."""
+        """Release the arm. An arm that moves is stopped first."""
         self._link.stopped.set()
         if self._link.move_sent:
             self._link.stop()

@@ -1,11 +1,11 @@
-"""What a UR controller says of itself over RTDE, in the words of the rest of the cell."""
+"""Data of a UR controller over RTDE, in the terms of the cell."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
-if TYPE_CHECKING:  # a second of imports that the child process can do without
+if TYPE_CHECKING:  # the imports take a second in the child process
     from cell.devices import RobotMode, SafetyMode
 
 ROBOT_MODES: dict[int, RobotMode] = {
@@ -28,34 +28,36 @@ PROGRAMS: dict[int, Program] = {2: "playing", 3: "paused", 4: "paused", 5: "paus
 
 @dataclass(frozen=True)
 class Reading:
-    """The controller's last word."""
+    """Last data of the controller."""
 
     q_rad: tuple[float, ...]
-    """(6,) actual joint angles."""
+    """Actual joint angles (6,), rad."""
     qd_rad_s: tuple[float, ...]
-    """(6,) actual joint speeds."""
+    """Actual joint speeds (6,), rad/s."""
     base_tcp: tuple[float, ...]
-    """(6,) actual pose of the tool's centre point: metres, axis-angle."""
+    """Actual TCP pose (6,) in the base frame, position in metres and rotation vector in radians."""
     controller_s: float
-    """The controller's clock."""
+    """Clock of the controller, seconds since its start."""
     age_s: float
-    """How long ago that clock was last seen to move."""
+    """Time since that clock was last seen to move, seconds."""
     connected: bool
-    """Both connections stand, as far as is known."""
+    """Whether both connections are up, as far as is known."""
     robot_mode: RobotMode
+    """Robot mode."""
     safety_mode: SafetyMode
+    """Safety mode."""
     program: Program
-    """Of the control script."""
+    """State of the control script."""
     operation: int
-    """Number of the last asynchronous move or stop; starts again at 0 after 127."""
+    """Number of the last asynchronous move or stop. After 127 it restarts at 0."""
     operating: bool
-    """That move or stop is under way."""
+    """Whether that move or stop runs."""
     speed_fraction: float
-    """The pendant's speed slider, 0 to 1."""
+    """Speed slider of the pendant, 0 to 1."""
 
 
 def safety(mode: int, bits: int) -> SafetyMode:
-    """The safety mode; the bits may know of a stop first, and of more kinds."""
+    """Return the safety mode of RTDE's mode and status bits. The bits report a stop earlier, and more kinds of stop."""
     said: SafetyMode = _SAFETY_MODES.get(mode, "undefined")
     if said in ("normal", "reduced"):
         for bit, stop in _STOP_BITS.items():

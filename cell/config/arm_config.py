@@ -73,7 +73,7 @@ class SimulatedArm(ArmSettings):
     """Root mean square of a smooth error of the reported position. Real UR arms have 0.0003 to 0.0012."""
     pose_error_rad: float = Field(default=0.0, ge=0.0, le=0.02)
     """Root mean square of a smooth error of the reported orientation. Real UR arms have 0.0016 to 0.0037."""
-    seed: int = Field(default=0, ge=0)
+    pose_error_seed: int = Field(default=0, ge=0)
     """Random seed of these errors. Each arm has its own."""
 
     @property

@@ -149,7 +149,7 @@ class Equipment:
                 self.controller = start_controller(
                     *(arm.model, arm.host, arm.time_factor, self._first_posture()),
                     pose_error=(arm.pose_error_m, arm.pose_error_rad),
-                    seed=arm.seed,
+                    seed=arm.pose_error_seed,
                 )
             except ControllerStartError as error:
                 raise RobotUnreachableError(str(error)) from error

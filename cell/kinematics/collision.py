@@ -1,6 +1,7 @@
-"""How near the arm and its camera come to themselves, the table and obstacles: capsules, for many postures at once.
+"""Distances of the arm and its camera from each other, the table and obstacles, for many postures at once.
 
-A capsule is all that lies within a radius of a straight piece. The arm's are a little thicker than the arm.
+The parts of the arm are capsules, which are a little thicker than the arm. A capsule contains all points within a
+radius of a line segment.
 """
 
 from dataclasses import dataclass
@@ -16,16 +17,20 @@ from cell.kinematics.ur_kinematics import ARMS, link_frames
 
 @dataclass(frozen=True)
 class _Build:
-    """Measures of an arm's outside."""
+    """Outer dimensions of an arm."""
 
     upper_arm_beside_m: float
-    """The upper arm lies so far beside the plane of the base's axis, along the shoulder's."""
+    """Offset of the upper arm from the base's axis, along the shoulder's axis."""
     forearm_beside_m: float
+    """Offset of the forearm from the base's axis, along the shoulder's axis."""
     upper_arm_m: float
-    """Radii: upper arm, elbow, forearm, wrist; base and shoulder have that of the base."""
+    """Radius of the upper arm. Base and shoulder have the radius of the base."""
     elbow_m: float
+    """Radius of the elbow."""
     forearm_m: float
+    """Radius of the forearm."""
     wrist_m: float
+    """Radius of the wrist."""
 
 
 _BUILDS: dict[ArmModelName, _Build] = {
@@ -48,7 +53,7 @@ PARTS = (
 )
 _BASE, _SHOULDER, _UPPER, _ELBOW, _FOREARM, _WRIST_1, _WRIST_2, _WRIST_3, _MOUNT, _CAMERA = range(len(PARTS))
 
-# Left out: pairs whose distance their build fixes, or keeps from touching.
+# without pairs that cannot touch, or whose distance is fixed
 _SELF_PAIRS = np.array(
     [
         *((_BASE, part) for part in (_FOREARM, _WRIST_1, _WRIST_2, _WRIST_3, _MOUNT, _CAMERA)),
@@ -60,7 +65,7 @@ _SELF_PAIRS = np.array(
         (_WRIST_2, _CAMERA),
     ]
 )
-# The wrist passes these closely by its build, and so does a camera that is mounted beside it.
+# the wrist passes these parts closely by design, and so does a camera beside the wrist
 _CLOSE_PAIRS = {
     (_SHOULDER, _FOREARM),
     (_UPPER, _WRIST_1),
@@ -70,34 +75,38 @@ _CLOSE_PAIRS = {
     (_WRIST_2, _CAMERA),
 }
 CLOSE_M = 0.005
-"""Clearance of such pairs."""
+"""Clearance of these pairs."""
 
-# Base and shoulder stand on the table or the pedestal.
+# base and shoulder stand on the table or the pedestal
 _FREE_PARTS = np.arange(_ELBOW, len(PARTS))
 
 
 @dataclass(frozen=True, eq=False)
 class CollisionModel:
-    """The arm with its camera, and what it may run into."""
+    """Capsules of the arm and its camera, and what they may collide with."""
 
     model: ArmModelName
+    """Model of the arm."""
     part_frames: NDArray[np.int64]
-    """(P, 2): the link frame in which each end of a part's axis is given."""
+    """Link frame (P, 2) in which each end of a part's axis is given."""
     part_ends: NDArray[np.float64]
-    """(P, 2, 3): the ends."""
+    """Ends (P, 2, 3) of the parts' axes in these frames, metres."""
     part_radii: NDArray[np.float64]
-    """(P,)."""
+    """Radii (P,) of the parts, metres."""
     table_z_m: float
+    """Height of the table in the base frame."""
     boxes: NDArray[np.float64]
-    """(B, 2, 3): lowest and highest corners; the last is the workspace, in which the strings lie."""
+    """Lowest and highest corners (B, 2, 3) of the boxes. The last box is the workspace, in which the strings lie."""
     contacts: tuple[str, ...]
-    """(C,): in words, what touches what where a gap is 0."""
+    """Description (C,) of each contact."""
     clearances: NDArray[np.float64]
-    """(C,): the least gap that is allowed."""
+    """Smallest allowed distance (C,) of each contact, metres."""
 
     def gaps(self, q_rad: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Distances (N, C) at joint angles (N, 6), metres: negative where bodies overlap. One column for each of
-        `contacts`. Of boxes that are farther off than any clearance, a lower bound."""
+        """Return the distances (N, C) of all contacts at joint angles (N, 6), metres.
+
+        A negative distance is an overlap. For a box farther away than any clearance, the value is a lower bound.
+        """
         frames = link_frames(self.model, q_rad)[:, self.part_frames]
         ends = np.einsum("npeij,pej->npei", frames[..., :3, :3], self.part_ends) + frames[..., :3, 3]
         a, b, r = ends[:, :, 0], ends[:, :, 1], self.part_radii
@@ -114,16 +123,16 @@ class CollisionModel:
 
     @property
     def solid(self) -> NDArray[np.bool_]:
-        """(C,): which contacts are of bodies, all but those with the workspace."""
+        """Whether each contact (C,) is one of solid bodies, which the workspace is not."""
         return np.arange(len(self.contacts)) < len(self.contacts) - len(PARTS[_ELBOW:])
 
     def _first_parts(self) -> list[int]:
-        # The base cannot be moved out of the way of a box; the workspace only matters to what reaches into it.
+        # the base cannot avoid a box, and only parts from the elbow on can reach into the workspace
         return [_SHOULDER] * (len(self.boxes) - 1) + [_ELBOW]
 
 
 def collision_model(settings: CellSettings, T_flange_camera: NDArray[np.float64]) -> CollisionModel:
-    """Of a cell, with the camera mounted as told."""
+    """Return the collision model of a cell with the camera at `T_flange_camera` (4, 4)."""
     model, mounting = settings.arm.model, settings.mounting
     build, arm = _BUILDS[model], ARMS[model]
     base_m, up, fore = BASE_RADIUS_M[model], build.upper_arm_beside_m, build.forearm_beside_m
@@ -133,10 +142,10 @@ def collision_model(settings: CellSettings, T_flange_camera: NDArray[np.float64]
     cross = float(np.hypot(*across) / 2)
     half = np.zeros(3)
     half[long] = max(size[long] / 2 - cross / 4, 0.0)
-    camera_radius = float(np.hypot(size[long] / 2 - half[long], cross))  # the body's corners are inside
+    camera_radius = float(np.hypot(size[long] / 2 - half[long], cross))  # contains the corners of the body
     R, t = T_flange_camera[:3, :3], T_flange_camera[:3, 3]
     zero = (0.0, 0.0, 0.0)
-    # Frame, end; frame, end; radius: in the order of PARTS.
+    # frame and end, frame and end, radius, in the order of PARTS
     parts = [
         (0, (0.0, 0.0, 0.02), 0, (0.0, 0.0, arm.d_m[0]), base_m),
         (1, zero, 1, (0.0, 0.0, up), base_m),

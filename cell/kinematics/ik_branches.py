@@ -1,4 +1,4 @@
-"""In which ways the arm can hold a flange pose without harm."""
+"""Collision-free inverse kinematics solutions of flange poses."""
 
 from dataclasses import dataclass
 
@@ -9,10 +9,10 @@ from cell.kinematics.collision import CollisionModel
 from cell.kinematics.ur_kinematics import ARMS, inverse_each, jacobian
 
 USED_LIMIT_RAD = 0.97 * 2 * np.pi
-"""Joints stay within this, an endless wrist too: a camera's cable goes round with it."""
-LEAST_SINGULAR_VALUE = 0.04
-"""Of the Jacobian, metres and radians mixed: below, wrist, elbow or shoulder are near a singular posture, where small
-ways of the camera take large turns of the joints."""
+"""Largest joint angle that is used, also for an endless wrist, because the camera's cable turns with it."""
+MIN_SINGULAR_VALUE = 0.04
+"""Smallest singular value of the Jacobian, metres and radians mixed. Below it, wrist, elbow or shoulder are near a
+singularity, where small motions of the camera need large joint motions."""
 
 OUT_OF_REACH = "out of the arm's reach"
 TOO_NEAR = "too near the axis of the arm's base"
@@ -21,27 +21,32 @@ SINGULAR = "the arm would be stretched, or its wrist straight, near a singular p
 
 @dataclass(frozen=True, eq=False)
 class Postures:
-    """Joint vectors that reach flange poses, and why some poses have none."""
+    """Joint angles that reach flange poses, and why some poses have none."""
 
     q_rad: NDArray[np.float64]
-    """(M, 6), each angle in (-pi, pi]."""
+    """Joint angles (M, 6), each in (-pi, pi]."""
     which: NDArray[np.int64]
-    """(M,): the pose that each reaches."""
+    """Index (M,) of the pose that each solution reaches."""
     reasons: tuple[str | None, ...]
-    """For each pose, why there is no posture, in words; None where there is one."""
+    """For each pose, why it has no solution, or None if it has one."""
 
     def of(self, pose: int) -> NDArray[np.float64]:
-        """The joint vectors (K, 6) that reach this pose."""
+        """Return the joint angles (K, 6) that reach this pose."""
         return self.q_rad[self.which == pose]
 
 
 def find_postures(collisions: CollisionModel, T_base_flange: NDArray[np.float64]) -> Postures:
-    """All postures for flange poses (N, 4, 4) that are away from singular ones and keep all clearances."""
+    """Return all joint angles for flange poses that are far from singularities and keep all clearances.
+
+    Args:
+        collisions: Collision model of the cell.
+        T_base_flange: Flange poses (N, 4, 4).
+    """
     q, which = inverse_each(collisions.model, T_base_flange)
     arm = ARMS[collisions.model]
     wrist = T_base_flange[:, :2, 3] - arm.d_m[5] * T_base_flange[:, :2, 2]
     reasons: list[str | None] = [TOO_NEAR if r < arm.d_m[3] else OUT_OF_REACH for r in np.linalg.norm(wrist, axis=1)]
-    agile = np.linalg.svd(jacobian(collisions.model, q), compute_uv=False)[:, -1] >= LEAST_SINGULAR_VALUE
+    agile = np.linalg.svd(jacobian(collisions.model, q), compute_uv=False)[:, -1] >= MIN_SINGULAR_VALUE
     for pose in np.unique(which):
         reasons[pose] = SINGULAR
     q, which = q[agile], which[agile]
@@ -55,8 +60,15 @@ def find_postures(collisions: CollisionModel, T_base_flange: NDArray[np.float64]
 
 
 def with_turns(q_rad: NDArray[np.float64], reference_rad: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Joint vectors (M, 6) with every joint in its turn nearest to `reference_rad` (6,), and the last joint in all
-    turns: (K, 6), K from M to 3 M."""
+    """Return joint angles with every joint in the turn nearest to a reference, and the last joint in all turns.
+
+    Args:
+        q_rad: Joint angles (M, 6).
+        reference_rad: Reference joint angles (6,).
+
+    Returns:
+        Joint angles (K, 6), K from M to 3 M.
+    """
     turns = 2 * np.pi * np.arange(-1, 2)
     choices = q_rad[:, :, None] + turns
     allowed = np.abs(choices) <= USED_LIMIT_RAD

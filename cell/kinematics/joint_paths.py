@@ -1,4 +1,4 @@
-"""Ways from one posture of the arm to another: straight lines in joint space, and round a hindrance by a third one."""
+"""Joint paths between two postures: straight lines in joint space, or a detour by a third posture."""
 
 import itertools
 
@@ -10,25 +10,25 @@ from cell.kinematics.ik_branches import with_turns
 from cell.kinematics.ur_kinematics import forward, inverse
 
 STEP_RAD = 0.03
-"""Turn of all joints together between two postures that are looked at. In half of it nothing moves further than 1.5 %
-of the arm's length, 2 cm of the longest arm: less than the usual clearance."""
+"""Sum of all joint motions between two collision checks. Half of it moves no part by more than 1.5 % of the arm's
+length, which is 2 cm for the longest arm and less than the usual clearance."""
 RISES_M = (0.05, 0.10, 0.20, 0.30)
-"""The flange is lifted so far for a posture on the way."""
+"""Heights by which the flange is lifted for a detour, tried in this order."""
 LIFTED_CHOICES = 3
-"""Of the postures for a viewpoint so many are tried with that."""
+"""Number of postures of a viewpoint for which a detour is tried."""
 
 Way = tuple[NDArray[np.float64], ...]
-"""Postures (6,) to pass one after another, without the first."""
+"""Joint angles (6,) of the waypoints in order, without the start."""
 
 
 def travel_rad(q_from: NDArray[np.float64], way: Way) -> float:
-    """The leading joint's turns along a way, together."""
+    """Return the motion of the leading joint, summed over the legs of a path."""
     places = [q_from, *way]
     return float(sum(np.abs(b - a).max() for a, b in itertools.pairwise(places)))
 
 
 class JointPaths:
-    """Looks for free ways, remembering what it has looked at."""
+    """Find collision-free paths, and keep the results of all checks."""
 
     def __init__(self, collisions: CollisionModel, home_q_rad: NDArray[np.float64]) -> None:
         self._collisions = collisions
@@ -39,18 +39,24 @@ class JointPaths:
     def free(
         self, q_from: NDArray[np.float64], q_to: NDArray[np.float64], clearances: NDArray[np.float64] | None = None
     ) -> bool:
-        """Whether the straight line keeps the clearances: the model's own, or others (C,)."""
+        """Return whether a straight line in joint space keeps the clearances.
+
+        Args:
+            q_from: Joint angles (6,) at the start.
+            q_to: Joint angles (6,) at the end.
+            clearances: Smallest distances (C,). None means those of the collision model.
+        """
         return bool(self.free_each(q_from, q_to[None], clearances)[0])
 
     def free_each(
         self, q_from: NDArray[np.float64], q_to: NDArray[np.float64], clearances: NDArray[np.float64] | None = None
     ) -> NDArray[np.bool_]:
-        """The same for the lines from one posture (6,) to each of others (N, 6): (N,)."""
+        """Return the same for the lines from one posture (6,) to each of several (N, 6), as (N,)."""
         needed = self._collisions.clearances if clearances is None else clearances
         keys = [min(line) + max(line) + needed.tobytes() for line in ((q_from.tobytes(), q.tobytes()) for q in q_to)]
         unknown = [k for k, key in enumerate(keys) if key not in self._free]
         if unknown:
-            # What hinders is seldom near the ends: a few places between tell most lines that are not free.
+            # obstacles are rarely near the ends, so a few samples find most lines that are not free
             ends = q_to[unknown]
             free = self._clear(q_from, ends, np.full(len(ends), 8), needed)
             steps = np.ceil(np.abs(ends - q_from).sum(axis=1) / STEP_RAD).astype(np.int64) + 1
@@ -65,7 +71,7 @@ class JointPaths:
         steps: NDArray[np.int64],
         needed: NDArray[np.float64],
     ) -> NDArray[np.bool_]:
-        """Whether each line to one of `ends` (N, 6) is clear at so many places and its end."""
+        """Return whether each line to one of `ends` (N, 6) is free at `steps` (N,) samples and at its end."""
         line = np.repeat(np.arange(len(ends)), steps + 1)
         first = np.repeat(np.cumsum(steps + 1) - steps - 1, steps + 1)
         share = (np.arange(len(line)) - first) / steps[line]
@@ -74,9 +80,11 @@ class JointPaths:
         return np.bincount(line, blocked, minlength=len(ends)) == 0
 
     def way_home(self, q: NDArray[np.float64], clearances: NDArray[np.float64] | None = None) -> Way | None:
-        """From a posture home, straight or by a posture in which the flange is lifted; None where neither is free.
+        """Return a path home, straight or with the flange lifted, or None.
 
-        `clearances` hold for the first straight piece, as in `free`.
+        Args:
+            q: Joint angles (6,) at the start.
+            clearances: Smallest distances (C,) on the first leg, as in `free`.
         """
         key = q.tobytes() + (b"" if clearances is None else clearances.tobytes())
         if key not in self._home_ways:
@@ -84,16 +92,16 @@ class JointPaths:
         return self._home_ways[key]
 
     def way(self, q_from: NDArray[np.float64], q_to: NDArray[np.float64]) -> Way | None:
-        """Straight if that is free, else by home; None where neither is."""
+        """Return a straight path if it is free, else one by the home posture, or None."""
         return (q_to,) if self.free(q_from, q_to) else self.by_home(self.way_home(q_from), q_to)
 
     def by_home(self, there: Way | None, q_to: NDArray[np.float64]) -> Way | None:
-        """The way home `there` and on to a posture; None where either has none."""
+        """Return the path home `there`, continued to a posture, or None if either part is missing."""
         back = self.way_home(q_to)
         return None if there is None or back is None else (*there, *back[-2::-1], q_to)
 
     def linked(self, q: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Those of the postures (N, 6) from which a straight line leads home; else the first with another way."""
+        """Return those of the postures (N, 6) with a straight path home, else the first one with a detour."""
         direct = q[self.free_each(self._home, q)]
         if len(direct):
             return direct

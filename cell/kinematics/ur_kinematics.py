@@ -1,8 +1,8 @@
 """Forward and inverse kinematics of the UR e-Series arms.
 
-Frames are the controller's own: base with z up along the first joint's axis, flange with z out of it. `T_base_flange`
-maps flange points to base. The tables are the nominal ones: a real controller's calibrated pose differs from them by
-up to a few millimetres, so poses that matter are read from the controller and not computed here.
+The frames are those of the controller: base with z up along the first joint's axis, flange with z outwards.
+`T_base_flange` maps flange points to base. The dimensions are nominal. The calibrated pose of a real controller differs
+from them by up to a few millimetres, so the pose of a view is read from the controller.
 """
 
 from dataclasses import dataclass
@@ -16,26 +16,26 @@ from calibration.geometry.transforms import from_rotation_vector
 from cell.config.arm_config import ArmModelName
 
 JOINT_LIMIT_RAD = 2.0 * np.pi
-"""Every joint turns so far either way ..."""
+"""Largest angle of every joint in both directions ..."""
 ENDLESS_WRIST: frozenset[ArmModelName] = frozenset({"ur3e"})
-"""... but the last one of these arms, which turns without end."""
+"""... except the last joint of these arms, which has no limit."""
 
 SAME_SOLUTION_RAD = 1e-5
-"""Joint vectors nearer than this are one solution."""
+"""Largest difference of two vectors of joint angles that are one solution."""
 POSE_TOLERANCE = 1e-7
-"""Greatest deviation, metres and radians, of a solution's pose from the asked one."""
+"""Largest difference between the pose of a solution and the requested pose, metres and radians."""
 
 
 @dataclass(frozen=True)
 class ArmModel:
-    """An arm's Denavit-Hartenberg table and speeds, from the maker's data sheets."""
+    """Denavit-Hartenberg parameters and joint speeds of an arm, from the maker's data sheets."""
 
     d_m: tuple[float, float, float, float, float, float]
-    """Offset along each joint's axis."""
+    """Offset along the axis of each joint."""
     a_m: tuple[float, float, float, float, float, float]
-    """Length of each link: along x of the frame behind the joint."""
+    """Length of each link along x of the frame after the joint."""
     speed_rad_s: tuple[float, float, float, float, float, float]
-    """Fastest turn of each joint."""
+    """Largest speed of each joint."""
 
 
 ALPHA_RAD = (np.pi / 2, 0.0, 0.0, np.pi / 2, -np.pi / 2, 0.0)
@@ -61,8 +61,8 @@ ARMS: dict[ArmModelName, ArmModel] = {
     ),
 }
 
-# At degenerate poses, among them usual home poses, the solver drops solutions. Poses on either side have them all, and
-# Newton steps lead back; a stretched arm needs wider nudges.
+# At degenerate poses, such as usual home poses, the solver drops solutions. Poses beside them have all solutions, and
+# Newton steps lead back. A stretched arm needs larger offsets.
 _NUDGES = [
     (from_rotation_vector(size * shift, size * turn), from_rotation_vector(-size * shift, -size * turn))
     for size, shift, turn in (
@@ -75,7 +75,7 @@ _NUDGES = [
 
 
 def joint_limits(model: ArmModelName) -> NDArray[np.float64]:
-    """The greatest angle (6,) of each joint either way, radians; infinite for an endless wrist."""
+    """Return the largest angle (6,) of each joint in both directions, rad. It is infinite for an endless wrist."""
     limits = np.full(6, JOINT_LIMIT_RAD)
     if model in ENDLESS_WRIST:
         limits[5] = np.inf
@@ -83,19 +83,20 @@ def joint_limits(model: ArmModelName) -> NDArray[np.float64]:
 
 
 def joint_speeds(model: ArmModelName) -> NDArray[np.float64]:
-    """The fastest turn (6,) of each joint, rad/s."""
+    """Return the largest speed (6,) of each joint, rad/s."""
     return np.array(ARMS[model].speed_rad_s)
 
 
 def forward(model: ArmModelName, q_rad: ArrayLike) -> NDArray[np.float64]:
-    """`T_base_flange` (4, 4) at the joint angles (6,)."""
+    """Return `T_base_flange` (4, 4) at the joint angles (6,)."""
     return link_frames(model, q_rad)[6]
 
 
 def link_frames(model: ArmModelName, q_rad: ArrayLike) -> NDArray[np.float64]:
-    """The frames (..., 7, 4, 4) of base and links at joint angles (..., 6): `[..., k]` maps link k's points to base.
+    """Return the frames (..., 7, 4, 4) of base and links at joint angles (..., 6).
 
-    Frame 0 is the base, frame 6 the flange; joint k + 1 turns about z of frame k.
+    Frame k maps points of link k to base. Frame 0 is the base and frame 6 the flange. Joint k + 1 turns about z of
+    frame k.
     """
     q = np.asarray(q_rad, dtype=np.float64)
     arm = ARMS[model]
@@ -103,7 +104,7 @@ def link_frames(model: ArmModelName, q_rad: ArrayLike) -> NDArray[np.float64]:
     frames = np.zeros((*q.shape[:-1], 7, 4, 4))
     frames[..., 0, :, :] = np.eye(4)
     for k, (d, a, alpha) in enumerate(zip(arm.d_m, arm.a_m, ALPHA_RAD, strict=True)):
-        # Exact zeros instead of cos(pi / 2) keep the sparse entries clean.
+        # exact zeros instead of cos(pi / 2)
         ca, sa = np.round(np.cos(alpha)), np.round(np.sin(alpha))
         step = np.zeros((*q.shape[:-1], 4, 4))
         step[..., 0, 0], step[..., 0, 1], step[..., 0, 2] = c[..., k], -s[..., k] * ca, s[..., k] * sa
@@ -115,9 +116,9 @@ def link_frames(model: ArmModelName, q_rad: ArrayLike) -> NDArray[np.float64]:
 
 
 def jacobian(model: ArmModelName, q_rad: ArrayLike) -> NDArray[np.float64]:
-    """The geometric Jacobian (..., 6, 6) of the flange's origin in the base frame at joint angles (..., 6).
+    """Return the geometric Jacobian (..., 6, 6) of the flange's origin at joint angles (..., 6), base frame.
 
-    Rows 0-2: velocity, metres per radian; rows 3-5: angular velocity.
+    Rows 0 to 2 are the velocity, metres per radian. Rows 3 to 5 are the angular velocity.
     """
     frames = link_frames(model, q_rad)
     axes, origins = frames[..., :6, :3, 2], frames[..., :6, :3, 3]
@@ -126,11 +127,14 @@ def jacobian(model: ArmModelName, q_rad: ArrayLike) -> NDArray[np.float64]:
 
 
 def inverse(model: ArmModelName, T_base_flange: NDArray[np.float64]) -> NDArray[np.float64]:
-    """All joint vectors (N, 6), each angle in (-pi, pi], whose flange pose is `T_base_flange`; N is 0 to 8.
+    """Return all joint angles (N, 6) that reach the flange pose, each in (-pi, pi]. N is 0 to 8.
 
-    At a singular pose endlessly many joint vectors reach it: some of them are given, which may be more than 8, or none
-    where the arm is stretched as well. Collisions and joint limits are not looked at; a full turn more or less of any
-    joint gives the same pose.
+    Infinitely many solutions reach a singular pose. Some of them are returned, which may be more than 8, or none if the
+    arm is also stretched. Collisions and joint limits are not checked. A full turn of any joint gives the same pose.
+
+    Args:
+        model: Model of the arm.
+        T_base_flange: Flange pose (4, 4).
     """
     return inverse_each(model, np.asarray(T_base_flange)[None])[0]
 
@@ -138,7 +142,7 @@ def inverse(model: ArmModelName, T_base_flange: NDArray[np.float64]) -> NDArray[
 def inverse_each(
     model: ArmModelName, T_base_flange: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """As `inverse`, for poses (N, 4, 4) at once: joint vectors (M, 6), and which pose each of them reaches (M,)."""
+    """Return the solutions of `inverse` for poses (N, 4, 4): joint angles (M, 6), and the pose of each (M,)."""
     T = np.asarray(T_base_flange, dtype=np.float64)
     found = [_solutions(model, pose) for pose in T]
     which = np.repeat(np.arange(len(T)), [len(q) for q in found])
@@ -157,11 +161,11 @@ def inverse_each(
 
 
 def _solutions(model: ArmModelName, T: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Joint vectors (N, 6) that reach a pose beside `T`."""
+    """Return joint angles (N, 6) that reach a pose beside `T`."""
     solver, R_straight = _solver(model)
     for nudges in _NUDGES:
         beside = [T @ nudge for nudge in nudges]
-        # Lists are taken column by column.
+        # the solver reads nested lists column by column
         asked = [((pose[:3, :3] @ R_straight.T).T.tolist(), pose[:3, 3].tolist()) for pose in beside]
         found = [q for R, t in asked for q, is_nearest_only in solver.get_ik(R, t) if not is_nearest_only]
         q = np.array(found, dtype=np.float64).reshape(-1, 6)
@@ -173,8 +177,10 @@ def _solutions(model: ArmModelName, T: NDArray[np.float64]) -> NDArray[np.float6
 
 @cache
 def _solver(model: ArmModelName) -> tuple[Robot, NDArray[np.float64]]:
-    """The solver of an arm whose joints 2 to 4 are parallel and 5 and 6 meet; the flange's turn (3, 3) with all joints
-    at zero, which the solver counts from."""
+    """Return the solver of the arm, and the flange's orientation (3, 3) at zero joint angles, to which it refers.
+
+    Joints 2 to 4 are parallel, and the axes of joints 5 and 6 intersect.
+    """
     straight = link_frames(model, np.zeros(6))
     origins = straight[:, :3, 3]
     links = np.diff(origins, axis=0, prepend=origins[:1] * 0.0)
@@ -183,7 +189,7 @@ def _solver(model: ArmModelName) -> tuple[Robot, NDArray[np.float64]]:
 
 
 def _pose_error(T: NDArray[np.float64], reached: NDArray[np.float64]) -> NDArray[np.float64]:
-    """What leads from poses (N, 4, 4) to others: shifts and small turns (N, 6)."""
+    """Return the errors (N, 6) of reached poses (N, 4, 4), translation and small rotation vector."""
     turn = T[:, :3, :3] @ reached[:, :3, :3].swapaxes(1, 2)
     skew = 0.5 * (turn - turn.swapaxes(1, 2))
     turns = np.stack([skew[:, 2, 1], skew[:, 0, 2], skew[:, 1, 0]], axis=1)
@@ -191,7 +197,7 @@ def _pose_error(T: NDArray[np.float64], reached: NDArray[np.float64]) -> NDArray
 
 
 def _new(q: NDArray[np.float64], which: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """Whether no joint vector (N, 6) shortly before it reaches the same pose in the same way."""
+    """Return for each solution (N, 6) whether none of the few before it is the same."""
     new = np.ones(len(q), dtype=np.bool_)
     for back in range(1, 16):
         same = np.abs(_wrapped(q[back:] - q[:-back])).max(axis=1, initial=0.0) < SAME_SOLUTION_RAD
@@ -200,5 +206,5 @@ def _new(q: NDArray[np.float64], which: NDArray[np.int64]) -> NDArray[np.bool_]:
 
 
 def _wrapped(q: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Angles in (-pi, pi]."""
+    """Wrap angles to (-pi, pi]."""
     return np.pi - np.mod(np.pi - q, 2 * np.pi)

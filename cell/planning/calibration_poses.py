@@ -1,9 +1,9 @@
-"""From where the camera looks at a calibration board, and how the arm gets there.
+"""Camera poses of a hand-eye calibration, and the path through them.
 
-The board lies flat on the table within `OFF_MIDDLE_M` of the workspace's middle, turned any way.
+The board lies flat on the table within `OFF_MIDDLE_M` of the workspace's middle, in any orientation.
 
-What tells the camera's mounting best are near looks, steep from the side and rolled far; it takes some from farther off
-to tell it apart from the focal length and the board's size. So of three looks two are near and one is far.
+Near poses with a large roll determine the camera's mounting best. Far poses separate it from the focal length and the
+size of the board. Two of three poses are near, and one is far.
 """
 
 from collections.abc import Sequence
@@ -21,17 +21,17 @@ from cell.planning.look_at import Bearing
 from cell.planning.viewpoints import ViewpointPlan, plan_through, told_missing
 
 POSES, HELD_OUT = 15, 2
-"""So many poses are solved from, and so many more judge the solution."""
-LEAST_POSES = 10
-"""A calibration with fewer is not begun."""
+"""Number of poses to solve from, and number of further poses for the verification."""
+MIN_POSES = 10
+"""Smallest number of reachable poses to solve from."""
 OFF_MIDDLE_M = 0.03
-"""The board's middle may lie so far from the workspace's."""
+"""Largest distance of the board's middle from the middle of the workspace."""
 IN_FOCUS_M = 0.25
-"""A camera comes no nearer to the board's middle, unless camera.working_m lets it."""
-LEAST_RATIO, LARGEST_RATIO = 1.25, 1.75
-"""Between the far distance and the near one: more tells little more, and is hard to reach."""
-LEAST_OF_EACH = 3
-"""So many looks from near and so many from far are needed to tell the focal length and the board's size."""
+"""Smallest distance from the board's middle, unless camera.working_m is smaller."""
+MIN_RATIO, MAX_RATIO = 1.25, 1.75
+"""Limits of the ratio between the far and the near distance. A larger ratio adds little and is hard to reach."""
+MIN_OF_EACH = 3
+"""Number of near poses and of far poses that determine the focal length and the board's size."""
 UNVERIFIED = (
     "none of the poses that the calibration is verified from can be reached, so that it will not be verified: change "
     "x_m or y_m in [workspace]"
@@ -40,7 +40,7 @@ UNVERIFIED = (
 _NEAR_ELEVATION_RAD, _FAR_ELEVATION_RAD, _HELD_ELEVATION_RAD = np.deg2rad((60.0, 70.0, 65.0))
 _NEAR_ROLL_RAD, _FAR_ROLL_RAD, _HELD_ROLL_RAD = np.deg2rad((75.0, 25.0, 50.0))
 _CIRCLE = 16
-"""The place where the board may lie is looked at as so many points of its rim."""
+"""Number of points on the rim of the area in which the board may lie."""
 
 
 @dataclass(frozen=True)
@@ -72,21 +72,28 @@ def plan_calibration(
     poses: int = POSES,
     held_out: int = HELD_OUT,
 ) -> ViewpointPlan:
-    """The way from `q_now_rad` (6,), or home, through poses from which a calibration is solved, and home.
+    """Plan the poses of a calibration and the path through them. The same arguments give the same plan.
 
-    The first `poses` viewpoints are solved from, the `held_out` after them are not; where none of these can be reached,
-    the last of the others that can is held out too, and where too few can, a warning says so. `T_flange_camera` (4, 4)
-    need be right to a few centimetres and degrees only. Nothing moves. The same arguments give the same plan.
+    If no pose for the verification is reachable, the last reachable pose to solve from is held out too. If there are
+    too few of these, the plan has a warning.
+
+    Args:
+        settings: Settings of the cell.
+        board: Board on the table.
+        T_flange_camera: Camera pose on the flange (4, 4), accurate to a few centimetres and degrees.
+        q_now_rad: Joint angles (6,) at the start. None means home.
+        poses: Number of poses to solve from, which come first in the plan.
+        held_out: Number of poses for the verification, which come last.
 
     Raises:
-        ViewpointsError: fewer than `LEAST_POSES` (or `poses`) can be reached; names each that cannot, with its reason.
+        ViewpointsError: Fewer than `MIN_POSES` (or `poses`) are reachable. The message names the others.
     """
     sight = board_sight(settings, board, T_flange_camera)
     distances = _distances(sight)
     wanted = [*_to_solve_from(distances, poses), *_to_hold_out(distances, poses, held_out)]
     plan = _plan(settings, sight, wanted, q_now_rad)
     solved_from = [v for v in plan.viewpoints[:poses] if v.q_rad is not None]
-    least = min(LEAST_POSES, poses)
+    least = min(MIN_POSES, poses)
     if len(solved_from) < least:
         smaller = (
             f"take a smaller board, as the camera sees all of this one from {distances.near_m:.2f} m on only, or "
@@ -109,16 +116,20 @@ def plan_calibration(
 def plan_verification(
     settings: CellSettings, board: Board, T_flange_camera: NDArray[np.float64], q_now_rad: ArrayLike | None
 ) -> ViewpointPlan:
-    """The way from `q_now_rad` (6,), or home, through two poses on opposite sides of the board, and home.
+    """Plan two poses on opposite sides of the board, from which a wrong calibration shows the board at two positions.
 
-    An error of the mounting makes the board appear in two places from there. Nothing moves.
+    Args:
+        settings: Settings of the cell.
+        board: Board on the table.
+        T_flange_camera: Camera pose on the flange (4, 4).
+        q_now_rad: Joint angles (6,) at the start. None means home.
 
     Raises:
-        ViewpointsError: one of the two cannot be reached.
+        ViewpointsError: One of the two poses is not reachable.
     """
     sight = board_sight(settings, board, T_flange_camera)
     distances = _distances(sight)
-    # Across the line from the arm to the board: from behind the board it may be out of the arm's reach.
+    # beside the line from the arm to the board, because the far side may be out of reach
     across = float(np.arctan2(sight.target[1], sight.target[0])) + np.pi / 2
     wanted = [
         _Wanted(Bearing(across, _NEAR_ELEVATION_RAD, _FAR_ROLL_RAD), distances.near_m, distances.range_m),
@@ -134,12 +145,12 @@ def plan_verification(
 
 
 def board_sight(settings: CellSettings, board: Board, T_flange_camera: NDArray[np.float64]) -> Sight:
-    """A board that lies somewhere about the middle of a cell's workspace."""
+    """Return the sight of a board near the middle of a cell's workspace."""
     optics = settings.camera.optics
-    # How near the camera measures depth does not matter to its pictures.
+    # the smallest distance for depth does not matter for images
     working_m = settings.camera.working_m or (min(IN_FOCUS_M, optics.working_m[0]), optics.working_m[1])
     floor = Sight.of(settings, replace(optics, near_m=0.0, working_m=working_m), T_flange_camera)
-    # Of a ChArUco board each corner is found by itself; of any other board all must be seen, with what is round them.
+    # each corner of a ChArUco board is detected by itself; every other board must be in the image with its margin
     size = np.ptp(board.points, axis=0)[:2] if board.kind == "charuco" else np.array(board.size_m)
     radius = float(np.linalg.norm(size)) / 2 + OFF_MIDDLE_M
     angles = 2 * np.pi * np.arange(_CIRCLE) / _CIRCLE
@@ -148,11 +159,11 @@ def board_sight(settings: CellSettings, board: Board, T_flange_camera: NDArray[n
 
 
 def _distances(sight: Sight) -> _Distances:
-    """Near, where the board fills the picture, and far, as far as strings are looked at from."""
+    """Return the near distance, where the board fills the image, and the far one, up to the working range."""
     steepest = [Bearing(0.0, _NEAR_ELEVATION_RAD, roll) for roll in np.linspace(0.0, np.pi / 2, 7)]
     nearest, farthest = sight.optics.working_m
     near = max(nearest, *(sight.least_distance(bearing) for bearing in steepest))
-    return _Distances(near, float(np.clip(farthest, LEAST_RATIO * near, LARGEST_RATIO * near)))
+    return _Distances(near, float(np.clip(farthest, MIN_RATIO * near, MAX_RATIO * near)))
 
 
 def _to_solve_from(distances: _Distances, poses: int) -> list[_Wanted]:
@@ -167,7 +178,7 @@ def _to_solve_from(distances: _Distances, poses: int) -> list[_Wanted]:
 
 
 def _to_hold_out(distances: _Distances, poses: int, held_out: int) -> list[_Wanted]:
-    """Between the others in every way."""
+    """Return poses between the others in azimuth, elevation, roll and distance."""
     return [
         _Wanted(
             Bearing(2 * np.pi * (k / held_out + 0.5 / poses), _HELD_ELEVATION_RAD, float((-1) ** k * _HELD_ROLL_RAD)),
@@ -186,13 +197,13 @@ def _plan(
 
 
 def _too_alike(reached_m: list[float], distances: _Distances) -> tuple[str, ...]:
-    """A warning where too few of the poses reached are near, or far."""
+    """Return a warning if too few of the reachable poses are near, or far."""
     far = sum(distance > distances.middle_m for distance in reached_m)
     near = len(reached_m) - far
-    if min(near, far) >= LEAST_OF_EACH:
+    if min(near, far) >= MIN_OF_EACH:
         return ()
     return (
         f"of the calibration poses that can be reached {near} are near the board and {far} far from it: with fewer "
-        f"than {LEAST_OF_EACH} of each, an error of the board's size or of the focal length goes unnoticed. Change x_m "
+        f"than {MIN_OF_EACH} of each, an error of the board's size or of the focal length goes unnoticed. Change x_m "
         "or y_m in [workspace], or camera.working_m",
     )

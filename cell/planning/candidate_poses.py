@@ -1,4 +1,4 @@
-"""The poses wanted of the camera, and those that will do where the arm cannot take them."""
+"""Candidate poses of each viewpoint: the preferred pose, and alternatives in case the arm cannot reach it."""
 
 import itertools
 from collections.abc import Iterator
@@ -22,53 +22,67 @@ _ASIDE_RAD = np.deg2rad((0.0, 12.0, -12.0))
 
 @dataclass(frozen=True, eq=False)
 class Sight:
-    """What is to be looked at, and with which camera."""
+    """The target, and the camera that looks at it."""
 
     target: NDArray[np.float64]
-    """(3,): the middle of the workspace's floor, base frame."""
+    """Middle of the workspace's floor (3,), base frame."""
     corners: NDArray[np.float64]
-    """(N, 3), from there: of what must be in the picture, lying on the floor."""
+    """Points (N, 3) on the floor that must be in the image, relative to the middle."""
     optics: CameraOptics
+    """Optics of the camera."""
     T_flange_camera: NDArray[np.float64]
+    """(4, 4) camera pose on the flange."""
 
     @staticmethod
     def of(settings: CellSettings, optics: CameraOptics, T_flange_camera: NDArray[np.float64]) -> "Sight":
-        """Of the floor of a cell's workspace."""
+        """Return the sight of the floor of a cell's workspace."""
         (x0, x1), (y0, y1), (floor, _) = settings.workspace_m
         target = np.array([(x0 + x1) / 2, (y0 + y1) / 2, floor])
         corners = np.array([(x, y, floor) for x in (x0, x1) for y in (y0, y1)]) - target
         return Sight(target, corners, optics, T_flange_camera)
 
     def least_distance(self, bearing: Bearing) -> float:
-        """From which all corners are in the picture, metres."""
+        """Return the smallest distance from which all corners are in the image, metres."""
         size = (self.optics.width, self.optics.height)
         return least_distance(self.corners, self.optics.K, size, self.optics.near_m, bearing)
 
 
 @dataclass(frozen=True, eq=False)
 class PoseToTry:
-    """A pose of the camera, and where the flange is then."""
+    """A candidate pose of the camera, with the flange pose."""
 
     azimuth_rad: float
+    """Azimuth of the camera, seen from the target."""
     elevation_rad: float
+    """Elevation of the camera above the table."""
     distance_m: float
+    """Distance of the camera from the target."""
     roll_rad: float
+    """Roll about the optical axis."""
     T_base_camera: NDArray[np.float64]
+    """(4, 4) camera pose."""
     T_base_flange: NDArray[np.float64]
+    """(4, 4) flange pose."""
     fallback: str | None
-    """How it differs from the wanted one, in words; None: not at all."""
+    """How the pose differs from the preferred one, or None."""
 
 
 def poses_to_try(sight: Sight, views: int) -> list[Iterator[list[PoseToTry]]]:
-    """For each view, of a scan, what `tries` gives."""
+    """Return the candidate poses of each view of a scan, as `tries` gives them."""
     return [_tries_of_view(sight, bearing) for bearing in two_rings(views)]
 
 
 def tries(sight: Sight, bearing: Bearing, wanted_m: float, within_m: Range) -> Iterator[list[PoseToTry]]:
-    """Lists of poses for one view, the first in the first list the wanted one, at the distance `wanted_m`.
+    """Yield lists of candidate poses for one view, the best first.
 
-    The later a list, the worse a pose does: first the roll is given up, then the distance, but never beyond `within_m`,
-    the elevation, the azimuth.
+    The first list has only the preferred pose. Later lists change the roll, then also the distance, then also the
+    elevation and the azimuth.
+
+    Args:
+        sight: Target and camera.
+        bearing: Preferred direction of the camera.
+        wanted_m: Preferred distance.
+        within_m: Smallest and largest distance.
     """
     nearest, farthest = within_m
     distances = [wanted_m + nearer for nearer in _NEARER_M if nearest - 1e-9 <= wanted_m + nearer <= farthest + 1e-9]
@@ -77,7 +91,7 @@ def tries(sight: Sight, bearing: Bearing, wanted_m: float, within_m: Range) -> I
         if bearing.elevation_rad + higher > _STEEPEST_RAD:
             continue
         changes = [(aside, higher, distance, roll) for distance in distances for roll in _ROLLS_RAD]
-        if not (aside or higher):  # the distance is given up after the roll
+        if not (aside or higher):  # the distance is changed after the roll
             yield [_pose(sight, bearing, wanted_m, change) for change in changes[1 : len(_ROLLS_RAD)]]
             changes = changes[len(_ROLLS_RAD) :]
         if changes:

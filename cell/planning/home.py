@@ -1,4 +1,4 @@
-"""Where the arm waits between scans: above the workspace, elbow up, looking down at it."""
+"""Home posture, in which the arm waits between scans: above the workspace, elbow up, camera downwards."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +12,7 @@ from cell.kinematics.ur_kinematics import jacobian, link_frames
 from cell.planning.look_at import look_at
 
 _FARTHER_M = (0.0, 0.06, -0.06, 0.12, -0.12)
-"""Than the farthest working distance."""
+"""Distances beyond the largest working distance, tried in this order."""
 _ELEVATIONS_RAD = np.deg2rad((80.0, 65.0, 50.0))
 _ASIDE_RAD = np.deg2rad((0.0, 40.0, -40.0, 90.0, -90.0, 180.0))
 _ROLLS_RAD = np.deg2rad(np.arange(-180.0, 180.0, 30.0))
@@ -21,10 +21,16 @@ _ROLLS_RAD = np.deg2rad(np.arange(-180.0, 180.0, 30.0))
 def find_home(
     collisions: CollisionModel, target: NDArray[np.float64], optics: CameraOptics, T_flange_camera: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """The home posture (6,) for a workspace whose middle is `target` (3,).
+    """Return the joint angles (6,) of a home posture above the workspace.
+
+    Args:
+        collisions: Collision model of the cell.
+        target: Middle of the workspace's floor (3,), base frame.
+        optics: Optics of the camera.
+        T_flange_camera: Camera pose on the flange (4, 4).
 
     Raises:
-        ViewpointsError: the arm cannot stand above the workspace.
+        ViewpointsError: No posture above the workspace is free.
     """
     to_base = float(np.arctan2(-target[1], -target[0]))
     T_camera_flange = inverse(T_flange_camera)
@@ -39,7 +45,7 @@ def find_home(
                 q = find_postures(collisions, np.array(poses)).q_rad
                 if not len(q):
                     continue
-                # The most agile: from there all viewpoints are near.
+                # the posture farthest from a singularity, from which all viewpoints are near
                 agility = np.linalg.svd(jacobian(collisions.model, q), compute_uv=False)[:, -1]
                 q = q[(-agility).argsort(kind="stable")]
                 upright = q[_elbow_up(collisions, q)]
@@ -55,7 +61,7 @@ def find_home(
 
 
 def _elbow_up(collisions: CollisionModel, q: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Whether the elbow lies above the straight line from the shoulder to the wrist."""
+    """Return for each posture whether the elbow is above the line from the shoulder to the wrist."""
     shoulder, elbow, wrist = link_frames(collisions.model, q)[:, 1:4, :3, 3].swapaxes(0, 1)
     line, upper_arm = wrist - shoulder, elbow - shoulder
     share = (upper_arm * line).sum(axis=1) / (line * line).sum(axis=1)

@@ -1,4 +1,4 @@
-"""Camera poses that look at a place on the table, and how far off they must be."""
+"""Camera poses that look at a point on the table, and their necessary distance."""
 
 from dataclasses import dataclass
 
@@ -6,31 +6,36 @@ import numpy as np
 from numpy.typing import NDArray
 
 ELEVATIONS_RAD = (np.deg2rad(50.0), np.deg2rad(70.0))
-"""Of the two rings of viewpoints, above the table."""
+"""Elevations of the two rings of viewpoints above the table."""
 ROLL_RAD = np.deg2rad(15.0)
-"""Views are rolled by this much either way: a string along the baseline in one view lies across it in another."""
+"""Roll of the views in both directions. A string along the baseline in one view lies across it in another."""
 FILL = 0.9
-"""Share of the image, from its middle, in which what is looked at must lie."""
+"""Share of the image, around its middle, that must contain the target."""
 
 
 @dataclass(frozen=True)
 class Bearing:
-    """From where a camera looks at its target, but for the distance."""
+    """Direction from which a camera looks at its target, without the distance."""
 
     azimuth_rad: float
-    """Of the camera, seen from the target, about z from x."""
+    """Azimuth of the camera, seen from the target, about z from x."""
     elevation_rad: float
-    """Of the camera above the target's horizon, less than pi/2."""
+    """Elevation of the camera above the horizon of the target, less than pi/2."""
     roll_rad: float
-    """Of the camera about its optical axis; without, the image's x axis is level."""
+    """Roll of the camera about its optical axis. Without roll, the x axis of the image is horizontal."""
 
 
 def look_at(
     target: NDArray[np.float64], azimuth_rad: float, elevation_rad: float, distance_m: float, roll_rad: float
 ) -> NDArray[np.float64]:
-    """`T_base_camera` of a camera at that bearing and distance from `target` (3,), looking at it.
+    """Return `T_base_camera` (4, 4) of a camera that looks at a target.
 
-    Without roll the image's x axis is level. Elevation is above the horizon, less than pi/2.
+    Args:
+        target: Target (3,), base frame.
+        azimuth_rad: Azimuth of the camera, seen from the target, about z from x.
+        elevation_rad: Elevation of the camera above the horizon, less than pi/2.
+        distance_m: Distance of the camera from the target.
+        roll_rad: Roll about the optical axis. Without roll, the x axis of the image is horizontal.
     """
     back = np.array(
         [
@@ -49,7 +54,7 @@ def look_at(
 
 
 def two_rings(views: int) -> list[Bearing]:
-    """Bearings evenly round the target, on two rings in turn, rolled either way."""
+    """Return bearings evenly around the target, on two rings in turn, rolled in both directions."""
     return [
         Bearing(2 * np.pi * k / views, ELEVATIONS_RAD[k % 2], ROLL_RAD * (1, -1, -1, 1)[k % 4]) for k in range(views)
     ]
@@ -58,9 +63,14 @@ def two_rings(views: int) -> list[Bearing]:
 def least_distance(
     points: NDArray[np.float64], K: NDArray[np.float64], size: tuple[int, int], near_m: float, bearing: Bearing
 ) -> float:
-    """The least distance from the origin at which a camera looking at it sees all `points` (N, 3).
+    """Return the smallest distance from the origin at which a camera that looks at it sees all points.
 
-    They lie within the middle `FILL` of its image of `size` (width, height), and none is nearer than `near_m`.
+    Args:
+        points: Points (N, 3), which must lie within the middle `FILL` of the image.
+        K: Pinhole matrix (3, 3), pixels.
+        size: Width and height of the image, pixels.
+        near_m: Smallest distance of a point from the camera.
+        bearing: Direction of the camera.
     """
     local = points @ look_at(np.zeros(3), bearing.azimuth_rad, bearing.elevation_rad, 0.0, bearing.roll_rad)[:3, :3]
     needed = 1.05 * near_m - float(local[:, 2].min())

@@ -1,4 +1,4 @@
-"""A plan of viewpoints as a picture."""
+"""Picture of a plan of viewpoints."""
 
 import io
 from dataclasses import dataclass
@@ -16,15 +16,15 @@ from cell.kinematics.ur_kinematics import forward, link_frames
 from cell.planning.viewpoints import Viewpoint, ViewpointPlan
 
 _FRUSTUM_M = 0.10
-"""Drawn length of what a camera sees."""
+"""Drawn length of a camera's frustum."""
 _STEPS = 24
-"""Places of the flange drawn between two waypoints."""
+"""Number of flange positions that are drawn between two waypoints."""
 _SKIPPED = "#c0392b"
 
 
 @dataclass(frozen=True)
 class _Panel:
-    """A 3D drawing, or one from above."""
+    """A 3D drawing, or a drawing from above."""
 
     axes: Any
     dimensions: int
@@ -37,9 +37,14 @@ class _Panel:
 
 
 def draw_plan(plan: ViewpointPlan, settings: CellSettings) -> bytes:
-    """PNG: the workspace and the arm from the side and from above, the cameras by their indices with the order in
-    which they are taken, which also colours them, the way of the flange between them, those that are skipped in red,
-    and hatched, which part of the table too few of the pictures show.
+    """Draw a plan from the side and from above, as PNG.
+
+    The picture shows the workspace, the arm, the cameras with index and order, and the path of the flange. Skipped
+    viewpoints are red. The part of the table that too few views show is hatched.
+
+    Args:
+        plan: Plan of a scan or a calibration.
+        settings: Settings of the cell.
     """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.cm import ScalarMappable
@@ -100,11 +105,11 @@ def _draw_room(panel: _Panel, settings: CellSettings) -> None:
 
 
 def _draw_unseen(panel: _Panel, plan: ViewpointPlan, table_z_m: float) -> None:
-    """Hatches the part of the table that too few pictures show, where that is told."""
+    """Hatch the part of the table that too few views show."""
     if plan.unseen is None:
         return
     coverage = plan.coverage
-    # The middles of its squares, and the rim.
+    # the middles of the grid cells, and the rim
     sides = zip((coverage.x_m, coverage.y_m), coverage.view_count.shape, strict=True)
     x, y = (np.linspace(*side, 2 * count + 1)[[0, *range(1, 2 * count, 2), -1]] for side, count in sides)
     missing = np.pad(np.where(coverage.is_covered, 0.0, 1.0), 1, mode="edge").T
@@ -125,7 +130,7 @@ def _draw_box(panel: _Panel, corners: NDArray[np.float64], colour: str) -> None:
 
 
 def _draw_arm(panel: _Panel, parts: CollisionModel, q_rad: NDArray[np.float64], colour: Any, width: float) -> None:
-    # The axes of the bodies that collisions are looked for with: the links where they are, not only their frames.
+    # the axes of the capsules of the collision check, which follow the links
     frames = link_frames(parts.model, q_rad)
     line = [
         transform_points(frames[frame], end[None])[0]
@@ -154,7 +159,7 @@ def _draw_camera(panel: _Panel, viewpoint: Viewpoint, optics: CameraOptics, colo
     lines = [rim[0], rim[1], rim[2], rim[3], rim[0], eye, rim[1], rim[2], eye, rim[3]]
     panel.line(np.array(lines), color=colour, linewidth=1.3, linestyle="--" if place is None else "-")
     label = f" $\\bf{{{viewpoint.index}}}$" + ("" if place is None else f" {_ordinal(place + 1)}")
-    # Legible on whatever lies behind it: the lines have the colour.
+    # the outline keeps the text legible on the lines
     outline = [withStroke(linewidth=3, foreground="white")]
     panel.text(eye, label, color=_SKIPPED if place is None else "black", fontsize=12, path_effects=outline, zorder=9)
 

@@ -1,7 +1,7 @@
-"""Which pose is taken for each viewpoint: the first that the arm can hold freely and come home from.
+"""Selection of a pose for each viewpoint: the first candidate that is free of collisions and has a path home.
 
-What the search may cost is bounded, and shared by the viewpoints: where all stands in the arm's way, the answer that
-nothing can be reached must not take long either. The same cell gives the same answer, on any machine.
+The effort of the search is limited and shared by the viewpoints, so that a cell in which nothing is reachable is also
+reported soon. The limit is a number of poses, so the result does not depend on the machine.
 """
 
 from collections.abc import Iterator, Sequence
@@ -15,38 +15,38 @@ from cell.kinematics.ik_branches import OUT_OF_REACH, TOO_NEAR, find_postures, w
 from cell.kinematics.joint_paths import JointPaths
 from cell.planning.candidate_poses import PoseToTry
 
-MOST_POSTURES = 12
-"""Of each viewpoint so many enter the search for the best route: those nearest to home."""
+MAX_POSTURES = 12
+"""Number of postures of each viewpoint, nearest to home, that enter the search for the best route."""
 POSES_TRIED = 4
-"""Of the poses that are equally good so many are looked at for a way home."""
+"""Number of equally good poses that are checked for a path home."""
 POSES_HELD = 100
-"""So many poses within the arm's reach are looked at for each viewpoint, on average; half as many where not one is
-found for any."""
+"""Number of poses within reach that are checked for each viewpoint, on average. It is half if none is found at all."""
 LIFTED_POSTURES = 2
-"""Of a viewpoint to which no straight way leads so many postures are tried with a lifted flange: that takes long."""
-NO_FREE_WAY = "no free way leads there from home, straight or by a lifted flange"
+"""Number of postures of a viewpoint without a straight path that are checked with a lifted flange, which takes long."""
+NO_FREE_PATH = "no free path leads there from home, straight or by a lifted flange"
 
 
 @dataclass(frozen=True, eq=False)
 class PoseChoice:
-    """A viewpoint's pose."""
+    """Selected pose of a viewpoint."""
 
     pose: PoseToTry
+    """Selected pose, or the preferred one if none is reachable."""
     postures: NDArray[np.float64]
-    """(K, 6), from each of which a way leads home."""
+    """Joint angles (K, 6) with a path home."""
     reason: str | None
-    """Why there are none."""
+    """Why there are none, or None."""
 
 
 @dataclass(eq=False)
 class _Search:
-    """A viewpoint for which no pose was found yet."""
+    """Search state of a viewpoint without a pose."""
 
     tries: Iterator[list[PoseToTry]]
     wanted: PoseToTry | None = None
     reason: str = ""
     held: list[tuple[PoseToTry, NDArray[np.float64]]] = field(default_factory=list)
-    """Poses to which no straight way leads, and their postures (K, 6), the nearest to home first."""
+    """Poses without a straight path, with their joint angles (K, 6), nearest to home first."""
 
 
 def choose_poses(
@@ -55,15 +55,20 @@ def choose_poses(
     paths: JointPaths,
     home: NDArray[np.float64],
 ) -> list[PoseChoice]:
-    """For each viewpoint the first pose that will do; the wanted one, and why not, where none does.
+    """Return for each viewpoint its first usable pose, or the preferred pose with the reason why none is usable.
 
-    `tries` are as of `cell.planning.candidate_poses.poses_to_try`. Poses with a straight way home come before those
-    with another.
+    Poses with a straight path home are preferred to poses with a detour.
+
+    Args:
+        tries: Candidate poses of each viewpoint, as `cell.planning.candidate_poses.poses_to_try` gives them.
+        collisions: Collision model of the cell.
+        paths: Finder of joint paths.
+        home: Joint angles (6,) of the home posture.
     """
     searches = dict(enumerate(map(_Search, tries)))
     chosen: dict[int, PoseChoice] = {}
     most, held, going_on = POSES_HELD * len(tries), 0, True
-    # In turn: if the search has to end, it has gone as far for one viewpoint as for another.
+    # in turn, so that the limited effort is the same for each viewpoint
     while going_on and held < (most if chosen else most / 2):
         going_on = False
         for index, search in searches.items():
@@ -89,19 +94,19 @@ def _straight(
     paths: JointPaths,
     home: NDArray[np.float64],
 ) -> tuple[PoseChoice | None, int]:
-    """The first pose of the level with a straight way home, and how many poses are within reach."""
+    """Return the first pose of the level with a straight path home, and the number of poses within reach."""
     postures = find_postures(collisions, np.array([pose.T_base_flange for pose in level]))
     held = sum(reason not in (OUT_OF_REACH, TOO_NEAR) for reason in postures.reasons)
     if search.wanted is None:
-        search.wanted, search.reason = level[0], postures.reasons[0] or NO_FREE_WAY
+        search.wanted, search.reason = level[0], postures.reasons[0] or NO_FREE_PATH
     for pose in np.unique(postures.which)[:POSES_TRIED]:
         q = with_turns(postures.of(pose), home)
-        nearest = q[np.abs(q - home).max(axis=1).argsort(kind="stable")[:MOST_POSTURES]]
+        nearest = q[np.abs(q - home).max(axis=1).argsort(kind="stable")[:MAX_POSTURES]]
         direct = nearest[paths.free_each(home, nearest)]
         if len(direct):
             return PoseChoice(level[pose], direct, None), held
         search.held.append((level[pose], nearest))
-        search.reason = NO_FREE_WAY
+        search.reason = NO_FREE_PATH
     return None, held
 
 

@@ -1,7 +1,7 @@
-"""In which order, and in which of its postures each, the arm takes the viewpoints: the least turning of its joints.
+"""Order of the viewpoints, and posture at each, with the least motion of the joints.
 
-Few viewpoints are ordered exactly, by dynamic programming over the sets of viewpoints that are done. Many are ordered
-by exchanges until none is for the better, the postures still exactly.
+A few viewpoints are ordered exactly, by dynamic programming over the sets of visited viewpoints. Many are ordered by
+local search; the postures are still chosen exactly.
 """
 
 import itertools
@@ -13,25 +13,25 @@ from numpy.typing import NDArray
 from cell.kinematics.joint_paths import JointPaths, Way, travel_rad
 
 EXACT_VIEWS = 10
-"""As many are ordered exactly: the sets of viewpoints double with each."""
+"""Largest number of viewpoints that are ordered exactly. The number of sets doubles with each viewpoint."""
 MOVED_BY = 6
-"""Among many, a short stretch is tried so many places earlier and later."""
+"""Number of positions by which the local search moves a short part of the tour."""
 ROUNDS = 40
-"""So often a better route is looked for because a line of the last was not free."""
+"""Largest number of searches. A new search follows when a line of the tour is not free."""
 
 
 @dataclass(frozen=True, eq=False)
 class Route:
-    """A round through all viewpoints."""
+    """A tour through all viewpoints."""
 
     stops: tuple[tuple[int, int], ...]
-    """(viewpoint, posture) in the order in which they are taken."""
+    """Viewpoint and posture of each stop, in order."""
     ways: tuple[Way, ...]
-    """To each stop, then home."""
+    """Joint path to each stop, then home."""
 
 
 class _Costs:
-    """What it costs to get from posture to posture, as far as known: straight lines are free until looked at."""
+    """Costs between postures, as far as known. A straight line counts as free until it is checked."""
 
     def __init__(
         self,
@@ -56,7 +56,7 @@ class _Costs:
         return self._paths.by_home(self._paths.way_home(self._start, self._start_clearances), self.q[node])
 
     def look_along(self, nodes: list[int]) -> bool:
-        """Looks at the lines along these postures and corrects the costs; whether they all stayed what they were."""
+        """Check the lines along these postures and correct their costs. Return whether all costs stayed the same."""
         before = self.of(nodes)
         first, last = nodes[0], nodes[-1]
         way = self.start_way(first)
@@ -80,10 +80,16 @@ def best_route(
     paths: JointPaths,
     start_clearances: NDArray[np.float64],
 ) -> Route | None:
-    """The least travel from `start` (6,) through one posture of each group (K, 6), and home.
+    """Return the tour with the least joint motion, or None if no path leads from the start.
 
-    Lines that are not free are gone round by way of home, to which a way must lead from each posture. None where no way
-    leads from the start. `start_clearances`: see `JointPaths.free`, for the line from the start.
+    Lines that are not free are replaced by a path through the home posture.
+
+    Args:
+        start: Joint angles (6,) at the start.
+        home: Joint angles (6,) of the home posture, to which a path leads from each posture.
+        groups: Joint angles (K, 6) of the postures of each viewpoint, one of which is visited.
+        paths: Finder of joint paths.
+        start_clearances: Clearances (C,) on the line from the start, as in `JointPaths.free`.
     """
     if not groups:
         way = paths.way_home(start, start_clearances)
@@ -112,11 +118,11 @@ def best_route(
 
 
 def _exact(costs: _Costs, groups: int) -> list[int]:
-    """The cheapest round, as nodes."""
+    """Return the cheapest tour as nodes."""
     members = [np.flatnonzero(costs.group == g) for g in range(groups)]
     size = len(costs.q)
     reached = np.full((1 << groups, size), np.inf)
-    """By the set of groups done and the node it ends in."""
+    """Cost by the set of visited groups and the last node."""
     before = np.zeros((1 << groups, size), dtype=np.int64)
     for g, nodes in enumerate(members):
         reached[1 << g, nodes] = costs.from_start[nodes]
@@ -138,7 +144,7 @@ def _exact(costs: _Costs, groups: int) -> list[int]:
 
 
 def _exchanged(costs: _Costs, order: list[int]) -> tuple[list[int], list[int]]:
-    """A round that neither another beginning nor reversing a stretch nor moving a short one makes cheaper."""
+    """Return a tour that no rotation, reversal of a part, or move of a short part makes cheaper, and its order."""
     layers = _Layers.of(costs)
     best = layers.cost(order)
     improved = True
@@ -167,16 +173,16 @@ def _neighbours(order: list[int]) -> list[list[int]]:
 
 @dataclass(frozen=True, eq=False)
 class _Layers:
-    """The costs sorted by group: the cheapest postures for an order come out group by group."""
+    """Costs sorted by group, to find the cheapest postures for a given order."""
 
     members: list[NDArray[np.int64]]
-    """The nodes of each group."""
+    """Nodes of each group."""
     first: list[NDArray[np.float64]]
-    """From the start to them."""
+    """Costs from the start to the nodes of each group."""
     last: list[NDArray[np.float64]]
-    """From them home."""
+    """Costs from the nodes of each group home."""
     between: list[list[NDArray[np.float64]]]
-    """(K, L) from group to group."""
+    """Costs (K, L) between the nodes of two groups."""
 
     @staticmethod
     def of(costs: _Costs) -> "_Layers":
@@ -185,14 +191,14 @@ class _Layers:
         return _Layers(members, [costs.from_start[m] for m in members], [costs.to_home[m] for m in members], between)
 
     def cost(self, order: list[int]) -> float:
-        """Of a round in this order with the postures that make it cheapest."""
+        """Return the cost of the cheapest tour in this order."""
         reached = self.first[order[0]]
         for a, b in itertools.pairwise(order):
             reached = (reached[:, None] + self.between[a][b]).min(axis=0)
         return float((reached + self.last[order[-1]]).min())
 
     def cheapest(self, order: list[int]) -> list[int]:
-        """That round, as nodes."""
+        """Return the nodes of the cheapest tour in this order."""
         reached, choices = self.first[order[0]], []
         for a, b in itertools.pairwise(order):
             onward = reached[:, None] + self.between[a][b]

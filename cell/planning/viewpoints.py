@@ -1,4 +1,4 @@
-"""From where the camera looks at the workspace, and how the arm gets there: planned whole before anything moves."""
+"""Plan of a scan: the viewpoints and the joint path through them, complete before anything moves."""
 
 import time
 from collections.abc import Iterator, Sequence
@@ -19,81 +19,87 @@ from cell.planning.tour import Route, best_route
 from recognition.preprocessing.coverage import CameraFrustum, Coverage, coverage_message, table_coverage
 
 OVERLAP_M = 0.01
-"""Where the arm stands its capsules, thicker than itself, may overlap something by this."""
+"""Largest overlap of the capsules at the start. The capsules are thicker than the arm."""
 APPROACH_M = 0.003
-"""Leaving a place nearer to something than the clearance, it may come still nearer by this."""
+"""Further approach that is allowed on the path from a start that is nearer to something than the clearance."""
 
 
 @dataclass(frozen=True, eq=False)
 class Viewpoint:
-    """One pose from which the camera is to look."""
+    """One pose of the camera in a plan."""
 
     index: int
+    """Number of the viewpoint, from 0."""
     azimuth_rad: float
-    """Of the camera, seen from the workspace's middle, about z from x."""
+    """Azimuth of the camera, seen from the middle of the workspace, about z from x."""
     elevation_rad: float
-    """Above the table."""
+    """Elevation of the camera above the table."""
     distance_m: float
-    """From the middle of the workspace's floor."""
+    """Distance of the camera from the middle of the workspace's floor."""
     roll_rad: float
-    """About the optical axis."""
+    """Roll of the camera about its optical axis."""
     T_base_camera: NDArray[np.float64]
+    """(4, 4) camera pose."""
     T_base_flange: NDArray[np.float64]
+    """(4, 4) flange pose."""
     q_rad: NDArray[np.float64] | None
-    """Joint angles (6,) there; None: not taken."""
+    """Joint angles (6,) at the viewpoint, or None if it is skipped."""
     reason: str | None
-    """Why it is not taken, in words."""
+    """Why the viewpoint is skipped, or None."""
     fallback: str | None
-    """How it differs from what was wanted, in words."""
+    """How the pose differs from the preferred one, or None."""
 
 
 @dataclass(frozen=True, eq=False)
 class Leg:
-    """One stretch of the way."""
+    """One part of the path."""
 
     view: int | None
-    """Index of the viewpoint at its end; None: home."""
+    """Index of the viewpoint at its end. None means home."""
     waypoints_rad: NDArray[np.float64]
-    """(N, 6) joint angles to pass, each reached in a straight line in joint space; the last is the end."""
+    """Joint angles (N, 6) of the waypoints, each reached in a straight line in joint space. The last is the end."""
     travel_rad: float
-    """The leading joint's turns, together."""
+    """Motion of the leading joint, summed over the waypoints."""
 
 
 @dataclass(frozen=True, eq=False)
 class ViewpointPlan:
-    """All viewpoints, and the way through those that can be reached."""
+    """All viewpoints, and the path through the reachable ones."""
 
     viewpoints: tuple[Viewpoint, ...]
-    """By index."""
+    """Viewpoints in the order of their index."""
     legs: tuple[Leg, ...]
-    """In the order of execution; the last leads home."""
+    """Legs in the order of execution. The last one leads home."""
     start_q_rad: NDArray[np.float64]
-    """(6,): where the first leg begins; home unless the arm's place was known."""
+    """Joint angles (6,) at the start of the first leg, which is home if the arm's posture was unknown."""
     home_q_rad: NDArray[np.float64]
-    """(6,)."""
+    """Joint angles (6,) of the home posture."""
     travel_rad: float
-    """Of all legs."""
+    """Motion of the leading joint, summed over all legs."""
     coverage: Coverage
-    """Of what is looked at, lying on the table, by the pictures from the viewpoints that are taken."""
+    """Coverage of the table by the views of the reachable viewpoints."""
     planning_s: float = field(compare=False)
+    """Duration of the planning."""
     held_out: tuple[int, ...] = ()
-    """Indices of the viewpoints whose pictures judge a calibration that is solved without them."""
+    """Indices of the viewpoints that verify a calibration and are not used to solve it."""
     warnings: tuple[str, ...] = ()
-    """What an operator should know of a plan that can be carried out all the same."""
+    """What an operator should know about a plan that can be executed nevertheless."""
 
     @property
     def reached(self) -> int:
-        """How many viewpoints are taken."""
+        """Number of reachable viewpoints."""
         return sum(viewpoint.q_rad is not None for viewpoint in self.viewpoints)
 
     @property
     def unseen(self) -> str | None:
-        """In words, which part of the workspace too few pictures show; None where they show all, or there are none, and
-        for a calibration."""
+        """Message about the part of the workspace that too few views show.
+
+        It is None if all parts are covered, if no viewpoint is reachable, and for a calibration.
+        """
         return coverage_message(self.coverage) if self.reached and not self.held_out else None
 
     def to_json(self) -> dict[str, Any]:
-        """Plain numbers and words."""
+        """Return the plan as a JSON object."""
         return {
             "reached": self.reached,
             "viewpoints": [
@@ -132,13 +138,17 @@ class ViewpointPlan:
 def plan_viewpoints(
     settings: CellSettings, T_flange_camera: NDArray[np.float64], q_now_rad: ArrayLike | None
 ) -> ViewpointPlan:
-    """The viewpoints of a scan with the camera mounted so, and the way from `q_now_rad` (6,), or home, and home again.
+    """Plan the viewpoints of a scan and the path through them. The same arguments give the same plan.
 
-    Viewpoints that cannot be reached are in the plan with their reason. Nothing moves. The same arguments give the
-    same plan.
+    Viewpoints that are not reachable are in the plan with their reason.
+
+    Args:
+        settings: Settings of the cell.
+        T_flange_camera: Camera pose on the flange (4, 4).
+        q_now_rad: Joint angles (6,) at the start. None means home.
 
     Raises:
-        ViewpointsError: no home posture is free, or no way leads from where the arm stands.
+        ViewpointsError: No home posture is free, or no path leads from the start.
     """
     sight = Sight.of(settings, settings.camera.optics, T_flange_camera)
     return plan_through(settings, sight, poses_to_try(sight, settings.scan.views), q_now_rad)
@@ -147,8 +157,17 @@ def plan_viewpoints(
 def plan_through(
     settings: CellSettings, sight: Sight, tries: Sequence[Iterator[list[PoseToTry]]], q_now_rad: ArrayLike | None
 ) -> ViewpointPlan:
-    """The same for any viewpoints that look at `sight`: for each, its poses as of
-    `cell.planning.candidate_poses.tries`."""
+    """Plan a path through any viewpoints.
+
+    Args:
+        settings: Settings of the cell.
+        sight: Target and camera.
+        tries: For each viewpoint, its candidate poses, as `cell.planning.candidate_poses.tries` gives them.
+        q_now_rad: Joint angles (6,) at the start. None means home.
+
+    Raises:
+        ViewpointsError: No home posture is free, or no path leads from the start.
+    """
     began = time.perf_counter()
     collisions = collision_model(settings, sight.T_flange_camera)
     home = _home(settings, collisions, sight)
@@ -161,7 +180,7 @@ def plan_through(
     route = best_route(start, home, list(groups.values()), paths, start_clearances)
     if route is None:
         raise ViewpointsError(
-            "no free way leads from where the arm stands to home or to a viewpoint: move it by hand (freedrive) to "
+            "no free path leads from where the arm stands to home or to a viewpoint: move it by hand (freedrive) to "
             "above the workspace, clear of the table and obstacles"
         )
     viewpoints, legs = _taken(chosen, list(groups), list(groups.values()), route, start)
@@ -171,20 +190,20 @@ def plan_through(
 
 
 def home_posture(settings: CellSettings, T_flange_camera: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Joint angles (6,) at which a scan ends: the configured ones, else found.
+    """Return the joint angles (6,) of the home posture: the configured ones, else the best that are found.
 
     Raises:
-        ViewpointsError: the configured ones are not free, or none are.
+        ViewpointsError: The configured posture is not free, or no free posture is found.
     """
     collisions = collision_model(settings, T_flange_camera)
     return _home(settings, collisions, Sight.of(settings, settings.camera.optics, T_flange_camera))
 
 
 def require_enough(plan: ViewpointPlan, min_views: int) -> None:
-    """Refuses a plan with too few viewpoints.
+    """Check that a plan has enough reachable viewpoints.
 
     Raises:
-        ViewpointsError: fewer than `min_views` can be reached; names each that cannot, with its reason.
+        ViewpointsError: Fewer than `min_views` are reachable. The message names the others with their reasons.
     """
     if plan.reached < min_views:
         raise ViewpointsError(
@@ -195,7 +214,7 @@ def require_enough(plan: ViewpointPlan, min_views: int) -> None:
 
 
 def told_missing(plan: ViewpointPlan) -> str:
-    """The viewpoints that are not reached, each with its reason, in words."""
+    """Return the skipped viewpoints with their reasons, for a message."""
     return "; ".join(f"{v.index}: {v.reason}" for v in plan.viewpoints if v.reason is not None)
 
 
@@ -213,9 +232,9 @@ def _home(settings: CellSettings, collisions: CollisionModel, sight: Sight) -> N
 
 
 def _clearances_from(collisions: CollisionModel, start: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The clearances (C,) that hold on the way from where the arm stands."""
+    """Return the clearances (C,) that hold on the path from the start."""
     gaps = collisions.gaps(start[None])[0]
-    # In the workspace it may well have been at work; out of it leads any way.
+    # the arm may stand in the workspace after other work, and may leave it in any direction
     overlap = np.where(collisions.solid, -gaps, 0.0)
     if overlap.max() > OVERLAP_M:
         raise ViewpointsError(
@@ -241,7 +260,7 @@ def _taken(
     route: Route,
     start: NDArray[np.float64],
 ) -> tuple[tuple[Viewpoint, ...], tuple[Leg, ...]]:
-    """All viewpoints, and the way by the route through those in `groups`, which have these `indices`."""
+    """Return all viewpoints, and the legs of the route through those in `groups`, whose indices are `indices`."""
     taken = {indices[group]: groups[group][posture] for group, posture in route.stops}
     viewpoints = tuple(
         Viewpoint(

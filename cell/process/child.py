@@ -1,10 +1,11 @@
-"""A device's driver in a process of its own.
+"""A device's driver in a child process.
 
-Vendor libraries hold the interpreter's lock, hang, and crash. In a child process they can do so without taking the
-service, the stop button or the other device with them: the child is killed, and a new one made by whoever decides to
-connect again. A driver is any class; its methods are called by name, one at a time, and its CellErrors come back as
-they are. A driver with a method `idle` and a number `IDLE_S` has `idle(quiet_s)` called after every so many seconds
-without a call, with how long ago the last one was.
+Vendor libraries hold the interpreter's lock, hang, and crash. In a child process they can do so without harm to the
+service, the stop button or the other device. The child is killed, and the caller may start a new one.
+
+A driver is any class. Its methods are called by name, one at a time, and its CellErrors are passed on to the caller. If
+a driver has a method `idle` and a number `IDLE_S`, `idle(quiet_s)` is called after each period without a call, with the
+time since the last call.
 """
 
 import contextlib
@@ -31,24 +32,24 @@ from cell.process.logging import child_set_up
 log = logging.getLogger(__name__)
 
 END_S = 1.0
-"""How long a child may take to end by itself before it is killed."""
+"""Time for a child to end by itself before it is killed."""
 
 HALF_S = 2
-"""An answer that has begun may pause for so long before the child counts as hanging."""
+"""Longest pause within an answer before the child counts as hanging."""
 LAST_WORDS_S = 0.05
-"""A process that has closed its pipe may take so long to end, and to say how, before it is killed."""
+"""Time for a process that has closed its pipe to end with an exit code before it is killed."""
 
 
 class ChildLostError(Exception):
-    """The process died, hung, or was killed; the message says which."""
+    """The process died, hung, or was killed. The message says which."""
 
 
 class ChildBusyError(Exception):
-    """Another thread's call did not end in the time that this one had to wait for its turn."""
+    """The call of another thread did not end within the time to wait for the turn."""
 
 
 class NotCalledError(Exception):
-    """When its turn had come, the call was no longer wanted: nothing was sent."""
+    """The call was cancelled before its turn, and nothing was sent."""
 
 
 @dataclass(frozen=True)
@@ -58,38 +59,41 @@ class _Call:
 
 
 class Child:
-    """One process with one driver. Safe to use from any thread."""
+    """One process with one driver. Every method may be called from any thread."""
 
     def __init__(self, name: str, make_driver: Callable[..., Any], *arguments: Any) -> None:
-        """Starts the process; it makes its driver by `make_driver(*arguments)` at the first call.
+        """Start the process. It makes its driver by `make_driver(*arguments)` at the first call.
 
-        `make_driver` is named to the child by its module, and so cannot be one of a script.
+        Args:
+            name: Name of the process in messages and in the log.
+            make_driver: Class or function that makes the driver. It must be picklable, so not defined in a script.
+            *arguments: Arguments of `make_driver`, which must be picklable.
         """
         first = pickle.dumps((child_set_up(), name, make_driver, arguments))
         self.name = name
         self._turn = threading.Lock()
         self._pipe, theirs = Pipe()
         _limit_pauses(self._pipe)
-        # Not a process of multiprocessing: that would first import the program that runs here, with all that it needs.
+        # multiprocessing would first import the main program in the child, with all its imports
         with theirs:
             self._process = subprocess.Popen(
                 [sys.executable, "-P", "-c", f"from cell.process.child import serve; serve({theirs.fileno()})"],
-                stdin=subprocess.PIPE,  # held open; the child ends when it closes, however this process ends
+                stdin=subprocess.PIPE,  # held open: the child ends when it closes, however this process ends
                 pass_fds=[theirs.fileno()],
                 env={**os.environ, "PYTHONPATH": os.pathsep.join(path or str(Path.cwd()) for path in sys.path)},
                 start_new_session=True,
             )
-        with contextlib.suppress(OSError):  # it has died at once: the first call tells
+        with contextlib.suppress(OSError):  # the process may have died already, which the first call reports
             self._pipe.send_bytes(first)
 
     @property
     def pid(self) -> int:
-        """The process's id."""
+        """Process id."""
         return self._process.pid
 
     @property
     def alive(self) -> bool:
-        """The process runs. It may hang all the same."""
+        """Whether the process runs. It may hang nevertheless."""
         return self._process.poll() is None
 
     def call(
@@ -100,15 +104,20 @@ class Child:
         turn_s: float | None = None,
         unless: threading.Event | None = None,
     ) -> Any:
-        """What the driver's method returns. A child that does not answer within `timeout_s` is killed.
+        """Call a method of the driver and return its result.
 
-        `unless`: looked at when the turn has come, and as long as no other call can come in between.
+        Args:
+            method: Name of the method.
+            *arguments: Arguments of the method, which must be picklable.
+            timeout_s: Timeout of the answer. A child that does not answer in time is killed.
+            turn_s: Longest time to wait for the call of another thread. None waits without limit.
+            unless: Event that cancels the call. It is checked when no other call can come in between.
 
         Raises:
             NotCalledError: `unless` was set.
-            ChildLostError: the process died or was killed, now or before.
-            ChildBusyError: another thread's call took longer than `turn_s` (for as long as it takes unless given).
-            CellError: what the driver raised.
+            ChildLostError: The process died or was killed, now or before.
+            ChildBusyError: The call of another thread took longer than `turn_s`.
+            CellError: The error of the driver.
         """
         if not self._turn.acquire(timeout=-1 if turn_s is None else turn_s):
             raise ChildBusyError(f"the {self.name} process is busy")
@@ -120,11 +129,11 @@ class Child:
             self._turn.release()
 
     def kill(self) -> None:
-        """Ends the process at once, whatever it does; a call under way raises ChildLostError."""
+        """Kill the process. A running call raises ChildLostError."""
         self._process.kill()
 
     def close(self) -> None:
-        """Ends the process: a driver that was made and still answers has `close` called. Leaves no zombie behind."""
+        """End the process, after `close` of a driver that still answers. No zombie process remains."""
         if self.alive:
             with contextlib.suppress(ChildLostError, ChildBusyError, CellError):
                 self.call("close", timeout_s=END_S, turn_s=END_S)
@@ -146,7 +155,7 @@ class Child:
             code = self._end(LAST_WORDS_S)
             raise ChildLostError(f"the {self.name} process has ended (exit code {code})") from error
         except BaseException:
-            self.kill()  # interrupted: its answer must not be taken for that of the next call
+            self.kill()  # interrupted: the answer must not be taken for that of the next call
             raise
         if isinstance(answer, Exception):
             raise answer
@@ -163,17 +172,17 @@ class Child:
 
 
 def _limit_pauses(pipe: Connection) -> None:
-    """Waiting for the first byte of an answer has its own limit; this is for the rest, as of a large image."""
+    """Set the timeout within an answer, for example of a large image. The first byte has its own timeout."""
     with socket.socket(fileno=os.dup(pipe.fileno())) as end:
         end.setsockopt(socket.SOL_SOCKET, socket.SO_RCVTIMEO, struct.pack("ll", HALF_S, 0))
 
 
 def serve(pipe_number: int) -> None:
-    """The child's own loop, over the inherited pipe."""
-    # A service manager's SIGTERM reaches it too; the parent ends it in its own time.
+    """Run the loop of the child over the inherited pipe."""
+    # the parent ends the child, although a service manager's SIGTERM reaches the child too
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, signal.SIG_IGN)
-    os.dup2(2, 1)  # vendor libraries print; stdout is for our own output
+    os.dup2(2, 1)  # vendor libraries print, and stdout is for our own output
     threading.Thread(target=_end_with_parent, daemon=True).start()
     made: list[Any] = []
     with contextlib.suppress(EOFError, OSError), Connection(pipe_number) as pipe:
@@ -181,23 +190,23 @@ def serve(pipe_number: int) -> None:
         if set_up_log is not None:
             set_up_log(name)
         _answer_calls(pipe, make_driver, arguments, made)
-    # A driver that nobody has closed is not taken apart: a vendor library's destructor may wait for a thread that in
-    # turn waits for Python.
+    # A driver that was not closed is not destroyed: the destructor of a vendor library may wait for a thread that waits
+    # for Python.
     os._exit(0)
 
 
 def _answer_calls(
     pipe: Connection, make_driver: Callable[..., Any], arguments: tuple[Any, ...], made: list[Any]
 ) -> None:
-    """`made`: takes the driver, once there is one."""
+    """Answer the calls of the parent. The driver is appended to `made`."""
     last_call_s = time.monotonic()
     while True:
-        # An error in `idle` ends the process: nobody waits for its answer, and the end is what the parent notices.
+        # an error in `idle` ends the process, which the parent notices
         while made and hasattr(made[0], "idle") and not pipe.poll(made[0].IDLE_S):
             made[0].idle(time.monotonic() - last_call_s)
         call: _Call = pipe.recv()
         if call.method == "close" and not made:
-            pipe.send(None)  # a driver is not made, and its device not opened, only to be closed
+            pipe.send(None)  # no driver is made only to be closed
             return
         last_call_s = time.monotonic()
         try:
@@ -206,14 +215,14 @@ def _answer_calls(
             answer = getattr(made[0], call.method)(*call.arguments)
         except CellError as error:
             answer = error
-        except Exception as error:  # a fault of the driver: the parent is told, and the log has where
+        except Exception as error:  # a fault of the driver, whose place is in the log
             log.exception("%s failed", call.method)
             answer = CellError(f"{call.method} met an unexpected {type(error).__name__}: {error}; please report it")
         pipe.send(answer)
 
 
 def _end_with_parent() -> None:
-    """A killed parent leaves no process behind that holds a device."""
+    """End the process with its parent, so that no process keeps a device."""
     while os.read(0, 1024):
         pass
     os._exit(1)

@@ -1,21 +1,21 @@
-"""How the processes that this one starts write their log: as it does itself, if somebody has said how.
+"""Logging of child processes: they set up their log by the same function as this process.
 
-What it is written by is not known here; it is pickled to the child by its name.
+The function is pickled to the child by its name.
 """
 
 from collections.abc import Callable
 
 SetUp = Callable[[str], None]
-"""Sets up the log of the process that it is called in; takes the process's name."""
+"""Sets up the log of the calling process, given the name of the process."""
 
 _set_up: list[SetUp] = []
 
 
 def in_every_child(set_up: SetUp) -> None:
-    """Every child that is started from here on calls `set_up` first. It must be one that can be pickled."""
+    """Let every child that is started from now on call `set_up` first, which must be picklable."""
     _set_up[:] = [set_up]
 
 
 def child_set_up() -> SetUp | None:
-    """What a child has to call; None: nobody has said how to log."""
+    """Return what a child calls first, or None if nothing was configured."""
     return _set_up[0] if _set_up else None

@@ -1,4 +1,4 @@
-"""The arm's part of testing a cell: from the network to fresh joint angles. Nothing moves."""
+"""Checks of the arm, from the network to fresh joint angles. The arm does not move."""
 
 import time
 
@@ -12,26 +12,26 @@ from cell.kinematics.ur_kinematics import forward
 from cell.self_test.check_result import Grounds, Step, failed, ok
 
 PORTS = {
-    preflight.RTDE_PORT: "RTDE, which tells the joint angles",
+    preflight.RTDE_PORT: "RTDE, which reports the joint angles",
     preflight.SCRIPT_PORT: "the script interface",
     dashboard.PORT: "the dashboard server",
 }
 PORT_S = 0.8
-"""How long a port may take to accept a connection: all of them together less than 3 s."""
+"""Timeout of a connection to one port. All ports together take less than 3 s."""
 PATCHED = (5, 25, 1)
-"""Older software lets anybody in the network inject dashboard commands."""
+"""First software version that does not accept dashboard commands from anybody in the network."""
 APART_S = 0.1
-"""Between two looks at the arm that must differ."""
+"""Time between two states of the arm whose clocks must differ."""
 STALE_S = 0.1
-"""Joint angles older than this are not fresh: the controller sends them every 2 ms."""
+"""Largest age of fresh joint angles. The controller sends them every 2 ms."""
 CALIBRATED_M, CALIBRATED_RAD = 0.005, 0.01
-"""A single robot's calibration moves its flange by no more against the data sheet's table."""
+"""Largest difference between the calibrated and the nominal flange pose of a normal arm."""
 OTHER_ARM_M, OTHER_ARM_RAD = 0.02, 0.05
-"""What differs by more is another arm."""
+"""Largest difference for an arm of this model at all."""
 
 
 def controller(grounds: Grounds) -> Step:
-    """The controller's address is known and its ports answer; a simulated controller is started."""
+    """Check that the address of the controller is known and its ports answer. A simulated controller is started."""
     name = "controller"
     arm = grounds.settings.arm
     address = grounds.equipment.arm.host if isinstance(arm, SimulatedArm) else preflight.resolved(arm.host)
@@ -56,7 +56,7 @@ def controller(grounds: Grounds) -> Step:
 
 
 def robot(grounds: Grounds) -> Step:
-    """What the robot says of itself at its dashboard, and whether it may be driven now."""
+    """Check by the dashboard which robot it is and whether it may be driven now."""
     name = "robot"
     assert grounds.address is not None
     with dashboard.Dashboard(grounds.address, time.monotonic() + preflight.PROBE_S) as link:
@@ -71,7 +71,7 @@ def robot(grounds: Grounds) -> Step:
 
 
 def connection(grounds: Grounds) -> Step:
-    """The real-time link stands and what comes over it is of now."""
+    """Check that the real-time connection delivers fresh joint angles."""
     arm = grounds.equipment.arm
     arm.connect()
     before = arm.state()
@@ -90,7 +90,7 @@ def connection(grounds: Grounds) -> Step:
 
 
 def kinematics(grounds: Grounds) -> Step:
-    """The pose that the controller tells is that of the configured arm model."""
+    """Check that the reported flange pose is that of the configured arm model."""
     name = "arm model"
     state, model = grounds.state, grounds.settings.arm.model
     assert state is not None

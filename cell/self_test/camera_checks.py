@@ -1,4 +1,4 @@
-"""The camera's part of testing a cell: that it is the right one, healthy, and sees something."""
+"""Checks of the camera: the right one, healthy, with a usable depth image."""
 
 import time
 
@@ -12,28 +12,28 @@ from cell.self_test.check_result import Grounds, Step, failed, ok
 from cell.self_test.table_check import share_in_view
 
 HOT_C = 85.0
-"""The chip slows down, and in the end switches itself off, not far above."""
-LEAST_MEASURED = 0.3
-"""A table in front of a camera gives more than this share of its pixels a depth."""
-LEAST_IN_VIEW = 0.2
-"""Of the workspace: the camera then looks at the table."""
+"""Largest normal temperature of the chip, degrees Celsius. Not far above, the chip slows down or switches off."""
+MIN_MEASURED_SHARE = 0.3
+"""Smallest share of measured pixels for a table in front of the camera."""
+MIN_SHARE_IN_VIEW = 0.2
+"""Smallest share of the workspace in the image for a camera that looks at the table."""
 AS_IT_STANDS = "from where the arm stands"
 TURN_IT = "to have that tested, move the arm by hand (freedrive) so that the camera looks at the workspace"
 OLDEST_S, CLOCK_S = 2.0, 0.1
-"""A frame of now is neither older when it arrives, exposures and their median included, nor of the future."""
+"""Largest age of a new frame, with its exposures and their median, and largest lead of its clock."""
 OTHER_LENS_SHARE = 0.1
-"""The focal lengths of one product differ by less."""
+"""Largest relative difference between the focal lengths of one product."""
 DEPTH_IMAGE = "depth image"
 
 
 def camera(grounds: Grounds) -> Step:
-    """The camera is found and gives images."""
+    """Check that the camera is found and sends images."""
     grounds.camera = grounds.equipment.camera.connect()
     return camera_found(grounds.camera)
 
 
 def camera_found(info: CameraInfo) -> Step:
-    """What a camera says of itself."""
+    """Return the result for what a camera reports about itself."""
     words = f"{info.product} {info.device_id}, {info.width}x{info.height}, {info.connection}"
     warnings = list(info.warnings)
     if info.temperature_c is not None:
@@ -44,7 +44,7 @@ def camera_found(info: CameraInfo) -> Step:
 
 
 def frame(grounds: Grounds) -> Step:
-    """One look gives a depth image of now that can be."""
+    """Check that one capture gives a plausible and new depth image."""
     aside = _looks_aside(grounds)
     began_s = time.monotonic()
     try:
@@ -62,7 +62,14 @@ def frame(grounds: Grounds) -> Step:
 
 
 def depth_image(got: Frame, age_s: float, optics: CameraOptics, aside: bool) -> Step:
-    """Whether a frame that came `age_s` after its exposure can be; `aside`: it need not show much."""
+    """Return the result for one frame.
+
+    Args:
+        got: The frame.
+        age_s: Time from its exposure to its arrival.
+        optics: Nominal optics of the camera.
+        aside: Whether the camera does not look at the workspace, so that the frame need not show much.
+    """
     if not -CLOCK_S <= age_s <= OLDEST_S:
         return failed(
             DEPTH_IMAGE,
@@ -76,13 +83,13 @@ def depth_image(got: Frame, age_s: float, optics: CameraOptics, aside: bool) -> 
         f"{low:.2f} to {high:.2f} m away"
     )
     warnings = []
-    if share < LEAST_MEASURED and not aside:
+    if share < MIN_MEASURED_SHARE and not aside:
         warnings.append(
             "that is little: let it look at the table; if it does, give it more light or a table with more texture"
         )
     elif measured.size and middle < optics.near_m:
         warnings.append(f"most is nearer than the {optics.near_m:.2f} m it can measure: clear what is in front of it")
-    # The share of the image's width that a metre takes up, however many pixels that is.
+    # focal lengths relative to the width do not depend on the resolution
     wide, planned = got.K[0, 0] / got.depth.shape[1], optics.K[0, 0] / optics.width
     if abs(wide / planned - 1) > OTHER_LENS_SHARE:
         angle, planned_angle = (np.rad2deg(2 * np.arctan(0.5 / f)) for f in (wide, planned))
@@ -94,10 +101,10 @@ def depth_image(got: Frame, age_s: float, optics: CameraOptics, aside: bool) -> 
 
 
 def _looks_aside(grounds: Grounds) -> bool:
-    """It is known that the camera does not look at the workspace now."""
+    """Return whether the camera is known not to look at the workspace now."""
     if grounds.state is None or grounds.hand_eye is None:
         return False
     optics = grounds.settings.camera.optics
     T_base_camera = grounds.state.T_base_flange @ grounds.hand_eye.T_flange_camera
     size = optics.width, optics.height
-    return share_in_view(T_base_camera, optics.K, size, grounds.settings) < LEAST_IN_VIEW
+    return share_in_view(T_base_camera, optics.K, size, grounds.settings) < MIN_SHARE_IN_VIEW

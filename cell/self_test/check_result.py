@@ -1,4 +1,4 @@
-"""What testing a cell step by step is made of: what each step says, and what earlier steps found for later ones."""
+"""Result of one check, and what earlier checks found for later ones."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -14,35 +14,42 @@ Outcome = Literal["ok", "warning", "failed", "skipped"]
 
 @dataclass(frozen=True)
 class Step:
-    """One thing that was tested."""
+    """Result of one check."""
 
     name: str
+    """Name of the check."""
     outcome: Outcome
+    """Outcome of the check."""
     words: str
-    """What was found, or why it was not looked at."""
+    """What was found, or why the check was skipped."""
     what_to_do: str | None = None
-    """For a person at the cell, where something is wrong."""
+    """Advice for a person at the cell, or None if nothing is wrong."""
 
 
 @dataclass
 class Grounds:
-    """What steps find. None: not found, or not looked for yet."""
+    """What the checks have found. None means not found, or not checked yet."""
 
     settings: CellSettings
+    """Settings of the cell."""
     equipment: Equipment
+    """Devices of the cell."""
     address: str | None = None
-    """The controller's, all of whose ports answer."""
+    """Address of the controller, if all its ports answer."""
     arm: ArmInfo | None = None
-    """A robot that may be driven."""
+    """Identity of a robot that may be driven."""
     state: ArmState | None = None
-    """Of the arm, as it stands during the whole test."""
+    """State of the arm, which does not move during the test."""
     camera: CameraInfo | None = None
+    """Identity of the connected camera."""
     frame: Frame | None = None
+    """Depth image of the camera."""
     hand_eye: HandEye | None = None
+    """Active calibration."""
 
 
 def ok(name: str, words: str, warnings: Sequence[str] = ()) -> Step:
-    """A step that succeeded. Each warning says what is wrong and, after a colon, what to do."""
+    """Return the result of a passed check. Each warning says what is wrong and, after a colon, what to do."""
     if not warnings:
         return Step(name, "ok", words)
     told, advice = _apart(warnings)
@@ -50,13 +57,13 @@ def ok(name: str, words: str, warnings: Sequence[str] = ()) -> Step:
 
 
 def failed(name: str, errors: Sequence[Exception], words: str = "") -> Step:
-    """A step that failed after it found what `words` say. The cell's errors, too, say after a colon what to do."""
+    """Return the result of a failed check. Each error says what is wrong and, after a colon, what to do."""
     told, advice = _apart([str(error) for error in errors])
     return Step(name, "failed", f"{words}; but {told}" if words else told, advice)
 
 
 def _apart(messages: Sequence[str]) -> tuple[str, str | None]:
-    """What is wrong, and what to do about it."""
+    """Split messages into what is wrong and what to do."""
     parts = [message.partition(": ") for message in messages]
     advice = "; ".join(dict.fromkeys(what_to_do for _, _, what_to_do in parts if what_to_do))
     return "; ".join(wrong for wrong, _, _ in parts), advice or None

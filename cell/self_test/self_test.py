@@ -1,4 +1,4 @@
-"""Tests a whole cell step by step, and says of each step what was found and what to do. Nothing moves."""
+"""Self-test of a cell, step by step. Each step says what was found and what to do. The arm does not move."""
 
 from collections.abc import Callable, Iterator
 
@@ -11,7 +11,7 @@ from cell.self_test import arm_checks, camera_checks, setup_checks
 from cell.self_test.check_result import Grounds, Step, failed, ok
 
 REDUCED_M_S = 0.25
-"""Fastest flange where people may be near: what safety standards call reduced speed."""
+"""Largest flange speed near people, which safety standards call reduced speed."""
 
 NEEDS = {
     "address": "the controller",
@@ -21,14 +21,14 @@ NEEDS = {
     "frame": "a depth image",
     "hand_eye": "the hand-eye calibration",
 }
-"""What a later step may build on, by its name in `Grounds`."""
+"""Descriptions of what a later step may need, by the name in `Grounds`."""
 
 
 def check_cell(settings: CellSettings) -> Iterator[Step]:
-    """The steps, each when it is done. A step whose ground is missing is skipped and says so.
+    """Yield the result of each check when it is done. A check without its preconditions is skipped.
 
-    The arm is connected and let go again, which ends no program of anybody's; it does not move. A simulated cell is
-    started for the test.
+    The arm is connected and released, which ends no program of another client. The arm does not move. A simulated cell
+    is started for the test.
     """
     grounds = Grounds(settings, Equipment(settings))
     steps: list[tuple[str, tuple[str, ...], Callable[[Grounds], Step]]] = [

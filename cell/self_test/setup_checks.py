@@ -1,4 +1,4 @@
-"""What joins arm and camera, as a part of testing a cell: the calibration, the table, and the viewpoints."""
+"""Checks of what arm and camera need together: the calibration, the table, and the viewpoints."""
 
 from datetime import UTC, datetime
 
@@ -10,23 +10,23 @@ from cell.control.active_calibration import file_in_use, hand_eye_in_use
 from cell.devices import View
 from cell.errors import CalibrationError
 from cell.planning.viewpoints import plan_viewpoints
-from cell.self_test.camera_checks import AS_IT_STANDS, LEAST_IN_VIEW, TURN_IT
+from cell.self_test.camera_checks import AS_IT_STANDS, MIN_SHARE_IN_VIEW, TURN_IT
 from cell.self_test.check_result import Grounds, Step, failed, ok
 from cell.self_test.table_check import share_in_view, table_seen
 from recognition.preprocessing.table_plane import MAX_HEIGHT_ERROR_M, MAX_TILT_RAD
 
-LEAST_PLANE = 0.5
-"""Of what is seen near the table's height, this much must be the table."""
+MIN_TABLE_SHARE = 0.5
+"""Smallest share of the table among the points near its height."""
 SHOW_IT_ALL = "make x_m and y_m in [workspace] smaller, or let the camera look from farther off by camera.working_m"
 HIDDEN_COSINE = float(np.cos(np.deg2rad(150.0)))
 """Cosine of the largest angle between the camera's view and the flange's z. Beyond it the arm hides the workspace: 20
 to 82 % of the table in the views of a ur5e at 150 degrees, 55 to 100 % at 180 degrees."""
 MISPLACED = 3.0
-"""So many times what recognition corrects, the table is elsewhere."""
+"""Factor on what recognition corrects, beyond which the table is not where the configuration has it."""
 
 
 def calibration(grounds: Grounds) -> Step:
-    """There is a hand-eye calibration, young enough, of this camera and this robot."""
+    """Check that there is a calibration of this camera and robot that is not too old."""
     name = "calibration"
     settings = grounds.settings.hand_eye
     try:
@@ -51,7 +51,7 @@ def calibration(grounds: Grounds) -> Step:
 
 
 def table(grounds: Grounds) -> Step:
-    """The table is seen where the configuration has it, from where the arm stands."""
+    """Check that the table is seen where the configuration has it, from where the arm stands."""
     name, settings = "table", grounds.settings
     frame, state, hand_eye = grounds.frame, grounds.state, grounds.hand_eye
     assert frame is not None
@@ -60,10 +60,10 @@ def table(grounds: Grounds) -> Step:
     view = View(0, frame.depth, frame.depth_unit_m, frame.K, state.T_base_flange, hand_eye.T_flange_camera)
     height, width = frame.depth.shape
     share = share_in_view(view.T_base_camera, frame.K, (width, height), settings)
-    if share < LEAST_IN_VIEW:
+    if share < MIN_SHARE_IN_VIEW:
         return Step(name, "skipped", f"the camera sees {100 * share:.0f} % of the workspace, {AS_IT_STANDS}", TURN_IT)
     seen = table_seen(view, settings)
-    if seen is None or seen.share < LEAST_PLANE:
+    if seen is None or seen.share < MIN_TABLE_SHARE:
         return Step(
             name,
             "failed",
@@ -75,19 +75,19 @@ def table(grounds: Grounds) -> Step:
     words = f"seen {1000 * seen.height_m:+.1f} mm from mounting.table_z_m and tilted by {tilt}"
     off = max(abs(seen.height_m) / MAX_HEIGHT_ERROR_M, seen.tilt_rad / MAX_TILT_RAD)
     if off > MISPLACED:
-        return Step(name, "failed", words, "correct mounting.table_z_m; if it is right, calibrate the camera anew")
+        return Step(name, "failed", words, "correct mounting.table_z_m; if it is right, calibrate the cell again")
     if off > 1.0:
-        advice = "measure mounting.table_z_m again; if it is right, calibrate the camera anew"
+        advice = "measure mounting.table_z_m again; if it is right, calibrate the cell again"
         return ok(name, words, [f"that is more than recognition corrects in a view: {advice}"])
     return ok(name, words)
 
 
 def viewpoints(grounds: Grounds) -> Step:
-    """Enough viewpoints can be reached from where the arm stands; from home where that is not known."""
+    """Check that enough viewpoints are reachable from where the arm stands, or from home if that is unknown."""
     name, least = "viewpoints", grounds.settings.scan.min_views
     assert grounds.hand_eye is not None
     T_flange_camera = grounds.hand_eye.T_flange_camera
-    if T_flange_camera[2, 2] <= HIDDEN_COSINE:  # the planner does not look for the arm in the pictures
+    if T_flange_camera[2, 2] <= HIDDEN_COSINE:  # the planner does not check whether the arm is in the image
         message = f"{camera_faces_arm_message(T_flange_camera)}, so that the arm itself hides the workspace"
         return Step(name, "failed", message, CHECK_ROTATION)
     q_rad = None if grounds.state is None else grounds.state.q_rad

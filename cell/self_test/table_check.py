@@ -1,5 +1,4 @@
-"""Whether a view sees the table where the configuration has it: one look that tests arm, camera, calibration and
-mounting together."""
+"""Position of the table in one view, which checks arm, camera, calibration and mounting together."""
 
 from dataclasses import dataclass
 
@@ -12,34 +11,42 @@ from cell.devices import View
 from recognition.preprocessing.target_cloud import deproject
 
 GRID = 20
-"""The workspace's floor is asked for at so many places each way."""
+"""Number of samples of the workspace's floor in each direction."""
 NEAR_M = 0.1
-"""What lies farther from the configured height is not taken for the table."""
+"""Largest distance of the table from its configured height."""
 BIN_M = 0.002
+"""Bin width of the histogram of heights."""
 PASSES_M = (0.02, 0.01, 0.005)
-"""Distances from the plane within which points count as the table's, pass by pass: the last is a few times what a
-camera scatters there."""
+"""Largest distance of a table point from the plane in each pass. The last is a few times the noise of a camera."""
 STEP = 4
-"""Every so manieth pixel each way is enough for a plane."""
-LEAST_POINTS = 200
+"""Step between the pixels that are used, in each direction."""
+MIN_POINTS = 200
+"""Smallest number of points for a plane."""
 
 
 @dataclass(frozen=True)
 class TableSeen:
-    """The table's plane in the base frame, as one view has it."""
+    """Plane of the table in the base frame, measured in one view."""
 
     height_m: float
-    """Above the configured table, amid what is seen of it."""
+    """Height above the configured table, in the middle of the visible part."""
     tilt_rad: float
-    """Against the base frame's horizontal."""
+    """Angle between the plane and the horizontal of the base frame."""
     share: float
-    """Of the points near the configured height, those that lie on the plane."""
+    """Share of the points near the configured height that lie on the plane."""
 
 
 def share_in_view(
     T_base_camera: NDArray[np.float64], K: NDArray[np.float64], size: tuple[int, int], settings: CellSettings
 ) -> float:
-    """How much of the workspace's floor lies within an image of `size` (width, height), measured or not; 0 to 1."""
+    """Return the share of the workspace's floor that lies within the image, measured or not, 0 to 1.
+
+    Args:
+        T_base_camera: Camera pose (4, 4).
+        K: Pinhole matrix (3, 3), pixels.
+        size: Width and height of the image, pixels.
+        settings: Workspace of the cell.
+    """
     x_m, y_m, (floor_m, _) = settings.workspace_m
     x, y = np.meshgrid(np.linspace(*x_m, GRID), np.linspace(*y_m, GRID))
     points = transform_points(inverse(T_base_camera), np.column_stack([x.ravel(), y.ravel(), np.full(x.size, floor_m)]))
@@ -50,11 +57,11 @@ def share_in_view(
 
 
 def table_seen(view: View, settings: CellSettings) -> TableSeen | None:
-    """The plane that most of what is seen in the workspace lies on; None if hardly anything is near the table."""
+    """Return the plane of most points in the workspace, or None if too few points are near the table."""
     points = _near_table(view, settings)
-    if len(points) < LEAST_POINTS:
+    if len(points) < MIN_POINTS:
         return None
-    # Strings and fixtures rise above the table and shadows lie below it; most of what is seen is the table itself.
+    # strings rise above the table and shadows lie below it, but most points are on the table
     height = points[:, 2]
     count, edges = np.histogram(height, bins=max(int(np.ptp(height) / BIN_M), 1))
     most = int(count.argmax())
@@ -64,7 +71,7 @@ def table_seen(view: View, settings: CellSettings) -> TableSeen | None:
     on_plane = np.zeros(len(points), dtype=bool)
     for width in PASSES_M:
         on_plane = np.abs(height - A @ plane) < width
-        if on_plane.sum() < LEAST_POINTS / 2:
+        if on_plane.sum() < MIN_POINTS / 2:
             return None
         plane = np.linalg.lstsq(A[on_plane], height[on_plane], rcond=None)[0]
     return TableSeen(
@@ -75,7 +82,7 @@ def table_seen(view: View, settings: CellSettings) -> TableSeen | None:
 
 
 def _near_table(view: View, settings: CellSettings) -> NDArray[np.float64]:
-    """(N, 3) points in the workspace's rectangle and about as high as the table, base frame."""
+    """Return the points (N, 3) in the workspace's rectangle near the table's height, base frame."""
     rows, columns = np.nonzero(view.depth[::STEP, ::STEP])
     points = deproject(view, STEP * rows, STEP * columns)
     (x0, x1), (y0, y1), (floor, _) = settings.workspace_m

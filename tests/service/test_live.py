@@ -120,7 +120,7 @@ def test_a_released_arm_is_free_for_other_programs_until_the_next_scan(cell: Liv
     location = cell.start()
     assert finished(cell.client, location)["state"] == "succeeded"
     if (state := cell.state())["state"] == "busy":
-        assert "goes home" in state["reason"]
+        assert "returns home" in state["reason"]
     # Asked for on the way home, it waits for the arm to get there.
     begin = time.monotonic()
     answer = cell.client.post("/api/cell/release")

@@ -145,7 +145,7 @@ def test_a_scan_of_a_random_scene_by_a_noisy_camera_gives_the_true_topology(tmp_
 
 def test_a_scan_by_devices_with_the_errors_of_real_ones_gives_the_true_topology(tmp_path: Path) -> None:
     plain = simulated(model="oak-d-pro-measured", exposures=5)
-    arm = plain.arm.model_copy(update={"pose_error_m": 0.0006, "pose_error_rad": 0.0026, "seed": 4})
+    arm = plain.arm.model_copy(update={"pose_error_m": 0.0006, "pose_error_rad": 0.0026, "pose_error_seed": 4})
     settings = plain.model_copy(update={"arm": arm})
     with opened(settings) as cell:
         prepared = prepared_scan(cell)

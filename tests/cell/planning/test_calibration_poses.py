@@ -13,8 +13,8 @@ from cell.errors import ViewpointsError
 from cell.kinematics.collision import collision_model
 from cell.kinematics.ur_kinematics import forward
 from cell.planning.calibration_poses import (
-    LARGEST_RATIO,
-    LEAST_RATIO,
+    MAX_RATIO,
+    MIN_RATIO,
     OFF_MIDDLE_M,
     plan_calibration,
     plan_verification,
@@ -91,7 +91,7 @@ def test_the_poses_are_tilted_and_rolled_all_round_at_two_distances() -> None:
     assert np.diff(azimuths, append=azimuths[0] + 2 * np.pi).max() < np.deg2rad(30)
     distances = [v.distance_m for v in solved_from]
     near, far = min(distances), max(distances)
-    assert LEAST_RATIO <= far / near <= LARGEST_RATIO
+    assert MIN_RATIO <= far / near <= MAX_RATIO
     assert far <= DEFAULT.camera.optics.working_m[1] + 1e-9
     assert sum(distance > (near + far) / 2 for distance in distances) == 5
     wanted = {round(np.rad2deg(v.roll_rad)) for v in solved_from if v.fallback is None}
@@ -166,7 +166,7 @@ def test_of_a_board_too_large_for_the_arm_a_smaller_one_is_asked_for() -> None:
 def test_where_far_poses_are_out_of_reach_a_warning_says_what_goes_unnoticed() -> None:
     wide = CellSettings(camera=SimulatedCamera(working_m=(0.55, 1.0)))
     plan = plan_calibration(wide, BOARD, T_FLANGE_CAMERA, None)
-    far = sum(v.distance_m > (0.55 + 0.55 * LARGEST_RATIO) / 2 for v in reached(plan) if v.index < 15)
+    far = sum(v.distance_m > (0.55 + 0.55 * MAX_RATIO) / 2 for v in reached(plan) if v.index < 15)
     assert far < 3
     assert f"{far} far from it" in plan.warnings[0]
 

@@ -13,7 +13,7 @@ from cell.config.camera_config import CameraName, SimulatedCamera
 from cell.config.cell_config import CellSettings, MountingSettings, ScanSettings, WorkspaceSettings
 from cell.errors import ViewpointsError
 from cell.kinematics.collision import collision_model
-from cell.kinematics.ik_branches import LEAST_SINGULAR_VALUE, USED_LIMIT_RAD
+from cell.kinematics.ik_branches import MIN_SINGULAR_VALUE, USED_LIMIT_RAD
 from cell.kinematics.ur_kinematics import forward, jacobian
 from cell.planning.look_at import FILL
 from cell.planning.plan_plot import draw_plan
@@ -143,7 +143,7 @@ def test_the_whole_way_is_free_and_within_the_joints_limits(
         assert q is not None
         assert np.array_equal(place, q)
         assert (collisions.gaps(q[None]) >= collisions.clearances).all()
-        assert np.linalg.svd(jacobian(settings.arm.model, q), compute_uv=False)[-1] >= LEAST_SINGULAR_VALUE
+        assert np.linalg.svd(jacobian(settings.arm.model, q), compute_uv=False)[-1] >= MIN_SINGULAR_VALUE
     assert plan.legs[-1].view is None
     assert plan.travel_rad == pytest.approx(sum(leg.travel_rad for leg in plan.legs))
 
@@ -173,7 +173,7 @@ def test_a_wall_is_kept_away_from_and_named() -> None:
     changed = [v for v in plan.viewpoints if v.fallback or v.reason]
     untouched = plan_of(DEFAULT).viewpoints
     assert any(untouched[v.index].fallback is None for v in changed)
-    assert all("obstacle 1" in v.reason or "no free way" in v.reason for v in plan.viewpoints if v.reason)
+    assert all("obstacle 1" in v.reason or "no free path" in v.reason for v in plan.viewpoints if v.reason)
 
 
 @pytest.mark.parametrize("clearance_m", [0.03, 0.0])

@@ -38,7 +38,7 @@ def test_the_error_is_smooth_and_of_one_arm() -> None:
         near[:3, 3] += 0.001
         change_m = np.linalg.norm((arm.apply(near) - near)[:3, 3] - (arm.apply(T) - T)[:3, 3])
         assert change_m < 0.05 * RMS_M  # 1.7 mm farther
-    other = KinematicError(RMS_M, RMS_RAD, 8)
+    T, other = pose(rng), KinematicError(RMS_M, RMS_RAD, 8)
     assert not np.allclose(arm.apply(T), other.apply(T), atol=1e-5)
 
 
