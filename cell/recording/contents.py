@@ -1,4 +1,4 @@
-"""What a recording holds, put together by view: as far as the file goes, or as far as is wanted."""
+"""Content of a recording, grouped by view, for the whole file or up to a condition."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
@@ -28,33 +28,43 @@ from cell.recording.messages import (
 
 @dataclass
 class Parts:
-    """What was met of one view so far."""
+    """Parts of one view that were found so far."""
 
     log_time_ns: int
+    """Log time of the messages, nanoseconds since the epoch."""
     pose: NDArray[np.float64] | None = None
+    """(4, 4) flange pose."""
     calibration: PinholeCalibration | None = None
+    """Camera matrix and image size."""
     depth: NDArray[np.uint16] | None = None
+    """Depth image (H, W), counts."""
     colour: bytes | None = None
+    """Colour image, JPEG."""
 
 
 @dataclass
 class Contents:
-    """What was met of a recording so far."""
+    """Content of a recording that was found so far."""
 
     views: dict[int, Parts] = field(default_factory=dict)
+    """Parts of each view, by its index."""
     not_taken: list[str] = field(default_factory=list)
+    """Messages about content that was not read."""
     metadata: dict[str, str] | None = None
+    """Fields of the `pointchain` metadata."""
     hand_eye: bytes | None = None
+    """Content of the hand-eye attachment."""
     cut: str | None = None
+    """Where the file was cut off, or None."""
 
 
 def everything(_: TopicMessage) -> bool:
-    """All messages are wanted."""
+    """Return True: every message is read."""
     return True
 
 
 def never(_: Contents) -> bool:
-    """Nothing is enough but the whole file."""
+    """Return False: the whole file is read."""
     return False
 
 
@@ -64,10 +74,16 @@ def collect(
     wanted: Callable[[TopicMessage], bool] = everything,
     enough: Callable[[Contents], bool] = never,
 ) -> Contents:
-    """What the file holds of views, but for messages that are not `wanted`, up to where it is `enough`.
+    """Read the views of a file.
+
+    Args:
+        path: The MCAP file.
+        limits: Sizes up to which the file is read.
+        wanted: Selects the messages to read.
+        enough: Ends the reading when it returns True.
 
     Raises:
-        RecordingError: the recording cannot be used; the subclass and the message say why and where.
+        RecordingError: The recording cannot be used. The subclass and the message say why and where.
     """
     contents = Contents()
     for item in read_contents(path, limits):
@@ -96,7 +112,7 @@ def collect(
 
 
 def _take(message: TopicMessage, views: dict[int, Parts], limits: Limits) -> Iterator[str]:
-    """Puts a message to the view it belongs to; yields, in words, what of it is not taken."""
+    """Add a message to its view, and yield a message about content that is not read."""
     topic, index = message.topic, message.sequence
     where = f"view {index}"
     wanted = SCHEMAS[topic].DESCRIPTOR.full_name
@@ -112,7 +128,7 @@ def _take(message: TopicMessage, views: dict[int, Parts], limits: Limits) -> Ite
     part: Any
     if topic == POSE:
         part, name = decode_pose(message.data, where), "pose"
-        if part is None:  # another edge of the frame tree
+        if part is None:  # the transform of other frames
             return
     elif topic == CALIBRATION:
         part, name = decode_calibration(message.data, where), "calibration"
@@ -124,7 +140,9 @@ def _take(message: TopicMessage, views: dict[int, Parts], limits: Limits) -> Ite
             yield f"{where} has its colour image as {kind!r}; only jpeg is taken"
             return
     if index >= limits.views:
-        raise RecordingTooLargeError(f"{where} ({topic}): views, told by `sequence`, go from 0 to {limits.views - 1}")
+        raise RecordingTooLargeError(
+            f"{where} ({topic}): view indices, given by `sequence`, are from 0 to {limits.views - 1}"
+        )
     parts = views.setdefault(index, Parts(message.log_time_ns))
     if getattr(parts, name) is not None:
         raise RecordingContentError(f"{where} is there twice: it has two messages on {topic}")

@@ -1,4 +1,4 @@
-"""A new file that knows the hash of what goes into it, so that nothing has to be read again."""
+"""A new file that hashes its content while it is written."""
 
 import hashlib
 import os
@@ -19,36 +19,36 @@ class Written:
 
 
 class HashedFile:
-    """A new file, written from its beginning to its end, piece by piece."""
+    """A new file that is written piece by piece, each with its hash."""
 
     def __init__(self, path: Path) -> None:
-        """Raises FileExistsError; OSError when it cannot be created."""
+        """Create the file. Raise FileExistsError if it exists, and OSError if it cannot be created."""
         self._file = path.open("xb")
         self._begin, self._end = 0, 0
         self._digest = hashlib.sha256()
 
     @property
     def closed(self) -> bool:
-        """Takes no more."""
+        """Whether the file is closed."""
         return self._file.closed
 
     def write(self, data: bytes) -> int:
-        """Adds to the piece."""
+        """Append data to the current piece, and return its size."""
         count = self._file.write(data)
         self._digest.update(data)
         self._end += count
         return count
 
     def tell(self) -> int:
-        """How many bytes were written so far."""
+        """Return the number of bytes that were written so far."""
         return self._end
 
     def flush(self) -> None:
-        """Hands all to the system."""
+        """Pass all data to the operating system."""
         self._file.flush()
 
     def sync(self) -> Written:
-        """Ends the piece: what was written since the last one. It is on the disk when this returns."""
+        """End the current piece and sync it to the disk. Return its range and hash."""
         self._file.flush()
         os.fsync(self._file.fileno())
         piece = Written(self._begin, self._end - self._begin, self._digest.hexdigest())
@@ -56,5 +56,5 @@ class HashedFile:
         return piece
 
     def abandon(self) -> None:
-        """Closes the file without its buffer: after a failed write that would try, and fail, to write its rest."""
+        """Close the file without writing its buffer, which would fail again after a failed write."""
         self._file.raw.close()

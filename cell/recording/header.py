@@ -16,7 +16,7 @@ METADATA = "pointchain"
 HAND_EYE = "hand_eye.json"
 FORMAT = "1"
 REACH_M = 100.0
-"""No camera, table or workspace of a cell is farther away."""
+"""Largest distance of camera, table or workspace."""
 PROVENANCE_BYTES = 32 << 10
 """Largest provenance, names and values together."""
 _OWN = ("format", "depth_unit_m", "string_radius_m", "table_z_m", "workspace_m")
@@ -75,7 +75,7 @@ class RecordingHeader:
 
 
 def to_metadata(header: RecordingHeader) -> dict[str, str]:
-    """The fields of the `pointchain` metadata record; numbers as their shortest exact decimals."""
+    """Return the fields of the `pointchain` metadata record, with numbers as their shortest exact decimals."""
     fields = {"format": FORMAT, "depth_unit_m": repr(header.depth_unit_m)}
     if header.string_radius_m is not None:
         fields["string_radius_m"] = repr(header.string_radius_m)
@@ -86,15 +86,20 @@ def to_metadata(header: RecordingHeader) -> dict[str, str]:
 
 
 def to_hand_eye(header: RecordingHeader) -> bytes:
-    """The content of the attachment `hand_eye.json`."""
+    """Return the content of the attachment `hand_eye.json`."""
     return json.dumps({"T_flange_camera": header.T_flange_camera.tolist()}).encode()
 
 
 def parse_header(metadata: Mapping[str, str], hand_eye: bytes) -> RecordingHeader:
-    """The header from the fields of the metadata record and the attachment's content.
+    """Return the header for the fields of the metadata record and the content of the attachment.
+
+    Args:
+        metadata: Fields of the `pointchain` metadata record.
+        hand_eye: Content of the attachment `hand_eye.json`.
 
     Raises:
-        RecordingHeaderError: another format, a field missing or senseless, no rigid T_flange_camera.
+        RecordingHeaderError: The format is another one, a field is missing or not valid, or T_flange_camera is not
+            rigid.
     """
     if metadata.get("format") != FORMAT:
         raise RecordingHeaderError(
@@ -123,7 +128,7 @@ def _check_provenance(provenance: Mapping[str, str]) -> None:
             raise RecordingHeaderError(f"provenance {key!r} is {value!r}; names and values are text")
         if key in _OWN:
             raise RecordingHeaderError(f"provenance {key!r} is a field of the format; choose another name")
-        size += 8 + len(key.encode()) + len(value.encode())  # 8: the lengths beside them in the file
+        size += 8 + len(key.encode()) + len(value.encode())  # 8 bytes for the two lengths in the file
     if size > PROVENANCE_BYTES:
         raise RecordingHeaderError(f"the provenance has {size} bytes; {PROVENANCE_BYTES} at most are taken")
 

@@ -1,4 +1,4 @@
-"""How our messages are declared in an MCAP file: protobuf ones by Foxglove's types, models as JSON."""
+"""Channels of an MCAP file: protobuf messages with Foxglove's types, and models as JSON."""
 
 from typing import Any
 
@@ -7,7 +7,13 @@ from mcap_protobuf.schema import build_file_descriptor_set
 
 
 def register_channel(writer: Writer, topic: str, message: Any) -> int:
-    """Declares a topic of messages like this one, a protobuf message or the bytes of a model; its channel's id."""
+    """Register a channel and return its id.
+
+    Args:
+        writer: Writer of the file.
+        topic: Topic of the channel.
+        message: First message, a protobuf message or the bytes of a model, which determines the schema.
+    """
     if isinstance(message, bytes):
         schema = writer.register_schema("pointchain/1", "jsonschema", b'{"type": "object"}')
         return writer.register_channel(topic, "json", schema)

@@ -1,8 +1,10 @@
-"""What an MCAP file holds, record by record, with every size checked before it is trusted.
+"""Reader of the records of an MCAP file, which checks every size before it is used.
 
-mcap's own readers need the end of the file, or take the sizes that it announces at their word; files here
-may be cut off anywhere and may come from anybody. So the records are walked here, and mcap only takes each
-record's content apart. The format: https://mcap.dev/spec
+The readers of the mcap library need the end of the file, or trust the sizes in the file. Files here may be cut off
+anywhere and may come from anybody. This reader therefore walks through the records itself, and mcap only parses the
+content of each record.
+
+Source: https://mcap.dev/spec
 """
 
 import io
@@ -37,22 +39,28 @@ _FOOTER_BYTES = 20
 
 @dataclass(frozen=True)
 class TopicMessage:
-    """A message and what its channel says of it."""
+    """A message with the properties of its channel."""
 
     topic: str
+    """Topic of the channel."""
     encoding: str
+    """Encoding of the message."""
     schema: str
+    """Name of the schema, or an empty text."""
     sequence: int
+    """Sequence number, which is the index of the view."""
     log_time_ns: int
+    """Log time, nanoseconds since the epoch."""
     data: bytes
+    """Encoded message."""
 
 
 @dataclass(frozen=True)
 class Ending:
-    """How the file ends: always the last item."""
+    """End of the file, which is always the last item."""
 
     cut: str | None
-    """In words, where it was cut off; None: its writer ended it."""
+    """Where the file was cut off, or None for a complete file."""
 
 
 Record = TypeVar("Record")
@@ -60,18 +68,22 @@ Item = Metadata | Attachment | TopicMessage | Ending
 
 
 def read_contents(path: Path, limits: Limits) -> Iterator[Item]:
-    """Everything that the file holds, in its order, up to where it ends or was cut off.
+    """Yield the content of a file in its order, up to its end or to where it was cut off.
 
-    The summary behind the data is not read: it says nothing new.
+    The summary after the data is not read, because it repeats the data.
+
+    Args:
+        path: The MCAP file.
+        limits: Sizes up to which the file is read.
 
     Raises:
-        RecordingUnreadableError: no such file, not a regular file, no permission.
-        NotMcapError: empty, or not an MCAP file.
-        RecordingTooLargeError: something is beyond `limits`.
-        RecordingCorruptError: damage other than an end that is missing or torn.
+        RecordingUnreadableError: There is no such regular file, or no permission.
+        NotMcapError: The file is empty or of another format.
+        RecordingTooLargeError: A size exceeds `limits`.
+        RecordingCorruptError: The file is damaged in another way than by a missing or torn end.
     """
     try:
-        # Looked at before it is opened: opening a named pipe would wait for its writer.
+        # checked before opening, because opening a named pipe would wait for its writer
         regular = stat.S_ISREG(path.stat().st_mode)
         if regular:
             with path.open("rb") as file:
@@ -95,7 +107,7 @@ def _checked_size(file: BinaryIO, name: str, limits: Limits) -> int:
 
 
 class _Walk:
-    """One pass through a file: the channels met so far, and how much of the limits is used up."""
+    """One pass through a file, with the channels found so far and the used part of the limits."""
 
     def __init__(self, limits: Limits) -> None:
         self.limits = limits
@@ -105,7 +117,7 @@ class _Walk:
         self.channels: dict[int, tuple[str, str, int]] = {}
 
     def file_items(self, file: BinaryIO, size: int) -> Iterator[Item]:
-        """Items of the file from behind its magic bytes on."""
+        """Yield the items of the file after its magic bytes."""
         crc = zlib.crc32(MCAP0_MAGIC)
         while True:
             where = f"at byte {file.tell()}"
@@ -114,7 +126,7 @@ class _Walk:
                 yield Ending("the file has no end record")
                 return
             if len(head) < _HEAD.size or head[0] == 0:
-                # A crash can leave the end filled up with zeros, which no record starts with.
+                # a crash can leave zeros at the end, and no record starts with zero
                 yield Ending(f"the file ends inside the record {where}")
                 return
             opcode, length = _HEAD.unpack(head)
@@ -217,7 +229,7 @@ class _Walk:
 
 
 class _StrictStream(ReadDataStream):
-    """mcap's stream gives less than was asked for when its bytes end; this one raises."""
+    """A stream of mcap that raises at the end of its data instead of returning fewer bytes."""
 
     def read(self, length: int) -> bytes:
         data = super().read(length)
@@ -236,13 +248,13 @@ def _parse(read: Callable[[ReadDataStream], Record], content: bytes, where: str)
 
 
 def _decompress(chunk: Chunk, window_bytes: int) -> bytes | None:
-    """The chunk's content, or one byte more than it announces; None: an unknown compression."""
+    """Decompress a chunk up to one byte more than it announces. Return None for an unknown compression."""
     most = chunk.uncompressed_size + 1
     match chunk.compression:
         case "":
             return chunk.data
         case "zstd":
-            # Streamed: in a single call the frame's own header would decide how much memory is taken.
+            # streamed, because in a single call the frame's header determines the memory
             decompressor = zstandard.ZstdDecompressor(max_window_size=window_bytes)
             return decompressor.stream_reader(chunk.data, read_across_frames=True).read(most)
         case "lz4":

@@ -1,4 +1,4 @@
-"""A view as Foxglove's messages, and back. Every value of a message is checked before it is used."""
+"""Conversion of views to Foxglove messages and back. Every value of a message is checked before it is used."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -31,23 +31,27 @@ BASE, FLANGE, CAMERA = "base", "flange", "camera"
 """Frame names in a recording."""
 
 DEPTH_ENCODINGS = ("16UC1", "mono16")
+"""Encodings of a depth image that are read. The first one is written."""
 REACH_M = 100.0
-"""No arm's flange is farther from its base."""
+"""Largest distance of a flange from its base."""
 FOCAL_MAX = 1e6
-"""No depth camera has a longer focal length, pixels."""
+"""Largest focal length of a depth camera, pixels."""
 
 
 @dataclass(frozen=True, eq=False)
 class PinholeCalibration:
-    """The camera matrix K (3, 3) of images of one size, pixels."""
+    """Pinhole calibration of images of one size."""
 
     K: NDArray[np.float64]
+    """(3, 3) pinhole matrix, pixels."""
     width: int
+    """Width of the image, pixels."""
     height: int
+    """Height of the image, pixels."""
 
 
 def encode_view(view: View, log_time_ns: int) -> list[tuple[str, Any]]:
-    """The messages of a view with their topics; the depth image keeps every count."""
+    """Return the messages of a view with their topics. The depth image is stored without loss."""
     stamp = Timestamp()
     stamp.FromNanoseconds(log_time_ns)
     height, width = view.depth.shape
@@ -88,13 +92,13 @@ def encode_view(view: View, log_time_ns: int) -> list[tuple[str, Any]]:
 
 
 def decode_pose(data: bytes, where: str) -> NDArray[np.float64] | None:
-    """T_base_flange (4, 4) of a foxglove.FrameTransform; None when it relates two other frames."""
+    """Return T_base_flange (4, 4) of a foxglove.FrameTransform, or None for other frames."""
     message = _decode(FrameTransform(), data, f"{where}: {POSE}")
     if (message.parent_frame_id, message.child_frame_id) != (BASE, FLANGE):
         return None
     t, q = message.translation, message.rotation
     try:
-        # The length of an absurdly long quaternion overflows to infinity, which is refused as well.
+        # the norm of a very long quaternion overflows to infinity, which is rejected too
         with np.errstate(over="ignore"):
             T = from_quaternion((t.x, t.y, t.z), (q.x, q.y, q.z, q.w), f"{where}: T_base_flange")
     except NotRigidError as error:
@@ -105,7 +109,7 @@ def decode_pose(data: bytes, where: str) -> NDArray[np.float64] | None:
 
 
 def decode_calibration(data: bytes, where: str) -> PinholeCalibration:
-    """K and image size of a foxglove.CameraCalibration, which must be an undistorted pinhole camera's."""
+    """Return K and image size of a foxglove.CameraCalibration, which must be a pinhole camera without distortion."""
     message = _decode(CameraCalibration(), data, f"{where}: {CALIBRATION}")
     if len(message.K) != 9:
         raise RecordingContentError(f"{where}: {CALIBRATION} has {len(message.K)} values of K; 9 are needed")
@@ -125,7 +129,7 @@ def decode_calibration(data: bytes, where: str) -> PinholeCalibration:
 
 
 def decode_depth(data: bytes, where: str, max_pixels: int) -> NDArray[np.uint16]:
-    """Depth (H, W) of a foxglove.RawImage of 16 bit counts, little-endian as Foxglove defines them."""
+    """Return the depth image (H, W) of a foxglove.RawImage with 16-bit counts, little-endian as Foxglove defines."""
     message = _decode(RawImage(), data, f"{where}: {DEPTH}")
     height, width, step = message.height, message.width, message.step
     if message.encoding not in DEPTH_ENCODINGS:
@@ -148,7 +152,7 @@ def decode_depth(data: bytes, where: str, max_pixels: int) -> NDArray[np.uint16]
 
 
 def decode_colour(data: bytes, where: str) -> tuple[bytes, str]:
-    """The compressed colour image of a foxglove.CompressedImage and its format's name."""
+    """Return the compressed colour image of a foxglove.CompressedImage, and the name of its format."""
     message = _decode(CompressedImage(), data, f"{where}: {COLOUR}")
     return message.data, message.format[:20]
 

@@ -66,7 +66,7 @@ def read_recording(path: str | os.PathLike[str], limits: Limits = DEFAULT_LIMITS
             missing.append(f"view {index} {_lacking(parts)}")
         else:
             complete.append(view)
-    # In the order in which they were taken: recognition of a replay then does what it did while the arm moved.
+    # in the order of capture, so that recognition of a replay gives the same result as in the live scan
     complete.sort(key=lambda view: view.stamp_s)
     if not complete:
         raise RecordingEmptyError(f"{path.name} has no complete view: {_why_none(contents)}")
@@ -105,7 +105,7 @@ def read_result(path: str | os.PathLike[str], limits: Limits = DEFAULT_LIMITS) -
 
 
 def header_of(contents: Contents, name: str) -> RecordingHeader:
-    """The header of what was met of the file `name`. Raises RecordingHeaderError."""
+    """Return the header of the file `name`. Raise RecordingHeaderError if a part is missing or not valid."""
     cut = f" ({contents.cut})" if contents.cut else ""
     if contents.metadata is None:
         raise RecordingHeaderError(f"{name} has no {METADATA!r} metadata{cut}: it is no recording of a scan")
@@ -115,7 +115,7 @@ def header_of(contents: Contents, name: str) -> RecordingHeader:
 
 
 def _lacking(parts: Parts | None) -> str:
-    """What an incomplete view lacks, in words."""
+    """Return what an incomplete view lacks, for a message."""
     if parts is None:
         return "is not in the file"
     needed = {
@@ -127,7 +127,7 @@ def _lacking(parts: Parts | None) -> str:
 
 
 def view_of(index: int, parts: Parts | None, header: RecordingHeader) -> View | None:
-    """The view, or None when a part is missing."""
+    """Return the view, or None if a part is missing. Raise RecordingContentError if the parts do not fit together."""
     if parts is None or parts.pose is None or parts.calibration is None or parts.depth is None:
         return None
     height, width = parts.depth.shape

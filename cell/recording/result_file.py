@@ -1,4 +1,4 @@
-"""A model by itself as an MCAP file that viewers open: what a live scan's recording has of it, without the views."""
+"""A model alone as an MCAP file for viewers, as in the recording of a live scan but without views."""
 
 import json
 import os
@@ -16,12 +16,16 @@ from cell.recording.writer import SCENE
 
 
 def write_result_file(path: Path, model: Mapping[str, Any]) -> None:
-    """Writes the new file `path` with a model document (schema `pointchain/1`) and its scene.
+    """Write a new file with a model document and its scene, and sync it to the disk.
 
-    The same model gives the same bytes; `cell.recording.writer.read_result` reads it back. On return it is on the disk.
+    The same model gives the same bytes. `cell.recording.read_result` reads it.
+
+    Args:
+        path: File to create.
+        model: Document of schema `pointchain/1`.
 
     Raises:
-        OSError: it is there already, or cannot be written.
+        OSError: The file exists, or cannot be written.
     """
     document = json.dumps(dict(model), allow_nan=False).encode()
     scene = scene_of_model(model, Timestamp())

@@ -1,4 +1,4 @@
-"""A point chain model as a scene that Foxglove and other MCAP viewers draw."""
+"""Scene of a point chain model, for Foxglove and other MCAP viewers."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -21,8 +21,14 @@ _START, _END = (0.12, 0.47, 0.71), (1.0, 0.73, 0.15)
 
 
 def scene_of_model(model: Mapping[str, Any], stamp: Timestamp) -> SceneUpdate:
-    """The scene of a model document (schema `pointchain/1`): each chain a tube of the string's thickness,
-    coloured from its first point to its last, each crossing a sphere and a line of text.
+    """Return the scene of a model document of schema `pointchain/1`.
+
+    Each chain is a line of the string's thickness, coloured from its first to its last point. Each crossing is a sphere
+    with a text.
+
+    Args:
+        model: Model document.
+        stamp: Time stamp of the entities.
     """
     frame = model.get("frame", "base")
     entities = []

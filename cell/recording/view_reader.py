@@ -1,4 +1,4 @@
-"""Single views of a recording that may still be written: what a person wants to look at while the arm moves."""
+"""Single views of a recording, which may still be written, for display during a scan."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,22 +17,33 @@ from cell.recording.reader import header_of, view_of
 
 @dataclass(frozen=True, eq=False)
 class ViewPose:
-    """From where a view was taken, and through which lens."""
+    """Pose and camera matrix of a view."""
 
     index: int
+    """Index of the view."""
     T_base_camera: NDArray[np.float64]
-    """(4, 4)."""
+    """(4, 4) camera pose."""
     K: NDArray[np.float64]
-    """(3, 3), pixels."""
+    """(3, 3) pinhole matrix, pixels."""
     width: int
+    """Width of the image, pixels."""
     height: int
+    """Height of the image, pixels."""
 
 
 def read_view(path: Path, index: int, limits: Limits = DEFAULT_LIMITS) -> tuple[View, RecordingHeader] | None:
-    """One view with the recording's header, read up to where it is whole; None: it is not, or not yet, in the file.
+    """Read one view with the header of the recording. The file is read only until the view is complete.
+
+    Args:
+        path: The MCAP file.
+        index: Index of the view.
+        limits: Sizes up to which the file is read.
+
+    Returns:
+        View and header, or None if the view is not in the file, or not yet.
 
     Raises:
-        RecordingError: the recording cannot be used; the subclass and the message say why and where.
+        RecordingError: The recording cannot be used. The subclass and the message say why and where.
     """
 
     def of_view(message: TopicMessage) -> bool:
@@ -40,7 +51,7 @@ def read_view(path: Path, index: int, limits: Limits = DEFAULT_LIMITS) -> tuple[
 
     def is_whole(contents: Contents) -> bool:
         parts = contents.views.get(index)
-        if parts is None or contents.metadata is None or contents.hand_eye is None:  # others may write them last
+        if parts is None or contents.metadata is None or contents.hand_eye is None:  # other writers may write them last
             return False
         return all(part is not None for part in (parts.pose, parts.calibration, parts.depth))
 
@@ -54,10 +65,17 @@ def read_view(path: Path, index: int, limits: Limits = DEFAULT_LIMITS) -> tuple[
 
 
 def read_poses(path: Path, limits: Limits = DEFAULT_LIMITS) -> list[ViewPose]:
-    """From where each view was taken, by their indices; without their images.
+    """Read pose and camera matrix of each complete view, without the images.
+
+    Args:
+        path: The MCAP file.
+        limits: Sizes up to which the file is read.
+
+    Returns:
+        Poses in the order of the indices.
 
     Raises:
-        RecordingError: as for `read_view`.
+        RecordingError: As for `read_view`.
     """
     whole: set[int] = set()
 

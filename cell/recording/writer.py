@@ -87,7 +87,7 @@ class RecordingWriter:
         self._path, self._header = path, header
         self._channels: dict[str, int] = {}
         self._written: dict[int, Written] = {}
-        """Of each view, by its index."""
+        """Range of bytes of each view, by its index."""
         self._content_bytes = 0
         self._log_time_ns = 0
         self._failed = False
@@ -95,8 +95,8 @@ class RecordingWriter:
             self._file = HashedFile(path)
         except FileExistsError as error:
             raise RecordingExistsError(f"{path.name} exists; recordings are never overwritten") from error
-        # The checksum over all data is what tells that a finished recording was changed afterwards.
-        # The writer writes, tells and flushes, and nothing else.
+        # the checksum over all data shows a later change of a finished recording;
+        # the writer calls only `write`, `tell` and `flush`
         self._writer = Writer(cast(IO[bytes], self._file), compression=CompressionType.ZSTD, enable_data_crcs=True)
         try:
             self._writer.start(library="pointchain")
@@ -222,7 +222,7 @@ class RecordingWriter:
 
     @contextmanager
     def _writing(self) -> Iterator[None]:
-        # After a failed write the file may end inside a record: whatever came behind it could not be read.
+        # after a failed write the file may end inside a record, after which nothing can be read
         try:
             yield
         except BaseException:
@@ -234,7 +234,7 @@ class RecordingWriter:
             raise RecordingError(f"{self._path.name} takes no more: it was closed, or an earlier write failed")
 
     def _check_size(self, where: str, content_bytes: int) -> None:
-        # Half a chunk, and a mebibyte in all, are left for what is added: schemas, channels, record heads.
+        # half a chunk, and 1 MiB in all, are reserved for schemas, channels and record heads
         if content_bytes > DEFAULT_LIMITS.chunk_bytes // 2:
             raise RecordingTooLargeError(
                 f"{where} has {content_bytes} bytes; {DEFAULT_LIMITS.chunk_bytes // 2} at most are taken"
@@ -243,13 +243,13 @@ class RecordingWriter:
             raise RecordingTooLargeError(f"{where}: the recording is full, it holds {self._content_bytes} bytes")
 
     def _sync(self) -> Written:
-        """Ends the chunk; what was added since the last one."""
+        """End the chunk and sync it. Return the range of bytes that it added."""
         self._writer.flush()
         return self._file.sync()
 
 
 def _nanoseconds(stamp_s: float, where: str) -> int:
-    # Exact, since a float times 1e9 would be rounded to 256 ns; reading divides and gets the same float back.
+    # exact, because a float times 1e9 would be rounded to 256 ns; the reader divides and gets the same float
     if not (np.isfinite(stamp_s) and 0 <= stamp_s < 2**33):
         raise RecordingContentError(f"{where}: stamp {stamp_s!r} s; seconds since the epoch are needed")
     return round(Fraction(float(stamp_s)) * 1_000_000_000)
