@@ -1,4 +1,4 @@
-"""A bag that was opened: its topics and messages. The only place that knows `rosbags`."""
+"""An open bag with its topics and messages. Only this file uses `rosbags`."""
 
 from collections.abc import Collection, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
@@ -14,35 +14,35 @@ if TYPE_CHECKING:
 IMAGE, COMPRESSED_IMAGE = "sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage"
 CAMERA_INFO = "sensor_msgs/msg/CameraInfo"
 TRANSFORMS = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
-"""The second is of the oldest ROS 1 bags."""
+"""Message types of /tf. The second one is of the oldest ROS 1 bags."""
 STORAGE_SUFFIXES = (".db3", ".mcap")
 
 
 class Bag:
-    """An open bag. Whatever `rosbags` meets in a damaged one is told as a BagError."""
+    """An open bag. Errors of `rosbags` in a damaged bag become BagError."""
 
     def __init__(self, path: Path, reader: "AnyReader") -> None:
         self._path, self._reader = path, reader
         self.ros = 2 if reader.is2 else 1
-        """Version of ROS that wrote it."""
+        """Version of ROS that wrote the bag."""
         self.topics: Mapping[str, str] = {
             connection.topic: connection.msgtype for connection in reader.connections if connection.msgcount
         }
-        """Type of each topic that has messages, in ROS 2's spelling for either."""
+        """Type of each topic with messages, in the spelling of ROS 2."""
 
     @property
     def name(self) -> str:
-        """Of the file or folder."""
+        """Name of the file or folder."""
         return self._path.name
 
     def topics_of(self, *types: str) -> list[str]:
-        """The topics of one of these types, in order."""
+        """Return the sorted topics of these types."""
         return sorted(topic for topic, kind in self.topics.items() if kind in types)
 
     def messages(self, topics: Collection[str]) -> Iterator[tuple[str, Any]]:
-        """The messages on `topics` with their topic, in the order in which they were recorded. Raises BagError."""
+        """Yield the messages on `topics` with their topic, in the order of recording. Raise BagError for damage."""
         connections = [connection for connection in self._reader.connections if connection.topic in topics]
-        if not connections:  # `rosbags` would give all of them
+        if not connections:  # `rosbags` would return all messages
             return
         with _telling(self._path):
             for connection, _, data in self._reader.messages(connections):
@@ -51,10 +51,13 @@ class Bag:
 
 @contextmanager
 def open_bag(path: Path) -> Iterator[Bag]:
-    """The bag at `path`: a .bag file, a folder, or a file out of such a folder.
+    """Open a bag.
+
+    Args:
+        path: A .bag file, a folder, or a file of such a folder.
 
     Raises:
-        BagError: there is none, it cannot be read, or the package `rosbags` is missing.
+        BagError: There is no bag, it cannot be read, or the package `rosbags` is missing.
     """
     try:
         from rosbags.highlevel import AnyReader
@@ -65,7 +68,7 @@ def open_bag(path: Path) -> Iterator[Bag]:
         ) from error
     with ExitStack() as stack:
         with _telling(path):
-            # ROS 2 tells the types in the bag since Iron only; those that are read here are the same in all of them.
+            # only since Iron do bags contain the types, and the types here are the same in all versions
             reader = AnyReader([_storage(path)], default_typestore=get_typestore(Stores.ROS2_HUMBLE))
             stack.enter_context(reader)
             bag = Bag(path, reader)
@@ -73,7 +76,7 @@ def open_bag(path: Path) -> Iterator[Bag]:
 
 
 def _storage(path: Path) -> Path:
-    """What `rosbags` is to open. A folder without metadata, which a recorder that was killed leaves, has its file."""
+    """Return what `rosbags` opens. A folder without metadata, which a killed recorder leaves, has one file."""
     if not path.exists():
         raise BagError(f"there is no {path}")
     if path.is_dir() and path.suffix == ".bag":
@@ -93,14 +96,14 @@ def _storage(path: Path) -> Path:
 
 @contextmanager
 def _telling(path: Path) -> Iterator[None]:
-    """What goes wrong in `rosbags` as a BagError."""
+    """Turn errors of `rosbags` into BagError."""
     try:
         yield
     except BagError:
         raise
     except OSError as error:
         raise BagError(f"{path.name} cannot be read: {error.strerror or shown(error)}") from error
-    except Exception as error:  # it parses a damaged bag until something, of any kind, does not fit
+    except Exception as error:  # `rosbags` raises errors of any kind for a damaged bag
         why = shown(error) or type(error).__name__
         raise BagError(
             f"{path.name} cannot be read as a bag: {why} (try `ros2 bag reindex` or `rosbag reindex` "

@@ -1,4 +1,4 @@
-"""Depth images and lenses as ROS tells them, checked before they are used."""
+"""Depth images and camera matrices of ROS messages, checked before they are used."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -13,37 +13,44 @@ from cell.recording.limits import DEFAULT_LIMITS
 COUNTS, METRES = ("16UC1", "mono16"), ("32FC1",)
 ENCODINGS = (*COUNTS, *METRES)
 SURELY_DEPTH = ("16UC1", "32FC1")
-"""Infrared images are mono16 as well."""
+"""Encodings of depth images only. Infrared images are mono16 as well."""
 MILLIMETRE_M = 0.001
-"""Of 16UC1, as REP 118 has it."""
+"""Unit of 16UC1 by REP 118."""
 FINE_M = 0.0001
-"""Counts that metres are rounded to: below every camera's noise, and 16 bits reach 6.5 m."""
+"""Unit to which metres are rounded. It is below the noise of every camera, and 16 bits reach 6.5 m."""
 
 
 @dataclass(frozen=True, eq=False)
 class Lens:
-    """What a CameraInfo tells of the images that it belongs to."""
+    """Camera matrix and size of the images of a CameraInfo."""
 
     K: NDArray[np.float64]
     """(3, 3) pinhole matrix, pixels."""
     width: int
     height: int
     frame: str
-    """Its optical frame; empty where it is not told."""
+    """Optical frame, or an empty text."""
 
 
 def depth_unit(encoding: str, told_m: float | None) -> float:
-    """Metres per count of the recording: what was told, or what the encoding has."""
+    """Return the metres per count of the recording, which are the given ones or those of the encoding."""
     if told_m is not None:
         return told_m
     return FINE_M if encoding in METRES else MILLIMETRE_M
 
 
 def depth_counts(image: Any, unit_m: float, where: str) -> NDArray[np.uint16]:
-    """Depth (H, W) in units of `unit_m` of a sensor_msgs/Image; 0 where it has none, or beyond 65535 units.
+    """Return the depth image (H, W) of a sensor_msgs/Image in units of `unit_m`.
+
+    A pixel without depth, or with one beyond 65535 units, is 0.
+
+    Args:
+        image: The message.
+        unit_m: Metres per count.
+        where: Position of the image, for messages.
 
     Raises:
-        BagError: another encoding, too large, or bytes that do not fit its size.
+        BagError: The encoding is another one, the image is too large, or its bytes do not fit its size.
     """
     height, width, step = int(image.height), int(image.width), int(image.step)
     if image.encoding not in ENCODINGS:
@@ -69,12 +76,19 @@ def depth_counts(image: Any, unit_m: float, where: str) -> NDArray[np.uint16]:
 
 
 def lens_of(info: Any, rectified: bool, where: str) -> Lens:
-    """The lens of a sensor_msgs/CameraInfo: P of a `rectified` image, where it is told, K of one without distortion.
+    """Return the camera matrix of a sensor_msgs/CameraInfo.
+
+    It is P for a rectified image, if P is set, and K for an image without distortion.
+
+    Args:
+        info: The message.
+        rectified: Whether the images are rectified.
+        where: Position of the message, for messages.
 
     Raises:
-        BagError: the images are distorted, or turned or shifted by rectification, or no camera's.
+        BagError: The images are distorted, or rotated or shifted by the rectification, or the matrix is not a camera's.
     """
-    # ROS 1 has capitals, ROS 2 has not.
+    # the fields are upper case in ROS 1 and lower case in ROS 2
     D, K, R, P = (
         np.asarray(getattr(info, name, getattr(info, name.lower(), ())), dtype=np.float64).ravel() for name in "DKRP"
     )
@@ -100,5 +114,5 @@ def lens_of(info: Any, rectified: bool, where: str) -> Lens:
 
 
 def is_rectified(topic: str) -> bool:
-    """By the names that ROS's drivers give: image_rect, image_rect_raw."""
+    """Return whether images are rectified by the names of ROS's drivers, image_rect and image_rect_raw."""
     return any(word.startswith("rect") for word in topic.rsplit("/", 1)[-1].split("_"))

@@ -1,4 +1,4 @@
-"""What is refused of a bag."""
+"""Errors of bags."""
 
 from collections.abc import Iterable
 
@@ -8,13 +8,13 @@ MOST_NAMES = 30
 
 
 class BagError(RecordingError):
-    """A bag of which no recording can be made; the message says what to do."""
+    """A bag that cannot become a recording. The message says what to do."""
 
     slug = "bag"
 
 
 def listed(names: Iterable[object]) -> str:
-    """Names out of a bag in order, one after the other."""
+    """Return sorted names of a bag for a message."""
     ordered = sorted({shown(name) for name in names})
     if not ordered:
         return "none"

@@ -1,4 +1,4 @@
-"""Which frames of a bag are base, flange and camera, and how the camera sits on the flange."""
+"""Names of base, flange and camera frame in a bag, and the camera pose on the flange."""
 
 from dataclasses import dataclass
 
@@ -10,14 +10,15 @@ from cell.bag.tf_tree import LOOSE_M, LOOSE_RAD, UNKNOWN, TransformsTree
 from cell.recording.errors import shown
 
 BASES = ("base", "base_link")
-"""`base` first: UR's controller and all of this program mean it; ROS's `base_link` is turned by 180 degrees about z."""
+"""Usual names of the base. `base` is the frame of UR's controller and of this program; ROS's `base_link` is turned by
+180 degrees about z."""
 FLANGES = ("tool0", "flange")
-"""`tool0` first: it is the flange as UR's controller has it, with z away from the arm; ROS's `flange` has x there."""
+"""Usual names of the flange. `tool0` is the flange of UR's controller, with z outwards; ROS's `flange` has x there."""
 
 
 @dataclass(frozen=True)
 class Frames:
-    """The names in /tf."""
+    """Names of the frames in /tf."""
 
     base: str
     flange: str
@@ -25,10 +26,16 @@ class Frames:
 
 
 def find_frames(tree: TransformsTree, base: str | None, flange: str | None, camera: str) -> Frames:
-    """The frames that were named, else what they are usually called.
+    """Return the given frames, or those with the usual names.
+
+    Args:
+        tree: Transforms of the bag.
+        base: Name of the base frame, or None.
+        flange: Name of the flange frame, or None.
+        camera: Name of the camera frame.
 
     Raises:
-        BagError: there is no such frame.
+        BagError: There is no such frame.
     """
     return Frames(
         base or _known(tree, BASES, "base", "--base-frame"),
@@ -38,10 +45,15 @@ def find_frames(tree: TransformsTree, base: str | None, flange: str | None, came
 
 
 def fixed_camera(tree: TransformsTree, frames: Frames, stamps_ns: NDArray[np.int64]) -> NDArray[np.float64]:
-    """`T_flange_camera` (4, 4), which must be the same at all moments (N,).
+    """Return `T_flange_camera` (4, 4), which must be constant.
+
+    Args:
+        tree: Transforms of the bag.
+        frames: Names of the frames.
+        stamps_ns: Times (N,) of the images, nanoseconds.
 
     Raises:
-        BagError: /tf does not tell it, or it changes.
+        BagError: /tf does not contain it, or it changes.
     """
     try:
         poses, known = tree.chain(frames.flange, frames.camera).at(stamps_ns)

@@ -1,4 +1,4 @@
-"""A bag as a recording: one view for each place where the arm stood still."""
+"""Conversion of a bag to a recording, with one view for each position at which the arm stood still."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -23,12 +23,12 @@ from cell.recording.whole_recording import require_new, write_whole
 from cell.recording.writer import RecordingHeader
 
 LEAST_VIEWS = 2
-"""Fewer cannot be recognised."""
+"""Smallest number of views for recognition."""
 
 
 @dataclass(frozen=True, eq=False)
 class Wanted:
-    """What is told about a bag; None: it is found, or as the bag has it."""
+    """What the caller knows about a bag. None means that the value is found in the bag."""
 
     depth_topic: str | None = None
     info_topic: str | None = None
@@ -36,13 +36,13 @@ class Wanted:
     flange_frame: str | None = None
     camera_frame: str | None = None
     depth_unit_m: float | None = None
-    """Metres per count of 16UC1; what metres of 32FC1 are rounded to."""
+    """Metres per count of 16UC1, and unit to which metres of 32FC1 are rounded."""
     rectified: bool = False
-    """The images are, though their topic's name does not tell."""
+    """Whether the images are rectified although their topic's name does not say so."""
     T_flange_camera: NDArray[np.float64] | None = None
-    """(4, 4), instead of what /tf tells."""
+    """(4, 4) hand-eye calibration to be used instead of /tf."""
     hand_eye: str = "tf"
-    """Where T_flange_camera is from, as provenance."""
+    """Source of `T_flange_camera`, for the provenance."""
     string_radius_m: float | None = None
     table_z_m: float = 0.0
     workspace_m: Box | None = None
@@ -50,7 +50,7 @@ class Wanted:
 
 @dataclass(frozen=True, eq=False)
 class Imported:
-    """What was made of a bag."""
+    """Result of `import_bag`."""
 
     topics: Topics
     frames: Frames
@@ -58,12 +58,18 @@ class Imported:
 
 
 def import_bag(path: Path, out: Path, wanted: Wanted) -> Imported:
-    """Writes the recording `out` of the bag at `path`. It is complete or not there.
+    """Write the recording of a bag, completely or not at all.
+
+    Args:
+        path: The bag.
+        out: The recording to write; it must not exist.
+        wanted: What the caller knows about the bag.
 
     Raises:
-        RecordingError: the bag cannot be used (BagError), `out` exists, or what was told cannot be.
-        NotRigidError, InvalidViewError: a pose or a lens that is none.
-        OSError: the recording cannot be written.
+        RecordingError: The bag cannot be used (BagError), `out` exists, or a value of `wanted` is impossible.
+        NotRigidError: A pose is not rigid.
+        InvalidViewError: A camera matrix is not valid.
+        OSError: The recording cannot be written.
     """
     require_new(out)
     with open_bag(path) as bag:
@@ -90,7 +96,7 @@ def import_bag(path: Path, out: Path, wanted: Wanted) -> Imported:
 
 
 def _check_count(rest: Rest, images: int) -> None:
-    """Raises BagError."""
+    """Raise BagError for too few or too many views."""
     if LEAST_VIEWS <= len(rest.places) <= DEFAULT_LIMITS.views:
         return
     of = f"of {images} depth images {rest.moving} were taken in motion, of {rest.unknown} the pose is not known"
@@ -123,12 +129,12 @@ def _provenance(
 
 
 def _views(bag: Bag, topics: Topics, told: Survey, rest: Rest, header: RecordingHeader) -> Iterator[View]:
-    """The views one after the other; the images of one only are held, if the bag has them in order."""
+    """Yield the views one after the other. If the bag is in order, only the images of one view are in memory."""
     place_of = {int(told.stamps_ns[frame]): k for k, place in enumerate(rest.places) for frame in place.frames}
     held: dict[int, list[NDArray[np.uint16]]] = {}
     for _, image in bag.messages([topics.depth]):
         stamp_ns = nanoseconds(image.header.stamp)
-        k = place_of.pop(stamp_ns, None)  # one that is there twice is taken once
+        k = place_of.pop(stamp_ns, None)  # a duplicate is used once
         if k is None:
             continue
         depth = depth_counts(image, header.depth_unit_m, f"{shown(topics.depth)}, image of {stamp_ns} ns")

@@ -1,4 +1,4 @@
-"""Many rigid transforms at once: what a tree of frames is composed of."""
+"""Many rigid transforms at once, for the composition of a frame tree."""
 
 from dataclasses import dataclass
 from typing import Any, Self, cast
@@ -13,9 +13,9 @@ class Poses:
     """N rigid transforms between the same two frames."""
 
     translation: NDArray[np.float64]
-    """(N, 3), metres."""
+    """Translations (N, 3), metres."""
     rotation: Rotation
-    """N of them."""
+    """N rotations."""
 
     def __len__(self) -> int:
         return len(self.translation)
@@ -24,23 +24,23 @@ class Poses:
         return Poses(self.translation[at], self.rotation[cast(Any, at)])
 
     def __matmul__(self, other: Self) -> "Poses":
-        """`T_a_b @ T_b_c` is `T_a_c`, one by one."""
+        """Compose `T_a_b @ T_b_c` to `T_a_c`, one by one."""
         return Poses(self.translation + self.rotation.apply(other.translation), self.rotation * other.rotation)
 
     def inverse(self) -> "Poses":
-        """`T_a_b` as `T_b_a`."""
+        """Return `T_b_a` for `T_a_b`."""
         rotation = self.rotation.inv()
         return Poses(-rotation.apply(self.translation), rotation)
 
     def matrix(self, k: int) -> NDArray[np.float64]:
-        """(4, 4) the k-th."""
+        """Return the k-th transform (4, 4)."""
         T = np.eye(4)
         T[:3, :3] = self.rotation[k].as_matrix()
         T[:3, 3] = self.translation[k]
         return T
 
     def distance(self, k: int, other: "Poses") -> tuple[float, float]:
-        """How far the others' farthest is from the k-th: metres and radians; 0 when there are none."""
+        """Return the largest distance of the others from the k-th, metres and radians. Without others it is 0."""
         if len(other) == 0:
             return 0.0, 0.0
         shift = np.linalg.norm(other.translation - self.translation[k], axis=1)

@@ -1,4 +1,4 @@
-"""Which depth images of a bag were taken while the arm stood still, and which of them from one place."""
+"""Depth images that were taken while the arm stood still, grouped by its position."""
 
 from dataclasses import dataclass
 
@@ -9,46 +9,50 @@ from cell.bag.errors import BagError
 from cell.bag.tf_tree import ALONE, KNOWN, SAME_M, SAME_RAD, Chain
 
 WINDOW_S = 0.25
-"""The arm stands still when its pose stays the same for so long before and after an image: what is slower than 2 mm/s
-moves less during the images of one view than depth is noisy."""
+"""Time before and after an image during which the pose of a resting arm stays the same. At less than 2 mm/s, the motion
+during one view is below the noise of depth."""
 MOST_FRAMES = 5
-"""Of one view: as many as a live scan takes."""
+"""Largest number of images of one view, as in a live scan."""
 
 
 @dataclass(frozen=True, eq=False)
 class Place:
-    """Where the arm stood still, and what was seen from there."""
+    """A position at which the arm stood still, with its images."""
 
     frames: tuple[int, ...]
-    """Places of the images in the order of their stamps: those in the middle of the time there."""
+    """Indices of the images in the order of their stamps, from the middle of the stay."""
     T_base_flange: NDArray[np.float64]
-    """(4, 4) at the middle one of them."""
+    """(4, 4) flange pose at the middle image."""
     stamp_ns: int
-    """Of that one."""
+    """Stamp of the middle image, nanoseconds."""
 
 
 @dataclass(frozen=True, eq=False)
 class Rest:
-    """What `find_rest` gives."""
+    """Result of `find_rest`."""
 
     places: tuple[Place, ...]
-    """In the order of time."""
+    """Positions in the order of time."""
     moving: int
-    """So many images were taken while the arm moved."""
+    """Number of images that were taken while the arm moved."""
     unknown: int
-    """Of so many it is not told where the arm was."""
+    """Number of images for which the pose of the arm is unknown."""
     single: bool
-    """Poses are too far apart in time to tell whether the arm moved: images were taken for which one was told alone."""
+    """Whether poses are too far apart in time to tell whether the arm moved, and every image has its own pose."""
 
 
 def find_rest(chain: Chain, stamps_ns: NDArray[np.int64]) -> Rest:
-    """The places where the arm stood still while images with the stamps (N,), increasing, were taken.
+    """Return the positions at which the arm stood still while images were taken.
 
-    Images in a row with the same pose are of one place. Where /tf has gaps, a pose beside an image is enough only
-    when every image has one: then the bag is of single images, each taken at rest, and not of a moving camera.
+    Consecutive images with the same pose belong to one position. Where /tf has gaps, one pose beside an image is enough
+    only if every image has one. Then the bag consists of single images at rest, and not of a moving camera.
+
+    Args:
+        chain: Transforms from the flange to the base.
+        stamps_ns: Times (N,) of the images, increasing, nanoseconds.
 
     Raises:
-        BagError: of no image it is known where the arm was.
+        BagError: The pose of the arm is known for no image.
     """
     poses, known = chain.at(stamps_ns)
     told_ns = chain.stamps_ns
@@ -71,7 +75,7 @@ def find_rest(chain: Chain, stamps_ns: NDArray[np.int64]) -> Rest:
     groups: list[list[int]] = []
     moving = 0
     gone = True
-    """The arm has left the place of the last group."""
+    """Whether the arm has left the position of the last group."""
     for k in np.flatnonzero(usable).tolist():
         if not _same(poses.distance(k, told[first[k] : last[k]])):
             moving, gone = moving + 1, True
@@ -95,6 +99,6 @@ def _same(distance: tuple[float, float]) -> bool:
 
 
 def _middle(frames: list[int]) -> list[int]:
-    """The middle ones: the first may still shake, the last may already go."""
+    """Return the middle images. During the first one the arm may still shake, and during the last one it may move."""
     skip = max(len(frames) - MOST_FRAMES, 0) // 2
     return frames[skip : skip + MOST_FRAMES]

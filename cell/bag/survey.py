@@ -1,4 +1,4 @@
-"""What a bag holds: which topics are meant, then everything of them but the pixels."""
+"""Survey of a bag: the topics to read, then all messages without the pixels."""
 
 from dataclasses import dataclass
 
@@ -16,7 +16,7 @@ STATIC = "tf_static"
 
 @dataclass(frozen=True)
 class Topics:
-    """Where depth images and their lens are told."""
+    """Topics of the depth images and of their CameraInfo."""
 
     depth: str
     info: str
@@ -24,22 +24,29 @@ class Topics:
 
 @dataclass(frozen=True, eq=False)
 class Survey:
-    """A bag without the pixels."""
+    """Content of a bag without the pixels."""
 
     tree: TransformsTree
     lens: Lens
     stamps_ns: NDArray[np.int64]
-    """(N,) of the depth images, increasing."""
+    """Stamps (N,) of the depth images, increasing, nanoseconds."""
     camera_frame: str
-    """Of the depth images, by their headers."""
+    """Frame of the depth images, by their headers."""
     encoding: str
 
 
 def find_topics(bag: Bag, depth: str | None, info: str | None) -> Topics:
-    """The topics that were named, else the only ones of their kind; of several CameraInfos the one beside the images.
+    """Return the given topics, or the only ones of their kind.
+
+    Of several CameraInfos, the one beside the images is taken.
+
+    Args:
+        bag: The bag.
+        depth: Topic of the depth images, or None.
+        info: Topic of the CameraInfo, or None.
 
     Raises:
-        BagError: a topic that was named is not there, or it is not clear which one is meant.
+        BagError: A given topic is missing, or it is unclear which one is meant.
     """
     if depth is None:
         depth = _only_depth(bag)
@@ -60,10 +67,15 @@ def find_topics(bag: Bag, depth: str | None, info: str | None) -> Topics:
 
 
 def survey(bag: Bag, topics: Topics, rectified: bool) -> Survey:
-    """Reads transforms, lens, and of the images the headers.
+    """Read the transforms, the camera matrix and the headers of the images.
+
+    Args:
+        bag: The bag.
+        topics: Topics to read.
+        rectified: Whether the images are rectified.
 
     Raises:
-        BagError: there are none, the lens cannot be used, or something changes that must not.
+        BagError: There are no images, the camera matrix cannot be used, or a constant value changes.
     """
     tree, lenses, stamps_ns = TransformsTree(), [], []
     heads: set[tuple[str, str, int, int]] = set()
@@ -107,7 +119,7 @@ def survey(bag: Bag, topics: Topics, rectified: bool) -> Survey:
 
 
 def _only_depth(bag: Bag) -> str:
-    """The one topic whose first image is of depth. Raises BagError."""
+    """Return the only topic whose first image is a depth image. Raise BagError otherwise."""
     images = bag.topics_of(IMAGE)
     found = [topic for topic in images if _first_encoding(bag, topic) in SURELY_DEPTH]
     if len(found) == 1:

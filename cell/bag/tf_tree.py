@@ -1,4 +1,4 @@
-"""The tree of frames that a bag tells on /tf and /tf_static, and poses between any two of them at any moment."""
+"""Frame tree of /tf and /tf_static in a bag, with poses between any two frames at any time."""
 
 from array import array
 from collections.abc import Sequence
@@ -15,31 +15,32 @@ from cell.bag.pose_batch import Poses
 from cell.recording.errors import shown
 
 MOST_M = 1e6
-"""No robot's frame is farther from its parent: a map's origin may be far."""
+"""Largest distance of a frame from its parent. The origin of a map may be far away."""
 MOST_SAMPLES = 5_000_000
-"""Ten minutes of ten joints at 500 Hz are 3 million; they take 60 bytes each."""
+"""Largest number of samples. Ten minutes of ten joints at 500 Hz are 3 million, which take 60 bytes each."""
 GAP_S = 0.2
-"""Between samples farther apart an arm may have gone anywhere: it is interpolated only where both ends agree ..."""
+"""Largest time between samples of a moving arm. Across a longer gap, poses are interpolated only if both ends agree ...
+"""
 BRIDGED_S = 2.0
-"""... and no longer than this: in a minute an arm goes elsewhere, and comes back."""
+"""... and if the gap is not longer than this, because an arm may leave and return within a minute."""
 NEAR_S = 0.1
-"""Across such a gap, and beyond the first and last sample, the nearest sample holds for so long."""
+"""Time during which the nearest sample holds beside such a gap, and beyond the first and the last sample."""
 LOOSE_M, LOOSE_RAD = 2e-4, 5e-4
-"""What differs by more is not fixed; no hand-eye calibration knows it better."""
+"""Largest change of a fixed transform. No hand-eye calibration is more accurate."""
 SAME_M, SAME_RAD = 5e-4, 1e-3
-"""Two poses that differ by no more are of an arm at rest: below the noise of depth, above that of joint encoders."""
+"""Largest difference of two poses of an arm at rest, below the noise of depth and above that of joint encoders."""
 
 UNKNOWN, ALONE, KNOWN = 0, 1, 2
-"""How well a pose is known: not; by one sample beside a gap or at an end; by samples on both sides."""
+"""How well a pose is known: not at all, by one sample beside a gap or at an end, or by samples on both sides."""
 
 
 @dataclass
 class _Samples:
-    """What was told of one frame in its parent."""
+    """Samples of one frame in its parent."""
 
     stamps_ns: array = field(default_factory=lambda: array("q"))
     values: array = field(default_factory=lambda: array("d"))
-    """Seven for each: x, y, z and quaternion x, y, z, w."""
+    """Seven values for each sample, x, y, z and the quaternion x, y, z, w."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,12 +48,12 @@ class Edge:
     """A frame in its parent over time."""
 
     stamps_ns: NDArray[np.int64]
-    """(N,), strictly increasing; one only: it never moves."""
+    """Stamps (N,), strictly increasing, nanoseconds. One stamp alone means a fixed frame."""
     poses: Poses
-    """N of them, `T_parent_child`."""
+    """N transforms `T_parent_child`."""
 
     def at(self, stamps_ns: NDArray[np.int64]) -> tuple[Poses, NDArray[np.int64]]:
-        """The poses at these moments, and how well each is known."""
+        """Return the poses at these times, and how well each is known."""
         if len(self.stamps_ns) == 1:
             first = np.zeros(len(stamps_ns), dtype=np.int64)
             return self.poses[first], np.full(len(stamps_ns), KNOWN)
@@ -74,11 +75,11 @@ class Edge:
     def _interpolated(
         self, stamps_ns: NDArray[np.int64], nearest: NDArray[np.int64], between: NDArray[np.bool_]
     ) -> Poses:
-        """The nearest sample, or what lies between two. A sample at the very moment stays as it was told."""
+        """Return the nearest sample, or the interpolation between two. A sample at the very time stays unchanged."""
         told = self.poses[nearest]
         translation, quaternion = told.translation.copy(), told.rotation.as_quat()
         if between.any():
-            # Seconds from the first sample: a double of the epoch's would be rounded to 200 ns.
+            # seconds since the first sample, because a double of seconds since the epoch is rounded to 200 ns
             known_s = (self.stamps_ns - self.stamps_ns[0]) / 1e9
             wanted_s = (stamps_ns[between] - self.stamps_ns[0]) / 1e9
             for axis in range(3):
@@ -88,16 +89,16 @@ class Edge:
 
 
 class TransformsTree:
-    """All frames of a bag; filled by `add`, then asked."""
+    """All frames of a bag. It is filled by `add` and then queried."""
 
     def __init__(self) -> None:
         self._samples: dict[tuple[str, str, bool], _Samples] = {}
-        """By child, parent, and whether it is static."""
+        """Samples by child, parent, and whether they are static."""
         self._edges: dict[tuple[str, str], Edge] = {}
         self._count = 0
 
     def add(self, message: Any, static: bool) -> None:
-        """Takes a TFMessage. Raises BagError: more of them than are kept."""
+        """Add a TFMessage. Raise BagError for too many samples."""
         for transform in message.transforms:
             self._count += 1
             if self._count > MOST_SAMPLES:
@@ -111,14 +112,14 @@ class TransformsTree:
 
     @property
     def frames(self) -> set[str]:
-        """The names of all."""
+        """Return the names of all frames."""
         return {name for child, parent, _ in self._samples for name in (child, parent)}
 
     def chain(self, target: str, source: str) -> "Chain":
-        """How `source` lies in `target`.
+        """Return the transforms from the frame `source` to the frame `target`.
 
         Raises:
-            BagError: one is not there, nothing connects them, or what is told of a frame between them makes no sense.
+            BagError: A frame is missing, the frames are not connected, or a transform between them is not valid.
         """
         for name in (target, source):
             if name not in self.frames:
@@ -144,7 +145,7 @@ class TransformsTree:
         return next(iter(parents), None)
 
     def _ancestors(self, frame: str) -> list[str]:
-        """The frame, its parent and so on."""
+        """Return the frame, its parent, and so on."""
         line, parent = [frame], self._parent(frame)
         while parent is not None:
             if parent in line:
@@ -166,21 +167,21 @@ class TransformsTree:
 
 @dataclass(frozen=True)
 class Chain:
-    """The edges between two frames, by way of the nearest frame above both."""
+    """The edges between two frames, through their nearest common ancestor."""
 
     rising: tuple[Edge, ...]
-    """From the target upwards."""
+    """Edges from the target upwards."""
     falling: tuple[Edge, ...]
-    """From there down to the source."""
+    """Edges from the ancestor down to the source."""
 
     @property
     def stamps_ns(self) -> NDArray[np.int64]:
-        """(N,) every moment at which any of it was told; empty when none of it moves."""
+        """Times (N,) at which any moving edge has a sample, nanoseconds. It is empty if no edge moves."""
         moving = [edge.stamps_ns for edge in (*self.rising, *self.falling) if len(edge.stamps_ns) > 1]
         return np.unique(np.concatenate([np.zeros(0, dtype=np.int64), *moving]))
 
     def at(self, stamps_ns: NDArray[np.int64]) -> tuple[Poses, NDArray[np.int64]]:
-        """`T_target_source` at these moments, and how well each is known."""
+        """Return `T_target_source` at these times, and how well each is known."""
         known = np.full(len(stamps_ns), KNOWN)
         result: Poses | None = None
         for edge, upwards in [*((edge, True) for edge in self.rising), *((edge, False) for edge in self.falling)]:
@@ -194,34 +195,34 @@ class Chain:
 
 
 def frame_name(name: str) -> str:
-    """As ROS 2 has it: the oldest ROS 1 put a slash before."""
+    """Return the name as in ROS 2. The oldest ROS 1 has a leading slash."""
     return name.removeprefix("/")
 
 
 def nanoseconds(stamp: Any) -> int:
-    """A ROS time, exactly."""
+    """Return a ROS time in nanoseconds, without rounding."""
     return int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)
 
 
 def _pairs(line: Sequence[str], common: str) -> list[tuple[str, str]]:
-    """(child, parent) from the first of the line up to `common`."""
+    """Return (child, parent) pairs from the first name up to `common`."""
     end = line.index(common)
     return list(pairwise(line[: end + 1]))
 
 
 def _edge(samples: _Samples, static: bool, where: str) -> Edge:
-    """The samples in the order of their stamps; of a static one the last that was told."""
+    """Return the samples in the order of their stamps, and of a static frame the last sample."""
     stamps_ns, poses = np.frombuffer(samples.stamps_ns, dtype=np.int64), _poses(samples, where)
     if static:
         return Edge(stamps_ns[-1:], poses[-1:])
-    stamps_ns, first = np.unique(stamps_ns, return_index=True)  # what is sent twice is there once
+    stamps_ns, first = np.unique(stamps_ns, return_index=True)  # duplicates are dropped
     return Edge(stamps_ns, poses[first])
 
 
 def _poses(samples: _Samples, where: str) -> Poses:
-    """As they were told, one after the other."""
+    """Return the transforms in the order of the samples."""
     values = np.frombuffer(samples.values, dtype=np.float64).reshape(-1, 7)
-    if not np.abs(values).max() <= MOST_M:  # NaN is neither
+    if not np.abs(values).max() <= MOST_M:  # also true for NaN
         raise BagError(
             f"/tf: the pose of {where} holds {np.abs(values).max():g}; metres, and unit quaternions, are needed"
         )
@@ -233,7 +234,7 @@ def _poses(samples: _Samples, where: str) -> Poses:
 
 
 def _check_fixed(edge: Edge, fixed: Poses, where: str) -> None:
-    """What is told on /tf_static must be the same each time, and on /tf too: which of two is right nobody can tell."""
+    """Check that a static transform is the same each time, on /tf_static and on /tf."""
     apart = [edge.poses.distance(0, others) for others in (fixed, edge.poses)]
     apart_m, apart_rad = (max(values) for values in zip(*apart, strict=True))
     if apart_m > LOOSE_M or apart_rad > LOOSE_RAD:

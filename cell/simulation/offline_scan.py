@@ -1,4 +1,4 @@
-"""A simulated scan: the views of a scene as a cell would record them, and the truth."""
+"""Simulated scan without a cell: the views as a cell would record them, and the truth."""
 
 import json
 import os
@@ -21,41 +21,46 @@ from cell.simulation.scenes.scenes import StringScene
 WORKSPACE_TOP_M = 0.12
 """Height of the recorded workspace."""
 WORKSPACE_HALF_M = 0.26
-"""Least half width of the recorded workspace."""
+"""Smallest half width of the recorded workspace."""
 
 _FIRST_STAMP_S = 1_767_225_600.0
-"""The beginning of 2026: simulated scans must not depend on the clock."""
+"""Stamp of the first view, the beginning of 2026. A simulated scan does not depend on the clock."""
 _VIEW_TIME_S = 3.0
 
-# Streams of one seed: what is drawn for one purpose does not depend on another.
+# streams of one seed, so that draws for different purposes are independent
 _SESSION, _POSES, _VIEW = range(3)
 
 
 class ViewCountError(ValueError):
-    """A number of views that no scan has."""
+    """The number of views is out of range."""
 
     slug = "views"
 
 
 @dataclass(frozen=True, eq=False)
 class SimulatedScan:
-    """What `simulate` gives."""
+    """Result of `simulate`."""
 
     views: tuple[View, ...]
     header: RecordingHeader
     truth: Mapping[str, Any]
-    """JSON of `cell.simulation.scenes.ground_truth.scene_truth`."""
+    """Truth as JSON, by `cell.simulation.scenes.ground_truth.scene_truth`."""
 
 
 def simulate(
     scene: StringScene, camera: CameraModel, seed: int, errors: PoseErrors | None = None, views: int = 8
 ) -> SimulatedScan:
-    """A scan of `scene` from look-at viewpoints on two rings, with told poses that differ from the true ones.
+    """Simulate a scan of a scene from viewpoints on two rings. The same arguments give the same content.
 
-    The same arguments give the same content. `errors` are the defaults of `PoseErrors` unless given.
+    Args:
+        scene: Strings on the table.
+        camera: Camera model.
+        seed: Seed of noise and errors.
+        errors: Errors of the reported poses. None means the defaults of `PoseErrors`.
+        views: Number of views, 1 to 64.
 
     Raises:
-        ViewCountError: `views` is not from 1 to 64.
+        ViewCountError: `views` is out of range.
     """
     if not 1 <= views <= 64:
         raise ViewCountError(f"{views} views; from 1 to 64 are taken")
@@ -101,7 +106,7 @@ def simulate(
 
 
 def _subject(scene: StringScene) -> NDArray[np.float64]:
-    """Points (N, 3) that the camera looks at: the strings, or where there are none what else lies there."""
+    """Return the points (N, 3) that the camera looks at, the strings or else the clutter."""
     if scene.curves:
         return np.vstack(scene.curves)
     flat = [footprint(box) for box in scene.boxes] + [np.array([clump.centre_m]) for clump in scene.clumps]
@@ -110,18 +115,21 @@ def _subject(scene: StringScene) -> NDArray[np.float64]:
 
 
 def truth_path(path: Path) -> Path:
-    """Where the truth of the recording at `path` is written: `scan.truth.json` beside `scan.mcap`."""
+    """Return the path of the truth, `scan.truth.json` beside `scan.mcap`."""
     return path.with_suffix(".truth.json")
 
 
 def write_simulation(scan: SimulatedScan, path: Path) -> Path:
-    """Writes the recording to `path` and the truth beside it; returns the truth's path.
+    """Write the recording and the truth beside it, each completely or not at all. Return the path of the truth.
 
-    Either is complete or not there: both are written under other names first and then renamed.
+    Args:
+        scan: Simulated scan.
+        path: Recording to write.
 
     Raises:
-        RecordingExistsError: one of the two is there already; nothing is overwritten.
-        RecordingError, OSError: the files cannot be written.
+        RecordingExistsError: One of the files exists.
+        RecordingError: The views cannot be recorded.
+        OSError: A file cannot be written.
     """
     beside = truth_path(path)
     for there in (path, beside):

@@ -1,4 +1,4 @@
-"""Where the simulated camera looks from, and how wrongly the arm and the calibration tell it."""
+"""Viewpoints of a simulated scan, and the errors of the reported poses."""
 
 from collections.abc import Sequence
 from dataclasses import astuple, dataclass
@@ -11,26 +11,28 @@ from cell.planning.look_at import least_distance, look_at, two_rings
 from cell.simulation.kinematic_error import KinematicError
 
 T_FLANGE_CAMERA = from_rotation_vector((0.03, -0.06, 0.05), (0.1, 0.05, 0.4))
-"""The simulated camera's mounting, before errors. Oblique, so that a wrong order of transforms shows."""
+"""Mounting of the simulated camera, without errors. It is oblique, so that a wrong order of transforms shows."""
 
 
 @dataclass(frozen=True)
 class PoseErrors:
-    """Root mean square errors of told against true poses; each is drawn evenly over the directions."""
+    """Root mean square errors of the reported poses. Each error has a random direction."""
 
     robot_m: float = 0.0005
-    """Of the flange's place, anew in each view."""
+    """Error of the flange's position, independent for each view."""
     robot_rad: float = float(np.deg2rad(0.1))
+    """Error of the flange's orientation, independent for each view."""
     hand_eye_m: float = 0.0007
-    """Of the calibration, once a scan."""
+    """Error of the position in the hand-eye calibration, once for each scan."""
     hand_eye_rad: float = float(np.deg2rad(0.15))
+    """Error of the orientation in the hand-eye calibration, once for each scan."""
     smooth_m: float = 0.0
     """Root mean square of a further error of the reported position, which changes smoothly with the pose."""
     smooth_rad: float = 0.0
     """Root mean square of a further error of the reported orientation, which changes smoothly with the pose."""
 
     def scaled(self, factor: float) -> "PoseErrors":
-        """All of them times a factor."""
+        """Return all errors multiplied by a factor."""
         return PoseErrors(*(factor * value for value in astuple(self)))
 
 
@@ -45,11 +47,18 @@ def viewpoints(
     working_m: tuple[float, float],
     views: int,
 ) -> list[NDArray[np.float64]]:
-    """`T_base_camera` of look-at poses about the origin, on two rings in turn, evenly round it.
+    """Return `T_base_camera` of viewpoints around the origin, on two rings in turn.
 
-    All have one distance: the least within `working_m` from which each sees all `points` (N, 3) within the
-    middle `FILL` of its image of `size` (width, height) and none nearer than `near_m`; the far end of it where
-    none is enough.
+    All viewpoints have the smallest distance within `working_m` from which every camera sees all points, or the largest
+    one if none suffices.
+
+    Args:
+        points: Points (N, 3) that must be within the middle `FILL` of each image.
+        K: Pinhole matrix (3, 3), pixels.
+        size: Width and height of the image, pixels.
+        near_m: Smallest distance of a point.
+        working_m: Smallest and largest distance of the camera.
+        views: Number of viewpoints.
     """
     bearings = two_rings(views)
     needed = max(least_distance(points, K, size, near_m, bearing) for bearing in bearings)
@@ -64,9 +73,14 @@ def told_flange_poses(
     rng: np.random.Generator,
     seed: int = 0,
 ) -> list[NDArray[np.float64]]:
-    """The `T_base_flange` that the robot tells for true camera poses and the true mounting of the camera.
+    """Return the `T_base_flange` that the robot reports for the true camera poses.
 
-    The smooth error is that of the arm of this `seed`.
+    Args:
+        T_base_camera: True camera poses (4, 4).
+        T_flange_camera: True mounting of the camera (4, 4).
+        errors: Sizes of the errors.
+        rng: Generator of the independent errors.
+        seed: Seed of the arm with the smooth error.
     """
     smooth = KinematicError(errors.smooth_m, errors.smooth_rad, seed)
     T_base_flange = [T @ inverse(T_flange_camera) for T in T_base_camera]
@@ -78,7 +92,7 @@ def told_flange_poses(
 def perturbed(
     T: NDArray[np.float64], error_m: float, error_rad: float, rng: np.random.Generator
 ) -> NDArray[np.float64]:
-    """`T` moved and, about its own origin, turned by errors of these root mean square sizes."""
+    """Return `T` with a random translation and a random rotation about its own origin, of these root mean squares."""
     shift, turn = rng.standard_normal((2, 3)) / np.sqrt(3.0)
     error = from_rotation_vector(error_m * shift, error_rad * turn)
     result = np.eye(4)

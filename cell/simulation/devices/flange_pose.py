@@ -1,4 +1,4 @@
-"""How the simulated camera learns where the arm carries it."""
+"""Sources of the flange pose, from which the simulated camera knows where it is."""
 
 from collections.abc import Callable
 
@@ -8,22 +8,28 @@ from numpy.typing import NDArray
 from cell.config.arm_config import ArmModelName
 
 READ_HZ = 125.0
-"""How often a controller that is not ours tells the joint angles."""
+"""Rate of the joint angles of a controller that is not the virtual one."""
 
 PoseSource = Callable[[], NDArray[np.float64]]
-"""Tells the flange pose (4, 4) in the base frame at the moment of the call. Raises OSError."""
+"""Returns the flange pose (4, 4) in the base frame at the time of the call. It raises OSError without a controller."""
 
 
 def controller_pose(host: str) -> PoseSource:
-    """The flange pose as the virtual controller at `host` tells it. Raises OSError."""
+    """Return a source of the true flange pose of the virtual controller at `host`. Raise OSError without one."""
     from cell.simulation.ur_controller.admin_client import AdminClient
 
     return AdminClient(host).pose
 
 
 def reported_pose(model: ArmModelName, host: str) -> PoseSource:
-    """The flange pose by the joint angles that any UR controller at `host`, as URSim's, tells over RTDE, and by the
-    nominal table of its arm. For a process that may hang or crash with the vendor's library. Raises OSError.
+    """Return a source of the flange pose by nominal kinematics and the joint angles of any UR controller.
+
+    Args:
+        model: Model of the arm.
+        host: Address of the controller, for example URSim's. Its RTDE client may hang or crash the process.
+
+    Raises:
+        OSError: No controller answers.
     """
     from rtde_receive import RTDEReceiveInterface
 
@@ -35,7 +41,7 @@ def reported_pose(model: ArmModelName, host: str) -> PoseSource:
         raise ConnectionError(str(error)) from error
 
     def pose() -> NDArray[np.float64]:
-        if not receive.isConnected():  # what it tells then is old
+        if not receive.isConnected():  # its values are then old
             raise ConnectionError(f"the robot at {host} has ended the connection")
         return ur_kinematics.forward(model, receive.getActualQ())
 

@@ -1,4 +1,4 @@
-"""The single exposures of a simulated camera that an arm carries through its world."""
+"""Single exposures of a simulated camera on the flange."""
 
 import sys
 from types import ModuleType
@@ -12,15 +12,18 @@ from cell.simulation.rendering.calibration_board import Print
 from cell.simulation.rendering.depth_camera import DepthCamera, Look
 from cell.simulation.rendering.intensity_image import PictureCamera, developed, lighting
 
-# Streams of the world's seed; 0 to 3 and 6 are others' (see `cell.simulation.devices.world`).
+# streams of the world's seed; `cell.simulation.devices.world` uses 0 to 3 and 6
 _LOOK, _EXPOSURE, _LIGHT, _PICTURE = 4, 5, 7, 8
 
 
 class FrameSource:
-    """Depth images and pictures from where the flange is. Those from one pose share all but the noise of each."""
+    """Depth and intensity images from the flange poses of an arm.
+
+    Images from one pose differ only by the noise of each frame.
+    """
 
     def __init__(self, world: SimulatedWorld) -> None:
-        """Builds what the rays are cast at."""
+        """Build the scene for ray casting."""
         _import_open3d()
         self.world = world
         self._camera = DepthCamera(world.camera, world.scene, world.bias_px, world.seed)
@@ -33,7 +36,7 @@ class FrameSource:
         self._noise = np.random.default_rng()
 
     def expose(self, T_base_flange: NDArray[np.float64]) -> NDArray[np.uint16]:
-        """One exposure (H, W) at the flange pose (4, 4) that the robot tells; depth units, 0 = not measured."""
+        """Return one depth image (H, W) at a reported flange pose (4, 4), in depth units; 0 = not measured."""
         if self._look is None or not np.array_equal(T_base_flange, self._T_base_flange):
             T_scene_camera = self.world.T_scene_camera(T_base_flange)
             self._look = self._camera.look(T_scene_camera, self._of_place(T_scene_camera, _LOOK))
@@ -41,8 +44,12 @@ class FrameSource:
         return self._camera.expose(self._look, self._rng)
 
     def picture(self, T_base_flange: NDArray[np.float64]) -> NDArray[np.uint8]:
-        """One picture (H, W), grey levels, at the flange pose (4, 4) that the robot tells: pixel for pixel what the
-        depth image is of. Whoever comes back to a pose gets the same pictures, one after the other.
+        """Return one intensity image (H, W), grey levels, which matches the depth image pixel for pixel.
+
+        A pose that is visited again gives the same images in the same order.
+
+        Args:
+            T_base_flange: Reported flange pose (4, 4).
         """
         if self._pictures is None:
             light = lighting(np.random.default_rng([self.world.seed, _LIGHT]))
@@ -61,15 +68,14 @@ class FrameSource:
         return Print(board, inverse(self.world.T_base_scene) @ T_base_board)
 
     def _of_place(self, T_scene_camera: NDArray[np.float64], stream: int) -> np.random.Generator:
-        """What stays in all frames from a pose is drawn from the pose: coming back to it shows the same."""
+        """Return a generator that depends only on the pose, for what all frames from a pose share."""
         place = np.rint(T_scene_camera[:3, 3] * 1e5).astype(np.int64) + 2**40
         return np.random.default_rng([self.world.seed, stream, *map(int, place)])
 
 
 def _import_open3d() -> None:
-    """Imports open3d without its plots for web pages: they would take three quarters of the time, seconds that a
-    camera which is connected anew in the middle of a scan can do without."""
+    """Import open3d without its plots for web pages, which take three quarters of the time to import."""
     plots = ModuleType("open3d.visualization.draw_plotly")
-    plots.__getattr__ = lambda name: None  # whatever open3d wants to hand on of them
+    plots.__getattr__ = lambda name: None  # open3d re-exports names of this module
     sys.modules.setdefault(plots.__name__, plots)
     import open3d  # noqa: F401 (whoever imports it later gets this one)

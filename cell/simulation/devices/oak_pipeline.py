@@ -1,4 +1,4 @@
-"""The simulated camera as a node of a host-only depthai pipeline."""
+"""The simulated camera as a node of a depthai pipeline on this machine."""
 
 import logging
 import threading
@@ -23,9 +23,9 @@ from cell.simulation.devices.world import SimulatedWorld
 log = logging.getLogger(__name__)
 
 EXPOSURE_US = 4000
-"""To which the automatic exposure settles."""
+"""Exposure time to which the automatic exposure settles, microseconds."""
 IDLE_TICKS = 5
-"""While nobody waits for images only every so many are taken: the others would be thrown away unseen."""
+"""While no images are awaited, only one of this number is rendered."""
 STALE_S = 3600.0
 
 
@@ -34,13 +34,13 @@ class Taken:
     """One exposure."""
 
     began_s: float
-    """`time.monotonic()`"""
+    """Start of the exposure, seconds of `time.monotonic()`."""
     depth: NDArray[np.uint16]
     picture: NDArray[np.uint8] | None
 
 
 class Lens:
-    """What the node takes images of and when; lives on this side of depthai, so that it can be told things."""
+    """Decides what the node renders and when. It is outside depthai, so that faults can be injected."""
 
     def __init__(self, frames: FrameSource, pose: PoseSource, fps: float) -> None:
         self._frames, self._pose, self._period_s = frames, pose, 1 / fps
@@ -49,28 +49,28 @@ class Lens:
         self._fault: Fault = "none"
         self._due_s = time.monotonic()
         self.trouble: str | None = None
-        """Why it cannot go on, if it cannot."""
+        """Why the camera cannot continue, or None."""
 
     def want(self, wanted: bool) -> None:
-        """Whether somebody waits for images; if nobody does, it takes fewer."""
+        """Set whether images are awaited. Otherwise fewer are rendered."""
         with self._change:
             self._wanted = wanted
             self._change.notify()
 
     def fail(self, kind: Fault) -> None:
-        """Fails from now on."""
+        """Fail from now on."""
         self._fault = kind
         if kind == "lost":
             self.end()
 
     def end(self) -> None:
-        """No further images."""
+        """Send no further images."""
         with self._change:
             self._ended = True
             self._change.notify()
 
     def take(self, pictured: bool) -> Taken | None:
-        """The next image, now, with a picture if `pictured`; None: it does not come out."""
+        """Render the next image, with an intensity image if `pictured`. Return None if a fault suppresses it."""
         began_s = time.monotonic()
         T_base_flange = self._pose()
         depth = self._frames.expose(T_base_flange)
@@ -88,7 +88,7 @@ class Lens:
                 return Taken(began_s, depth, picture)
 
     def wait(self) -> bool:
-        """Until the next image is due; false: there is no next. Images are due at even times, or are left out."""
+        """Wait until the next image is due, and return False after the last one. Late images are skipped."""
         with self._change:
             ticks = 0
             while not self._ended:
@@ -104,10 +104,15 @@ class Lens:
 
 
 def open_simulated(settings: SimulatedCamera, world: SimulatedWorld, make_pose: Callable[[], PoseSource]) -> Stream:
-    """A running pipeline whose images show `world` from where the flange is.
+    """Start a pipeline whose images show the world from the flange pose.
+
+    Args:
+        settings: Frame rate and number of exposures.
+        world: World of the simulated cell.
+        make_pose: Makes the source of the flange pose.
 
     Raises:
-        CameraUnreachableError: nobody tells where the flange is.
+        CameraUnreachableError: There is no flange pose.
     """
     load()
     import depthai as dai
@@ -121,7 +126,7 @@ def open_simulated(settings: SimulatedCamera, world: SimulatedWorld, make_pose: 
         ) from error
     model = world.camera
     lens = Lens(FrameSource(world), pose, settings.fps)
-    # What is told of a camera beside its own matrix: it is the left one, and the reference.
+    # the camera is the left one, which is the reference
     place = dai.Extrinsics(np.eye(4).tolist(), dai.CameraBoardSocket.CAM_B)
     view = dai.ImgTransformation(
         model.width, model.height, model.K.tolist(), dai.CameraModel.Perspective, [0.0] * 14, place
@@ -130,8 +135,10 @@ def open_simulated(settings: SimulatedCamera, world: SimulatedWorld, make_pose: 
     closed: type[Exception] = dai.MessageQueue.QueueException
 
     class SimulatedOak(dai.node.ThreadedHostNode):
-        """Sends depth images as a camera does, and pictures while its gate is open. Its exposure time runs up to a
-        steady one until it is locked."""
+        """Sends depth images, and intensity images while its gate is open.
+
+        The exposure time settles until it is locked.
+        """
 
         def __init__(self) -> None:
             super().__init__()
@@ -143,11 +150,11 @@ def open_simulated(settings: SimulatedCamera, world: SimulatedWorld, make_pose: 
         def run(self) -> None:
             try:
                 self._run()
-            except (closed, CameraLostError):  # it is being closed
+            except (closed, CameraLostError):  # the pipeline is being closed
                 return
             except OSError as error:
                 lens.trouble = f"the simulated camera no longer learns where the arm is: {error}"
-            except Exception as error:  # depthai ends the whole process for one that gets out
+            except Exception as error:  # an uncaught error would end the whole process in depthai
                 log.exception("the simulated camera ended")
                 lens.trouble = f"the simulated camera ended: {type(error).__name__}: {error}"
 
@@ -178,7 +185,7 @@ def open_simulated(settings: SimulatedCamera, world: SimulatedWorld, make_pose: 
             message.setInstanceNum(int(dai.CameraBoardSocket.CAM_B.value))
             message.setSequenceNum(number)
             message.cam.exposureTimeUs = exposure_us
-            # A camera stamps the end of the exposure.
+            # a camera stamps the end of the exposure
             message.setTimestamp(timedelta(seconds=began_s, microseconds=exposure_us))
             return message
 
@@ -200,7 +207,7 @@ def open_simulated(settings: SimulatedCamera, world: SimulatedWorld, make_pose: 
     def close() -> None:
         lens.end()
         pipeline.stop()
-        pipeline.wait()  # else the thread of the node meets the end of what it sends to
+        pipeline.wait()  # otherwise the thread of the node would send to a closed queue
 
     pipeline.start()
     return Stream(pipeline, depth, depth, controls, lambda: info, close, pictures, gate, fault_injection=lens)

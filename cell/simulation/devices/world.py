@@ -1,7 +1,7 @@
-"""What a simulated cell is like in truth: where the strings or a calibration board lie, how the camera is mounted, and
-how far what is told of it is off.
+"""The true state of a simulated cell, and the errors of what is reported about it.
 
-The arm's own links are not in the picture, and the table is a square about the workspace.
+The truth is the position of the strings or of a calibration board, and the mounting of the camera. The arm's links are
+not visible, and the table is a square around the workspace.
 """
 
 import hashlib
@@ -24,45 +24,44 @@ from cell.simulation.rendering.depth_camera import CameraModel, camera_model
 from cell.simulation.scenes.ground_truth import scene_truth
 from cell.simulation.scenes.scenes import StringScene, make_scene
 
-# Streams of one seed, the first two as in `cell.simulation.offline_scan`: the same seed has the same bias and
-# calibration.
+# streams of one seed; the first two are those of `cell.simulation.offline_scan`, with the same bias and calibration
 _SESSION, _POSES, _ROBOT, _BOARD = 0, 1, 3, 6
 
 _ALIKE = 1e-5
-"""Flange poses that differ by less, metres and radians, have the same error."""
+"""Largest difference of two flange poses with the same error, metres and radians."""
 
 
 @dataclass(frozen=True, eq=False)
 class SimulatedWorld:
-    """A table with strings, and a camera on an arm's flange above it."""
+    """A table with strings, and a camera on the flange of an arm above it."""
 
     scene: StringScene
     T_base_scene: NDArray[np.float64]
-    """The scene's origin on the table, in the middle of the workspace."""
+    """(4, 4) pose of the scene, whose origin is on the table in the middle of the workspace."""
     camera: CameraModel
     bias_px: float
-    """Of the camera's disparities, in this session."""
+    """Bias of the disparities in this session, pixels."""
     T_flange_camera: NDArray[np.float64]
-    """How the camera is mounted in truth."""
+    """(4, 4) true mounting of the camera."""
     told_T_flange_camera: NDArray[np.float64]
-    """What the hand-eye calibration says of it."""
+    """(4, 4) mounting by the hand-eye calibration."""
     errors: PoseErrors
-    """Of what arm and calibration tell."""
+    """Errors of the arm and of the calibration."""
     seed: int
-    """Of everything random but the scene."""
+    """Seed of everything random except the scene."""
     board: Board | None = None
-    """A calibration board that lies on the table instead of strings."""
+    """Calibration board on the table instead of the strings, or None."""
     T_base_board: NDArray[np.float64] | None = None
-    """Where it lies in truth: the board's frame, whose z points into the paper and so into the table."""
+    """(4, 4) true pose of the board, whose z points into the table, or None."""
 
     @property
     def camera_id(self) -> str:
-        """The simulated camera's device id."""
+        """Device id of the simulated camera."""
         return simulated_camera_id(self.camera.name, self.seed)
 
     @property
     def told_hand_eye(self) -> HandEye:
-        """What a calibration file would tell of the camera's mounting."""
+        """Hand-eye calibration of the cell as a file would contain it."""
         return HandEye(
             T_flange_camera=self.told_T_flange_camera,
             created=None,
@@ -72,29 +71,30 @@ class SimulatedWorld:
         )
 
     def with_board(self, board: Board) -> "SimulatedWorld":
-        """The same cell with nothing on its table but the board, near the workspace's middle; the same seed lays it to
-        the same place.
+        """Return the same cell with the board near the middle of the workspace.
+
+        The same seed gives the same position.
         """
         T_scene_board = lay_board(board, np.random.default_rng([self.seed, _BOARD]))
         scene = StringScene("board", self.scene.radius_m, (), (plate(board, T_scene_board),))
         return replace(self, scene=scene, board=board, T_base_board=self.T_base_scene @ T_scene_board)
 
     def T_base_camera(self, T_base_flange: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Where the camera really is when the robot tells this flange pose: the same for the same pose."""
+        """Return the true camera pose (4, 4) for a reported flange pose (4, 4). The same pose has the same error."""
         told = np.rint(T_base_flange[:3] / _ALIKE).astype(np.int64).ravel() + 2**40
         rng = np.random.default_rng([self.seed, _ROBOT, *map(int, told)])
         return perturbed(T_base_flange, self.errors.robot_m, self.errors.robot_rad, rng) @ self.T_flange_camera
 
     def T_scene_camera(self, T_base_flange: NDArray[np.float64]) -> NDArray[np.float64]:
-        """The same, seen from the scene."""
+        """Return the true camera pose (4, 4) in the scene for a reported flange pose (4, 4)."""
         return inverse(self.T_base_scene) @ self.T_base_camera(T_base_flange)
 
 
 def simulated_world(settings: CellSettings) -> SimulatedWorld:
-    """The world of a cell with a simulated camera; the same settings give the same world.
+    """Return the world of a cell with a simulated camera. The same settings give the same world.
 
     Raises:
-        CellSettingsError: the camera is a real one, or there is no such scene.
+        CellSettingsError: The camera is a real one, or the scene does not exist.
     """
     camera = settings.camera
     if not isinstance(camera, SimulatedCamera):
@@ -126,9 +126,11 @@ def simulated_world(settings: CellSettings) -> SimulatedWorld:
 
 
 def world_truth(world: SimulatedWorld, told_T_base_flange: Sequence[NDArray[np.float64]] = ()) -> dict[str, Any]:
-    """The truth as JSON, as of `cell.simulation.scenes.ground_truth.scene_truth`, in the robot's base frame.
+    """Return the truth as JSON in the base frame, as `cell.simulation.scenes.ground_truth.scene_truth`.
 
-    `told_T_base_flange` are the flange poses of the views, for the true camera poses among it.
+    Args:
+        world: World of the simulated cell.
+        told_T_base_flange: Reported flange poses of the views, for the true camera poses.
     """
     truth = scene_truth(world.scene, [world.T_base_camera(T) for T in told_T_base_flange], world.T_flange_camera)
 

@@ -1,4 +1,4 @@
-"""Which recognised chain is which true string, and where a place on the one lies on the other."""
+"""Matching of recognised chains and true strings, and of positions along them."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -8,36 +8,40 @@ import numpy as np
 from cell.simulation.evaluation.curve_distance import Line
 
 COMPARED = 200
-"""Points of a chain and a string that are compared to find out which belong together."""
+"""Number of points of a chain and a string that are compared."""
 
 
 @dataclass(frozen=True)
 class Pair:
-    """A chain and the string that it is taken for."""
+    """A chain and its string."""
 
     chain: int
     string: int
     backwards: bool
     """Whether the chain runs against its string."""
     origin: float
-    """Share of the string's length at which the chain's first point (backwards: its last) lies; 0 on an open one."""
+    """Share of the string's length at which the chain's first point lies, or its last point if it runs backwards. It is
+    0 for an open string."""
     apart_m: float
-    """Mean distance of the two at equal shares of their lengths."""
+    """Mean distance of chain and string at equal shares of their lengths."""
     chain_length_m: float
     string_length_m: float
 
     def on_string(self, s_m: float) -> float:
-        """Arc length along the string of the place at `s_m` along the chain (to half a per cent on a closed one)."""
-        # A chain whose points all coincide has no length, and no place but its beginning.
+        """Return the arc length along the string for the arc length `s_m` along the chain.
+
+        The accuracy is half a per cent for a closed string.
+        """
+        # a chain of coincident points has no length
         share = s_m / self.chain_length_m if self.chain_length_m > 0 else 0.0
         share = 1.0 - share if self.backwards else share
-        # An open string has no place beyond its ends to come round to.
+        # an open string does not wrap around
         share = (self.origin + share) % 1.0 if self.origin else share
         return share * self.string_length_m
 
 
 def pair_up(chains: Sequence[Line], strings: Sequence[Line]) -> dict[int, Pair]:
-    """The pairing of least distance in sum, by chain; whatever is left over of either has no pair."""
+    """Return the pairs with the smallest sum of distances, by chain. Surplus chains and strings have no pair."""
     from scipy.optimize import linear_sum_assignment
 
     if not (chains and strings):
@@ -48,9 +52,9 @@ def pair_up(chains: Sequence[Line], strings: Sequence[Line]) -> dict[int, Pair]:
 
 
 def _aligned(j: int, chain: Line, i: int, string: Line) -> Pair:
-    """Chain j laid along string i either way; along a closed string from any place on it."""
+    """Return the pair of chain j and string i in the better direction, and for a closed string at the best start."""
     true = string.even(COMPARED)
-    # A circle may begin anywhere; (shift, point) gives the place on the string that is compared.
+    # a closed string may start anywhere; the array is (shift, point)
     shifts = np.arange(COMPARED if string.closed else 1)[:, None]
     places = (np.arange(COMPARED)[None] + shifts) % COMPARED
     best = (np.inf, 0, False)

@@ -1,4 +1,4 @@
-"""How well a point chain model agrees with the truth of a simulated scan."""
+"""Agreement of a point chain model with the truth of a simulated scan."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -11,19 +11,22 @@ from cell.simulation.evaluation.chain_matching import Pair, pair_up
 from cell.simulation.evaluation.curve_distance import Line, Nearest
 
 TOLERANCE_RADII = 4.0
-"""How far a chain may be from its string on average, or a crossing from its true place, to be taken for it."""
+"""Largest mean distance of a chain from its string, and of a crossing from its true position, in radii."""
 CONFIDENT = 0.9
 
 
 class ScoringError(ValueError):
-    """A model or truth that lacks what is compared."""
+    """A model or a truth lacks a value that is compared."""
 
     slug = "scoring"
 
 
 @dataclass(frozen=True)
 class Score:
-    """One model against one truth. Distances are metres, None where there is nothing to measure between."""
+    """Result of the comparison of one model with one truth.
+
+    Distances are metres, or None without anything to compare.
+    """
 
     name: str
     strings: int
@@ -34,26 +37,29 @@ class Score:
     mean_m: float | None
     """Mean distance of the recognised lines from the true ones."""
     p95_m: float | None
-    """Its 95th percentile."""
+    """95th percentile of this distance."""
     shape_m: float | None
-    """The mean distance after the best rigid fit: what no calibration could spoil."""
+    """Mean distance after the best rigid fit, which removes calibration errors."""
     end_m: float | None
-    """The largest distance of a true end from the nearest recognised one."""
+    """Largest distance of a true end from the nearest recognised end."""
     cover: float
-    """Share of the true lines that has a recognised line within their string's radius."""
+    """Share of the true lines with a recognised line within the radius of the string."""
     topology: bool
-    """Strings, open or closed, the order of crossings along each, and every over and under are right."""
+    """Whether strings, open or closed, the order of crossings along each, and every over and under are right."""
     confident_mistakes: int
-    """Crossings that have over and under exchanged with a confidence above 0.9."""
+    """Number of crossings with over and under exchanged at a confidence above 0.9."""
 
 
 def score(model: Mapping[str, Any], truth: Mapping[str, Any]) -> Score:
-    """Compares a model (JSON, `pointchain/1`) with a truth (JSON, `cell.simulation.scenes.ground_truth`).
+    """Compare a model with a truth.
 
-    Of the truth `radii` (each string's own) and `closed` may be missing: then all have `radius` and are open.
+    Args:
+        model: Model document of schema `pointchain/1`.
+        truth: Truth document of `cell.simulation.scenes.ground_truth`. Without `radii`, all strings have `radius`.
+            Without `closed`, all strings are open.
 
     Raises:
-        ScoringError: one of them is not such a document; for a model that is an error document it says so.
+        ScoringError: One of them is not such a document.
     """
     try:
         name, radius = str(truth["name"]), float(truth["radius"])
@@ -98,14 +104,14 @@ def score(model: Mapping[str, Any], truth: Mapping[str, Any]) -> Score:
 
 
 def true_lines(truth: Mapping[str, Any]) -> list[Line]:
-    """The centre lines of a truth."""
+    """Return the centre lines of a truth."""
     curves = [np.array(curve, dtype=np.float64)[:, :3] for curve in truth["curves"]]
     closed = truth.get("closed") or [False] * len(curves)
     return [Line.of(curve, bool(is_closed)) for curve, is_closed in zip(curves, closed, strict=True)]
 
 
 def _model_lines(model: Mapping[str, Any]) -> tuple[list[Line], dict[Any, int]]:
-    """The chains that are lines, and the number that each one's id stands for."""
+    """Return the chains that are lines, and the index of each chain's id."""
     chains = [chain for chain in model["chains"] if len(chain["points"]) > 1]
     lines = [
         Line.of(np.array(chain["points"], dtype=np.float64).reshape(-1, 3), chain.get("closed", False))
@@ -117,7 +123,7 @@ def _model_lines(model: Mapping[str, Any]) -> tuple[list[Line], dict[Any, int]]:
 def _line_errors(
     chains: Sequence[Line], strings: Sequence[Line]
 ) -> tuple[float, float, float] | tuple[None, None, None]:
-    """Mean, 95th percentile and, after the best rigid fit, mean distance of the chains from the strings."""
+    """Return the mean and the 95th percentile of the distance, and the mean after the best rigid fit."""
     if not (chains and strings):
         return None, None, None
     nearest = Nearest(strings)
@@ -130,10 +136,10 @@ def _line_errors(
 
 
 def _fitted(points: NDArray[np.float64], targets: NDArray[np.float64]) -> NDArray[np.float64]:
-    """`points` (N, 3) moved rigidly to lie nearest to `targets` (N, 3) in the least squares sense (Kabsch)."""
+    """Return `points` (N, 3) after the best rigid fit to `targets` (N, 3) in the least-squares sense (Kabsch)."""
     centre, goal = points.mean(axis=0), targets.mean(axis=0)
     u, _, vt = np.linalg.svd((targets - goal).T @ (points - centre))
-    # A straight string leaves the turn about itself open; the sign keeps the fit from mirroring.
+    # the rotation about a straight string is undetermined; the sign excludes a reflection
     R = u @ np.diag([1.0, 1.0, np.linalg.det(u @ vt)]) @ vt
     return (points - centre) @ R.T + goal
 
@@ -166,7 +172,7 @@ def _is_string(pair: Pair, chains: Sequence[Line], strings: Sequence[Line], radi
 
 @dataclass(frozen=True)
 class _Crossing:
-    """A crossing of lines, numbered as in their list; a strand is a line and the arc length along it."""
+    """A crossing of lines, numbered as in their list. A strand is a line and an arc length."""
 
     x_m: float
     y_m: float
@@ -198,7 +204,7 @@ def _apart(a: _Crossing, b: _Crossing) -> float:
 
 
 def _match_crossings(found: Sequence[_Crossing], real: Sequence[_Crossing]) -> list[tuple[int, int]]:
-    """Pairs (recognised, true) of least distance in sum."""
+    """Return the pairs (recognised, true) with the smallest sum of distances."""
     from scipy.optimize import linear_sum_assignment
 
     if not (found and real):
@@ -214,9 +220,9 @@ def _same_orders(
     pairs: Mapping[int, Pair],
     strings: Sequence[Line],
 ) -> bool:
-    """Whether every string meets the same crossings in the same order and roles; all chains have a pair.
+    """Return whether every string has the same crossings in the same order and roles. All chains have a pair.
 
-    A closed string has no first crossing: its order counts as a circle.
+    The order along a closed string is cyclic.
     """
     true: list[list[tuple[float, int, int]]] = [[] for _ in strings]
     met: list[list[tuple[float, int, int]]] = [[] for _ in strings]
@@ -235,7 +241,7 @@ def _same_orders(
 
 
 def _exchanged(found: _Crossing, real: _Crossing, pairs: Mapping[int, Pair], strings: Sequence[Line]) -> bool:
-    """Whether the recognised over strand is the true under strand and the other way round."""
+    """Return whether the recognised over strand is the true under strand, and vice versa."""
     if not all(chain in pairs for chain, _ in found.strands):
         return False
     over, under = ((pairs[chain].string, pairs[chain].on_string(s)) for chain, s in found.strands)

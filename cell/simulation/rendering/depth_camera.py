@@ -1,4 +1,4 @@
-"""A depth camera that ray-casts a string scene."""
+"""Depth camera that ray-casts a string scene."""
 
 from dataclasses import dataclass, replace
 from typing import Any
@@ -24,31 +24,31 @@ DEVICE_STREAM = 9
 
 
 class CameraModelError(ValueError):
-    """A camera that does not exist, or a resolution that it does not have."""
+    """The camera does not exist, or does not have the resolution."""
 
     slug = "camera-model"
 
 
 @dataclass(frozen=True)
 class CameraModel:
-    """What the simulated camera is like."""
+    """Geometry and noise of a simulated camera."""
 
     name: str
     focal_px: float
-    """Of the depth image."""
+    """Focal length of the depth image, pixels."""
     width: int
     height: int
     near_m: float
-    """Nearest distance at which it measures."""
+    """Smallest distance that the camera measures."""
     working_m: tuple[float, float]
-    """Distances from which strings are well seen."""
+    """Smallest and largest distance from which strings are seen well."""
     noise: StereoNoise | None
-    """None: exact depth, apart from rounding to the unit."""
+    """Error model, or None for exact depth apart from rounding to the unit."""
     depth_unit_m: float = 0.0001
 
     @property
     def K(self) -> NDArray[np.float64]:
-        """(3, 3) pinhole matrix; pixel centres have whole coordinates."""
+        """(3, 3) pinhole matrix. Pixel centres have integer coordinates."""
         return np.array(
             [
                 [self.focal_px, 0.0, (self.width - 1) / 2],
@@ -79,17 +79,22 @@ CAMERAS = {
         _preset("ideal", None),
     )
 }
-"""Presets. oak-d-sr: a baseline of 20 mm, all pixels. oak-d-pro: 75 mm, extended disparity, every second pixel."""
+"""Presets of cameras. oak-d-sr has a baseline of 20 mm and all pixels; oak-d-pro has 75 mm, extended disparity and
+every second pixel."""
 
 
 def camera_model(name: str, resolution: tuple[int, int] | None = None) -> CameraModel:
-    """The preset of that name, or the same camera with another (width, height) of its depth image.
+    """Return a preset, or the same camera with another resolution of its depth image.
 
-    The field of view across stays; stereo matching runs at the sensor's 1280x800 whatever the depth image's
-    size, so that the error in metres does not depend on it.
+    The horizontal field of view stays. Stereo matching uses the sensor's 1280x800 pixels for every resolution, so the
+    error in metres does not depend on it.
+
+    Args:
+        name: Name of the preset.
+        resolution: Width and height of the depth image, or None for those of the preset.
 
     Raises:
-        CameraModelError: an unknown name, or a resolution that the sensor cannot give.
+        CameraModelError: The name is unknown, or the sensor does not have the resolution.
     """
     if name not in CAMERAS:
         raise CameraModelError(f"there is no camera model {name!r}; known are {', '.join(CAMERAS)}")
@@ -106,16 +111,16 @@ def camera_model(name: str, resolution: tuple[int, int] | None = None) -> Camera
 
 @dataclass(frozen=True, eq=False)
 class Surfaces:
-    """What is met by the ray through the middle of each pixel."""
+    """Surfaces that the ray through the centre of each pixel hits."""
 
     depth: NDArray[np.float32]
-    """(H, W) along the optical axis, metres, infinite where nothing is."""
+    """Depth (H, W) along the optical axis, metres; infinite without a hit."""
     part: NDArray[np.int64]
-    """(H, W) which of `meshes.scene_meshes`, -1 where nothing is."""
+    """Index (H, W) of the mesh in `meshes.scene_meshes`; -1 without a hit."""
     normals: NDArray[np.float32]
-    """(H, W, 3) of the mesh there, scene frame, unit length, to either side; zero where nothing is."""
+    """Unit normal (H, W, 3) of the mesh, on either side, scene frame; zero without a hit."""
     points: NDArray[np.float32]
-    """(H, W, 3) in the scene frame; the camera's own place where nothing is."""
+    """Point (H, W, 3) in the scene frame; the camera's position without a hit."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,16 +128,13 @@ class Look:
     """What a camera sees from one pose."""
 
     depth: NDArray[np.float32]
-    """(H, W) exact, metres, infinite where nothing is."""
+    """Exact depth (H, W), metres; infinite without a hit."""
     still: StillImage | None
-    """What the camera makes of it, but for the error of each exposure; None for an exact camera."""
+    """Depth with all errors except those of each exposure, or None for an exact camera."""
 
 
 class DepthCamera:
-    """A camera in front of a scene: built once, it takes pictures from many poses.
-
-    `bias_px` is the disparity bias that the camera has in this session.
-    """
+    """A camera and a scene. It is built once and captures from many poses."""
 
     def __init__(self, model: CameraModel, scene: StringScene, bias_px: float = 0.0, device_seed: int = 0) -> None:
         import open3d as o3d
@@ -147,23 +149,27 @@ class DepthCamera:
         for vertices, triangles in meshes.scene_meshes(scene):
             self._caster.add_triangles(o3d.core.Tensor.from_numpy(vertices), o3d.core.Tensor.from_numpy(triangles))
         self.strings = len(scene.curves)
-        """How many of the scene's meshes are strings: the first ones."""
+        """Number of meshes that are strings, which come first."""
         u, v = np.meshgrid(np.arange(model.width), np.arange(model.height))
-        # Not of unit length: the distance along such a ray is the depth along the optical axis.
+        # not of unit length, so that the distance along a ray is the depth along the optical axis
         rays = np.stack([u, v, np.ones_like(u)], axis=-1) @ np.linalg.inv(model.K).T
         self._rays = rays.astype(np.float32)
 
     def render(self, T_base_camera: NDArray[np.float64]) -> tuple[NDArray[np.float32], NDArray[np.int64]]:
-        """The exact image: depth (H, W) along the optical axis, metres, infinite where nothing is; and which string
-        each pixel shows (H, W), -1 where none.
+        """Return the exact depth (H, W) and the index of the string in each pixel (H, W).
+
+        The depth is along the optical axis, in metres, and infinite without a hit. The index is -1 without a string.
+
+        Args:
+            T_base_camera: Camera pose (4, 4) in the scene.
         """
         hits = self._cast(self._rays_from(T_base_camera))
-        # Unsigned "nothing hit" is far beyond the strings' numbers.
+        # the unsigned value for no hit is far beyond the indices of strings
         part = hits["geometry_ids"].astype(np.int64)
         return hits["t_hit"], np.where(part < self.strings, part, -1)
 
     def surfaces(self, T_base_camera: NDArray[np.float64]) -> Surfaces:
-        """What the camera has before it, as a picture of it needs it."""
+        """Return the surfaces in front of the camera, for an intensity image."""
         rays = self._rays_from(T_base_camera)
         hits = self._cast(rays)
         depth = hits["t_hit"]
@@ -173,7 +179,7 @@ class DepthCamera:
         return Surfaces(depth, part, hits["primitive_normals"], points)
 
     def _rays_from(self, T_base_camera: NDArray[np.float64]) -> NDArray[np.float32]:
-        """(H, W, 6) where the rays begin, and where they go."""
+        """Return origin and direction of each ray (H, W, 6)."""
         T = rigid(T_base_camera, "T_base_camera")
         rays = np.empty((*self._rays.shape[:2], 6), dtype=np.float32)
         rays[..., :3] = T[:3, 3]
@@ -187,22 +193,30 @@ class DepthCamera:
         return {name: hit.numpy() for name, hit in hits.items()}
 
     def capture(self, T_base_camera: NDArray[np.float64], rng: np.random.Generator) -> NDArray[np.uint16]:
-        """The depth image (H, W) that the camera takes from this pose, in depth units, 0 where it measures nothing.
+        """Return the depth image (H, W) of a capture, in depth units; 0 = not measured.
 
-        It is the median of five exposures, made in one go.
+        It is the median of five exposures, computed in one step.
+
+        Args:
+            T_base_camera: Camera pose (4, 4) in the scene.
+            rng: Generator of the noise.
         """
         return self.expose(self.look(T_base_camera, rng), rng, MEDIAN_OF_FIVE)
 
     def look(self, T_base_camera: NDArray[np.float64], rng: np.random.Generator) -> Look:
-        """What all exposures from this pose have in common."""
+        """Return what all exposures from this pose share."""
         depth, _ = self.render(T_base_camera)
         if self.model.noise is None:
             return Look(depth, None)
         return Look(depth, still_image(depth, self.model.focal_px, self.model.noise, self.bias_px, rng, self._warp))
 
     def expose(self, look: Look, rng: np.random.Generator, frame_share: float = 1.0) -> NDArray[np.uint16]:
-        """One exposure (H, W), in depth units, 0 where nothing is measured; the error of each frame is taken times
-        `frame_share`.
+        """Return one exposure (H, W), in depth units; 0 = not measured.
+
+        Args:
+            look: What all exposures from the pose share.
+            rng: Generator of the noise.
+            frame_share: Factor on the error of each frame.
         """
         depth = look.depth
         if self.model.noise is not None and look.still is not None:

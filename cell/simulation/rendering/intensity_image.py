@@ -1,9 +1,8 @@
-"""What the simulated camera's sensor makes of the scene: grey levels.
+"""Intensity image of the simulated camera, in grey levels.
 
-Faithful in: perspective, averaging over a pixel's area where a calibration board is printed, a lamp that stands
-somewhere and lights the table unevenly, shading by the angle to it, a lens that is darker to its edges and a little
-soft, and the noise and rounding of the sensor. Not modelled: shadows, shine, lens distortion left after rectification,
-blur of motion, and dots of a projector.
+Modelled: perspective, averaging over the area of a pixel on a calibration board, a lamp that lights the table unevenly,
+shading by the angle to the lamp, vignetting and a slightly soft lens, noise and rounding of the sensor. Not modelled:
+shadows, gloss, residual distortion, motion blur, and the dots of a projector.
 """
 
 from dataclasses import dataclass
@@ -16,37 +15,38 @@ from cell.simulation.rendering.depth_camera import DepthCamera, Surfaces
 from cell.simulation.rendering.meshes import TABLE_HALF_M
 
 STRING, TABLE, CLUTTER, PAPER, INK = 0.12, 0.42, 0.30, 0.85, 0.06
-"""Shares of the light that they throw back."""
+"""Reflectances of strings, table, clutter, paper and ink."""
 NOTHING = 0.05
-"""What is seen where nothing is."""
+"""Brightness of a pixel without a surface."""
 AMBIENT = 0.4
-"""Share of the light that comes from everywhere."""
+"""Share of ambient light."""
 WHITE = 235.0
 """Grey level of a white surface in full light in the middle of the image."""
 BLACK = 6.0
-"""Grey level of no light."""
+"""Grey level without light."""
 VIGNETTE = 0.3
-"""So much darker are the image's corners."""
+"""Relative loss of brightness in the corners of the image."""
 BLUR_PX = 0.5
-"""Of the lens, beside the pixel's own area."""
+"""Blur of the lens, in addition to the area of a pixel."""
 DARK_NOISE, SHOT_NOISE = 1.5, 2.0
-"""Grey levels: without light, and by the light alone at the level 255."""
+"""Noise in grey levels, without light and from the light alone at level 255."""
 _TEXEL_M = 0.002
-"""Of the table's texture."""
+"""Size of a texel of the table's texture."""
 
 
 @dataclass(frozen=True, eq=False)
 class Lighting:
-    """A lamp above the table, and how the table looks."""
+    """A lamp above the table, and the texture of the table."""
 
     lamp_m: NDArray[np.float64]
-    """(3,) scene frame."""
+    """Position of the lamp (3,), scene frame."""
     table: NDArray[np.float32]
-    """(N, N) shares of the light that the table throws back, for its square from corner to corner."""
+    """Reflectance (N, N) of the square table, from corner to corner."""
 
 
 def lighting(rng: np.random.Generator) -> Lighting:
-    """A lamp a metre and more above the table, aside, and a table with spots of a few millimetres to centimetres."""
+    """Return a lamp at least a metre above the table and beside it, and a table with spots of millimetres to
+    centimetres."""
     from scipy.ndimage import gaussian_filter
 
     bearing = rng.uniform(0, 2 * np.pi)
@@ -59,10 +59,10 @@ def lighting(rng: np.random.Generator) -> Lighting:
 
 
 class PictureCamera:
-    """The camera of the depth images, as it takes pictures."""
+    """The camera of the depth images, for intensity images."""
 
     def __init__(self, camera: DepthCamera, light: Lighting, board: Print | None = None) -> None:
-        """`board` is what is printed on the first thing that lies beside the strings."""
+        """Create the camera. `board` is printed on the first object beside the strings."""
         self._camera, self._light, self._board = camera, light, board
         width, height = camera.model.width, camera.model.height
         v, u = np.mgrid[:height, :width]
@@ -71,7 +71,7 @@ class PictureCamera:
         self._lens = (1 - VIGNETTE * off).astype(np.float32)
 
     def still(self, T_scene_camera: NDArray[np.float64]) -> NDArray[np.float32]:
-        """What all pictures from this pose have in common: grey levels (H, W), not rounded, without noise."""
+        """Return what all images from this pose share, as grey levels (H, W) without noise and rounding."""
         import cv2
 
         surfaces = self._camera.surfaces(T_scene_camera)
@@ -89,7 +89,7 @@ class PictureCamera:
         return np.asarray(BLACK + (WHITE - BLACK) * blurred, dtype=np.float32)
 
     def _thrown_back(self, surfaces: Surfaces) -> NDArray[np.float32]:
-        """Share of the light (H, W) that each pixel's surface throws back, but for a print."""
+        """Return the reflectance (H, W) of each pixel's surface, without a print."""
         import cv2
 
         strings = self._camera.strings
@@ -100,21 +100,21 @@ class PictureCamera:
         return np.where(surfaces.part == strings, on_table, share)
 
     def _lit(self, surfaces: Surfaces, T_scene_camera: NDArray[np.float64]) -> NDArray[np.float32]:
-        """Light (H, W) on each pixel's surface; 1 on the table in the middle of the scene."""
+        """Return the light (H, W) on each pixel's surface, which is 1 on the table in the middle of the scene."""
         points, normals = surfaces.points, surfaces.normals
         lamp, eye = self._light.lamp_m.astype(np.float32), T_scene_camera[:3, 3].astype(np.float32)
-        # A mesh's normal may be to either side: the one that is seen counts.
+        # the normal of a mesh may be on either side, so it is turned to the camera
         off = np.einsum("hwi,hwi->hw", normals, points)
         towards = (normals @ lamp - off) * np.sign(normals @ eye - off)
         to_lamp = points - lamp
         square = np.einsum("hwi,hwi->hw", to_lamp, to_lamp)
-        # By the cosine and the square of the distance, both as in the middle of the table.
+        # by the cosine and the squared distance, relative to the middle of the table
         direct = np.maximum(towards, 0) / (square * np.sqrt(square)) * np.float32(np.linalg.norm(lamp) ** 3 / lamp[2])
         return np.float32(AMBIENT) + np.float32(1 - AMBIENT) * direct
 
 
 def developed(still: NDArray[np.float32], rng: np.random.Generator) -> NDArray[np.uint8]:
-    """One picture (H, W) of what does not change."""
+    """Return one image (H, W) with the noise and the rounding of the sensor."""
     spread = np.sqrt(DARK_NOISE**2 + SHOT_NOISE**2 / 255 * np.maximum(still, 0))
     noisy = still + spread * rng.standard_normal(still.shape, dtype=np.float32)
     return np.rint(noisy.clip(0, 255)).astype(np.uint8)

@@ -1,4 +1,4 @@
-"""Triangle meshes of what lies on the table."""
+"""Triangle meshes of the objects on the table."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,20 +11,25 @@ Mesh = tuple[NDArray[np.float32], NDArray[np.uint32]]
 """Vertices (N, 3), metres, and triangles (M, 3)."""
 
 TABLE_HALF_M = 0.8
-"""Half the side of the square table."""
+"""Half the side length of the square table."""
 
 
 def scene_meshes(scene: StringScene) -> list[Mesh]:
-    """What a camera sees of a scene: its strings, one mesh each and in their order, then table and clutter."""
+    """Return the meshes of a scene: the strings in their order, then the table and the clutter."""
     strings = [tube(curve, radius_m) for curve, radius_m in zip(scene.curves, scene.radii_m, strict=True)]
     return [*strings, table(), *map(box_mesh, scene.boxes), *map(clump_mesh, scene.clumps)]
 
 
 def tube(curve: NDArray[np.float64], radius_m: float, sides: int = 40) -> Mesh:
-    """A tube of a radius about the polyline `curve` (N, 3), with flat ends, as of a cut cable, or closed to a ring.
+    """Return a tube around a polyline, with flat ends or closed to a ring.
 
-    Its corners lie as far outside the true surface as the middles of its sides lie inside: with 40 sides
-    either is 0.15 % of the radius.
+    The vertices are as far outside the true surface as the middles of the faces are inside. With 40 sides, both are
+    0.15 % of the radius.
+
+    Args:
+        curve: Centre line (N, 3).
+        radius_m: Radius of the tube.
+        sides: Number of faces around the tube.
     """
     closed = is_closed(curve)
     if closed:
@@ -33,7 +38,7 @@ def tube(curve: NDArray[np.float64], radius_m: float, sides: int = 40) -> Mesh:
     else:
         tangent = np.gradient(curve, axis=0)
     tangent /= np.linalg.norm(tangent, axis=1, keepdims=True)
-    # Strings on a table never stand upright, so that the vertical gives every ring its frame, without twist.
+    # strings on a table are never vertical, so the vertical gives each ring a frame without twist
     side = np.cross(tangent, (0.0, 0.0, 1.0))
     side /= np.linalg.norm(side, axis=1, keepdims=True)
     up = np.cross(side, tangent)
@@ -57,14 +62,14 @@ def tube(curve: NDArray[np.float64], radius_m: float, sides: int = 40) -> Mesh:
 
 
 def table() -> Mesh:
-    """The square table z = 0."""
+    """Return the square table z = 0."""
     h = TABLE_HALF_M
     vertices = np.array([[-h, -h, 0], [h, -h, 0], [h, h, 0], [-h, h, 0]], dtype=np.float32)
     return vertices, np.array([[0, 1, 2], [0, 2, 3]], dtype=np.uint32)
 
 
 def box_mesh(box: Box) -> Mesh:
-    """The box, standing on the table."""
+    """Return a box that stands on the table."""
     corners = np.array([[x, y, z] for z in (0, 1) for y in (-0.5, 0.5) for x in (-0.5, 0.5)]) * box.size_m
     c, s = np.cos(box.yaw_rad), np.sin(box.yaw_rad)
     vertices = corners @ np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]]) + (*box.centre_m, 0.0)
@@ -74,7 +79,7 @@ def box_mesh(box: Box) -> Mesh:
 
 
 def clump_mesh(clump: Clump, cell_m: float = 0.003) -> Mesh:
-    """The clump: a dome of heights roughened at all scales down to a few millimetres."""
+    """Return a clump: a dome with a surface that is rough at all scales down to a few millimetres."""
     from scipy.ndimage import gaussian_filter
 
     rng = np.random.default_rng(clump.seed)
@@ -90,6 +95,6 @@ def clump_mesh(clump: Clump, cell_m: float = 0.003) -> Mesh:
     number = np.arange(z.size).reshape(z.shape)
     a, b, c, d = number[:-1, :-1], number[:-1, 1:], number[1:, 1:], number[1:, :-1]
     triangles = np.stack([np.stack([a, b, c], -1), np.stack([a, c, d], -1)], 2).reshape(-1, 3)
-    # What is flat is table.
+    # flat parts are the table
     triangles = triangles[z.ravel()[triangles].max(axis=1) > 0]
     return vertices.astype(np.float32), triangles.astype(np.uint32)

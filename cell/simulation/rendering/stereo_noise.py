@@ -1,11 +1,11 @@
-"""What a stereo camera makes of an exact depth image.
+"""Error model of a stereo camera, applied to an exact depth image.
 
-Faithful in: error growing with the square of the distance, a bias of the session, waves between whole
-disparities (pixel locking), an error that averaging frames does not remove and that neighbouring pixels share,
-rounding of disparities, holes, frayed rims, pixels flying between a string and the table, and the band that the
-other camera does not see. Presets with measured errors also have the slow warp of one device, holes and flicker at
-rims, and smooth wrong patches as on weak texture. Not modelled: the matching window's rounding of thin things,
-repeating texture, shine, and interference of projected dots.
+Modelled: an error that grows with the square of the distance, a bias of the session, waves between whole disparities
+(pixel locking), an error that is constant over frames and shared by neighbouring pixels, rounding of disparities,
+holes, frayed edges, flying pixels between a string and the table, and the area that the other camera does not see.
+Presets with measured errors also have the warp of one device, holes and flicker near edges, and wrong patches as on
+weak texture. Not modelled: the effect of the matching window on thin objects, repeating texture, gloss, and
+interference of projected dots.
 """
 
 from dataclasses import dataclass
@@ -14,46 +14,46 @@ import numpy as np
 from numpy.typing import NDArray
 
 MEDIAN_OF_FIVE = 0.5355
-"""Spread of the median of five normal samples, as a share of one sample's."""
+"""Standard deviation of the median of five normal samples, relative to that of one sample."""
 
 MIN_DISPARITY_PX = 0.5
-"""Smaller disparities are no measurement."""
+"""Smallest measurable disparity."""
 
 WARP_ORDER = 3
 """Number of half periods of a device's warp across the image."""
 
 RIM_M = 0.0015
-"""A depth that departs by this much from its neighbours' plane is at a rim."""
+"""Distance of a depth from its neighbours' plane beyond which a pixel is at an edge."""
 
 
 @dataclass(frozen=True)
 class StereoNoise:
-    """The error model of a stereo camera, in pixels of disparity at the resolution that it matches in."""
+    """Parameters of the error model, in pixels of disparity at the resolution of the matching."""
 
     matching_focal_px: float
-    """Focal length of the images that are matched; those of the depth image may be smaller."""
+    """Focal length of the matched images. That of the depth image may be smaller."""
     baseline_m: float
-    """Distance of the two cameras."""
+    """Distance between the two cameras."""
     bias_px: float = 0.1
-    """Spread of the session's bias (the bias itself is the session's, not the frame's)."""
+    """Standard deviation of the bias, which is constant during a session."""
     wave_px: float = 0.1
     """Amplitude of the error that repeats with each whole disparity."""
     fixed_px: float = 0.12
-    """Spread of the error that stays from frame to frame, shared by about 3 neighbouring pixels."""
+    """Standard deviation of the error that is constant over frames and shared by about 3 neighbouring pixels."""
     frame_px: float = 0.09
-    """Spread of the error of each frame."""
+    """Standard deviation of the error of each frame."""
     step_px: float = 1 / 32
-    """Rounding of disparities."""
+    """Step of the disparities."""
     hole_share: float = 0.03
-    """Share of pixels in holes, beside the occluded ones."""
+    """Share of pixels in holes, in addition to occluded pixels."""
     jitter_px: float = 1.0
-    """Spread of the shift of rims in the image; more than two pixels never."""
+    """Standard deviation of the displacement of edges in the image, at most two pixels."""
     flying_share: float = 0.12
-    """Share of rim pixels that lie between what is before and behind the rim."""
+    """Share of edge pixels with a depth between foreground and background."""
     warp_px: float = 0.0
-    """Root mean square of the device's warp: a slow disparity error over the image that one device always has."""
+    """Root mean square of the device's warp, a slow disparity error over the image that is constant for one device."""
     edge_ring_px: int = 8
-    """Width of the ring at a rim in which pixels get lost or flicker."""
+    """Width of the ring at an edge in which pixels get lost or flicker."""
     edge_hole_share: float = 0.0
     """Share of the pixels of that ring that are never measured."""
     flicker_share: float = 0.0
@@ -67,20 +67,20 @@ class StereoNoise:
 
     @property
     def focal_baseline_px_m(self) -> float:
-        """Disparity times depth; one pixel of disparity is `depth^2 / this` metres of depth."""
+        """Product of disparity and depth. One pixel of disparity is `depth^2 / this` metres of depth."""
         return self.matching_focal_px * self.baseline_m
 
 
 @dataclass(frozen=True, eq=False)
 class StillImage:
-    """What does not change from exposure to exposure while the camera stands still."""
+    """What stays constant over exposures while the camera stands still."""
 
     disparity: NDArray[np.float32]
-    """(H, W), pixels, before the error of each frame and the rounding."""
+    """Disparity (H, W), pixels, before the error of each frame and the rounding."""
     good: NDArray[np.bool_]
-    """(H, W): pixels that can be measured."""
+    """Pixels (H, W) that can be measured."""
     flickering: NDArray[np.bool_] | None = None
-    """(H, W): pixels that are measured in every second exposure on average; None without such pixels."""
+    """Pixels (H, W) that are measured in every second exposure on average, or None."""
 
 
 def device_warp(noise: StereoNoise, shape: tuple[int, int], rng: np.random.Generator) -> NDArray[np.float32] | None:
@@ -106,10 +106,17 @@ def still_image(
     rng: np.random.Generator,
     warp: NDArray[np.float32] | None = None,
 ) -> StillImage:
-    """What all exposures from one pose share, of an exact depth image (H, W), metres, infinite where nothing is.
+    """Return what all exposures from one pose share.
 
-    `focal_px` is the depth image's focal length, `bias_px` the session's disparity bias. The reference camera is the
-    left one: what its partner can't see is the band left of what stands before it.
+    The reference camera is the left one. The area that the right one does not see is to the left of foreground objects.
+
+    Args:
+        depth: Exact depth image (H, W), metres, infinite without a surface.
+        focal_px: Focal length of the depth image.
+        noise: Error model.
+        bias_px: Bias of the session.
+        rng: Generator of the errors of this pose.
+        warp: Disparity error of the device (H, W), or None.
     """
     fb = np.float32(noise.focal_baseline_px_m)
     seen = np.isfinite(depth) & (depth > 0)
@@ -139,9 +146,13 @@ def still_image(
 def expose(
     still: StillImage, noise: StereoNoise, rng: np.random.Generator, frame_share: float = 1.0
 ) -> NDArray[np.float32]:
-    """The depth (H, W), metres, that one exposure measures; 0 where it measures nothing.
+    """Return the depth (H, W) that one exposure measures, metres; 0 = not measured.
 
-    The error of each frame is taken times `frame_share`: `MEDIAN_OF_FIVE` makes it the median of five exposures.
+    Args:
+        still: What all exposures from the pose share.
+        noise: Error model.
+        rng: Generator of the noise.
+        frame_share: Factor on the error of each frame. `MEDIAN_OF_FIVE` gives the median of five exposures.
     """
     fb = np.float32(noise.focal_baseline_px_m)
     spread = np.float32(noise.frame_px * frame_share)
@@ -154,15 +165,18 @@ def expose(
 
 
 def _occluded(disparity: NDArray[np.float32]) -> NDArray[np.bool_]:
-    """Pixels whose place in the other image is taken by something nearer; disparity in pixels of this image."""
+    """Return the pixels whose point in the other image is covered by something nearer.
+
+    The disparity is in pixels of this image.
+    """
     partner = np.arange(disparity.shape[1], dtype=np.float32) - disparity
     nearest = np.minimum.accumulate(partner[:, ::-1], axis=1)[:, ::-1]
-    # Half a pixel of slack: a slanted surface is not hidden by itself.
+    # half a pixel of tolerance, so that a slanted surface does not hide itself
     return partner > nearest + np.float32(0.5)
 
 
 def _ring(rims: NDArray[np.bool_], width_px: int) -> NDArray[np.bool_]:
-    """Return the pixels (H, W) within `width_px` of a rim."""
+    """Return the pixels (H, W) within `width_px` of an edge."""
     from scipy.ndimage import maximum_filter
 
     return np.asarray(maximum_filter(rims, size=2 * width_px + 1), dtype=np.bool_)
@@ -182,7 +196,7 @@ def _patches(shape: tuple[int, ...], noise: StereoNoise, rng: np.random.Generato
 def _fray(
     disparity: NDArray[np.float32], rims: NDArray[np.bool_], noise: StereoNoise, rng: np.random.Generator
 ) -> NDArray[np.float32]:
-    """Rims moved by a pixel or two, and some of their pixels flying between front and back."""
+    """Displace edges by a pixel or two, and let some of their pixels fly between foreground and background."""
     height, width = disparity.shape
     v, u = np.nonzero(rims)
     shift_v, shift_u = (
@@ -207,8 +221,8 @@ def _fray(
 
 
 def _rims(disparity: NDArray[np.float32], noise: StereoNoise) -> NDArray[np.bool_]:
-    """Pixels next to a jump. The disparity of a plane has no second difference."""
-    # A step of depth is a step of disparity times z^2 / (f b) = f b / disparity^2.
+    """Return the pixels next to a depth step. The disparity of a plane has no second difference."""
+    # a depth step is a disparity step times z^2 / (f b) = f b / disparity^2
     step = np.float32(RIM_M / noise.focal_baseline_px_m) * disparity**2
     rims = np.zeros(disparity.shape, dtype=bool)
     across = np.abs(disparity[:, 2:] - 2 * disparity[:, 1:-1] + disparity[:, :-2])
@@ -218,7 +232,7 @@ def _rims(disparity: NDArray[np.float32], noise: StereoNoise) -> NDArray[np.bool
 
 
 def _correlated(rng: np.random.Generator, shape: tuple[int, ...]) -> NDArray[np.float32]:
-    """Normal noise of unit spread that is alike over about three pixels (0.78 between neighbours)."""
+    """Return normal noise of unit variance that is correlated over about three pixels (0.78 between neighbours)."""
     from scipy.ndimage import correlate1d
 
     kernel = np.exp(-0.5 * np.arange(-3, 4) ** 2).astype(np.float32)
@@ -229,7 +243,7 @@ def _correlated(rng: np.random.Generator, shape: tuple[int, ...]) -> NDArray[np.
 
 
 def _quantile(share: float) -> float:
-    """Where the normal distribution has that share below."""
+    """Return the quantile of the normal distribution."""
     from statistics import NormalDist
 
     return NormalDist().inv_cdf(share) if share > 0 else -np.inf
