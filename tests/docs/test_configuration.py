@@ -22,7 +22,7 @@ KINDS: dict[str, dict[str, type[BaseModel]]] = {
 }
 WITHOUT_UNIT = {
     "port", "event_streams", "event_streams_each", "exposures", "views", "min_views", "time_factor", "seed", "errors",
-    "iso", "ir_dots",
+    "iso", "ir_dots", "pose_error_seed",
 }  # fmt: skip
 """Numbers that are counts, factors or shares."""
 

@@ -1,4 +1,4 @@
-"""Families of simulated cases, from the paper's easy scene to what is hard, to judge recognition by."""
+"""Families of simulated cases, from the paper's scene to hard ones, for the evaluation of recognition."""
 
 from dataclasses import dataclass, replace
 
@@ -12,44 +12,57 @@ from cell.simulation.scenes.scenes import SceneError, StringScene, make_scene
 from cell.simulation.scenes.strand_clearance import MIN_SIDE_CLEARANCE, SIDE_CLEARANCE
 
 TIERS = ("paper", "long", "many", "physical", "soft", "photo", "hard", "measured")
-"""The names that `make_case` knows."""
+"""Names of the tiers."""
 
 MEASURED_ERRORS = PoseErrors(robot_m=0.0001, robot_rad=0.0002, smooth_m=0.0006, smooth_rad=float(np.deg2rad(0.15)))
-"""Pose errors of tier measured: a real arm repeats to less than 0.1 mm and errs smoothly by 0.3 to 1.2 mm."""
+"""Pose errors of tier measured. A real arm repeats to less than 0.1 mm and errs smoothly by 0.3 to 1.2 mm."""
 
 _DRAWS = 20
-"""Scenes drawn for a case before it is given up."""
+"""Number of scenes that are tried for a case."""
 
 
 class TierError(ValueError):
-    """A tier that does not exist or a seed that is none."""
+    """The tier does not exist, or the seed is negative."""
 
     slug = "tier"
 
 
 @dataclass(frozen=True)
 class Case:
-    """A scene, the camera that sees it, and how wrongly the camera's poses are told."""
+    """A scene, the camera, and the errors of the reported poses."""
 
     tier: str
+    """Name of the tier."""
     seed: int
+    """Number of the case."""
     scene: StringScene
+    """Strings on the table."""
     camera: CameraModel
+    """Camera that sees the scene."""
     errors: PoseErrors
+    """Errors of the reported poses."""
 
 
 def make_case(tier: str, seed: int) -> Case:
-    """The case of that tier and seed; the same arguments give the same arrays.
+    """Return the case of a tier and a seed. The same arguments give the same arrays.
 
-    paper: one string of 0.4 m, r = 4.2 mm, 0 to 2 crossings. long: 0.7 m, 2 to 4. many: two or three strings.
-    physical: strings settled by weight and bending stiffness. soft: strands pressed together to 0.6 of the height
-    between centre lines. photo: tangles as photographs of real cables show them, r = 3 mm, 0.4 to 1.6 m, up to three
-    strings and ten crossings, at 800x500. hard, by turns: a camera of short baseline at 1280x800; r = 3 mm with boxes
-    beside the string; 1 m with five crossings; all with doubled pose errors. measured: scenes as of paper and long by
-    turns, with the errors of real cameras, and with smooth errors of the reported flange pose as of real UR arms.
+    - paper: one string of 0.4 m, r = 4.2 mm, 0 to 2 crossings
+    - long: 0.7 m, 2 to 4 crossings
+    - many: two or three strings
+    - physical: strings settled by weight and bending stiffness
+    - soft: strands pressed together to 0.6 of the height between centre lines
+    - photo: tangles as in photographs of real cables, r = 3 mm, 0.4 to 1.6 m, up to three strings and ten crossings,
+    800x500
+    - hard, in turn: a camera of short baseline at 1280x800; r = 3 mm with boxes beside the string; 1 m with five
+    crossings; all with doubled pose errors
+    - measured: scenes of paper and long in turn, with the errors of real cameras and smooth errors of the flange pose
+
+    Args:
+        tier: One of `TIERS`.
+        seed: Number of the case, from 0.
 
     Raises:
-        TierError: an unknown tier or a negative seed.
+        TierError: The tier is unknown, or the seed is negative.
     """
     if tier not in TIERS:
         raise TierError(f"there is no tier {tier!r}; known are {', '.join(TIERS)}")
@@ -66,12 +79,12 @@ def make_case(tier: str, seed: int) -> Case:
 
 
 def simulate(case: Case) -> SimulatedScan:
-    """The case's scan: eight views and the truth; the same case gives the same content."""
+    """Return the scan of a case, eight views with the truth. The same case gives the same content."""
     return simulate_scene(case.scene, case.camera, case.seed, case.errors)
 
 
 def _draw(tier: str, seed: int, rng: np.random.Generator) -> Case:
-    """One try at the case; raises SceneError when that scene cannot be laid."""
+    """Draw the case once. Raise SceneError if the scene cannot be made."""
     if tier == "measured":
         case = _draw(("paper", "long")[seed % 2], seed, rng)
         return replace(case, tier=tier, camera=camera_model("oak-d-pro-measured"), errors=MEASURED_ERRORS)
@@ -95,7 +108,7 @@ def _draw(tier: str, seed: int, rng: np.random.Generator) -> Case:
             strings = int(rng.integers(1, 4))
             most = (4, 7, 10)[strings - 1]
             crossings = int(rng.integers(strings, most + 1))
-            # All cables together; the more there is to cross, the longer.
+            # length of all cables together, which grows with the crossings
             total_m = float(rng.uniform(0.5, 1.2) + 0.25 * (strings - 1) + 0.1 * crossings)
             scene = make_scene("tangle", scene_seed, 0.003, total_m / strings, crossings=crossings, strings=strings)
         case _:

@@ -1,9 +1,8 @@
-"""The literal baseline: the paper's steps, one after the other, as a careful reader would first write them down.
+"""The literal baseline: the paper's steps in order, as a careful reader would first write them.
 
-Shirakawa et al., sections II.A to II.F here, the rest in `literal_matching` and
-`literal_reconstruction`. Open3D and SciPy do what they
-have a call for; the rest is written as the text says it, point by point, on all points. Not slowed down, not sped
-up: it is what `recognition` is measured against.
+Source: Shirakawa et al., sections II.A to II.F here, the others in `reference_matching` and `reference_reconstruction`.
+Open3D and SciPy do what they have a call for. The rest is written as in the text, point by point, on all points.
+`recognition` is compared with it.
 """
 
 from collections.abc import Iterable
@@ -18,15 +17,15 @@ from recognition.parameters import ChainParameters
 from recognition.preprocessing.target_cloud import DepthView, Scene
 
 OUTLIER_NEIGHBOURS, OUTLIER_STD = 20, 2.0
-"""Of the statistical outlier filter: Open3D's usual values."""
+"""Parameters of the statistical outlier filter, which are Open3D's usual values."""
 NORMAL_NEIGHBOURS = 30
-"""Neighbours of a normal's PCA: Open3D's usual value."""
+"""Number of neighbours for the PCA of a normal vector, which is Open3D's usual value."""
 
 Points = NDArray[np.float64]
 
 
 def recognise_literally(views: Iterable[DepthView], parameters: ChainParameters, scene: Scene) -> list[Points]:
-    """The strings in `views`, each as ordered points (N, 3), metres, base frame; empty where nothing is seen."""
+    """Return the strings in `views` as ordered points (N, 3), metres, base frame, or nothing if nothing is seen."""
     clouds = [cloud for view in views if len((cloud := cloud_with_normals(view, parameters, scene)).points)]
     if not clouds:
         return []
@@ -40,7 +39,7 @@ def recognise_literally(views: Iterable[DepthView], parameters: ChainParameters,
 
 
 def cloud_with_normals(view: DepthView, parameters: ChainParameters, scene: Scene) -> Any:
-    """Point cloud with NV of one view (II.A to II.D), an Open3D cloud in the base frame."""
+    """Return the point cloud with normal vectors of one view (II.A to II.D), base frame."""
     import open3d as o3d
 
     height, width = view.depth.shape
@@ -63,7 +62,7 @@ def cloud_with_normals(view: DepthView, parameters: ChainParameters, scene: Scen
 
 
 def combine(clouds: list[Any], parameters: ChainParameters) -> Any:
-    """Combined point cloud with NV (II.E): each cloud is brought onto those before it by ICP and added to them."""
+    """Return the combined point cloud (II.E). Each cloud is registered by ICP to those before it and added."""
     import open3d as o3d
 
     combined: Any = o3d.geometry.PointCloud(clouds[0])
@@ -76,12 +75,12 @@ def combine(clouds: list[Any], parameters: ChainParameters) -> Any:
 
 
 def estimate_centre_line(points: Points, normals: Points, parameters: ChainParameters) -> Points:
-    """Centre line point cloud (II.F) by eqs. (1) and (2) from points and normals (N, 3)."""
+    """Return the centre line point cloud (II.F) by eqs. (1) and (2)."""
     import open3d as o3d
     from scipy.spatial import KDTree
 
     c = points - parameters.r * normals
-    # One neighbourhood at a time: as lists of all points at once they take a gigabyte.
+    # one neighbourhood at a time, because the lists of all points take a gigabyte
     tree = KDTree(points)
     averaged = np.array([c[tree.query_ball_point(p, 2 * parameters.r)].mean(axis=0) for p in points]).reshape(-1, 3)
     cloud = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(averaged))
@@ -89,7 +88,7 @@ def estimate_centre_line(points: Points, normals: Points, parameters: ChainParam
 
 
 def thin(points: Points, parameters: ChainParameters) -> Points:
-    """Thinned point cloud (III.B), eq. (3), of a centre line point cloud (N, 3)."""
+    """Return the thinned point cloud (III.B), eq. (3)."""
     from scipy.spatial import KDTree
 
     tree = KDTree(points)
@@ -97,7 +96,7 @@ def thin(points: Points, parameters: ChainParameters) -> Points:
 
 
 def contribution_rates(points: Points, parameters: ChainParameters) -> NDArray[np.float64]:
-    """Contribution rate (N,) of each thinned point (III.C), eqs. (4) to (6)."""
+    """Return the contribution rate (N,) of each thinned point (III.C), eqs. (4) to (6)."""
     from scipy.spatial import KDTree
 
     tree = KDTree(points)
@@ -105,14 +104,14 @@ def contribution_rates(points: Points, parameters: ChainParameters) -> NDArray[n
     for i, p in enumerate(points):
         q = points[tree.query_ball_point(p, parameters.r_s)]
         eigenvalues = np.linalg.eigvalsh((q - q.mean(axis=0)).T @ (q - q.mean(axis=0)) / len(q))
-        # A point that has only itself for a neighbour has no extent in any direction.
+        # a point without other neighbours has no extent
         if eigenvalues.sum() > 0:
             rates[i] = eigenvalues[-1] / np.abs(eigenvalues).sum()
     return rates
 
 
 def _without_outliers(cloud: Any) -> Any:
-    """An Open3D cloud after the statistical outlier filter (II.C)."""
+    """Return a cloud after the statistical outlier filter (II.C)."""
     if len(cloud.points) <= OUTLIER_NEIGHBOURS:
         return cloud
     return cloud.remove_statistical_outlier(OUTLIER_NEIGHBOURS, OUTLIER_STD)[0]

@@ -1,4 +1,4 @@
-"""The literal baseline's matching: sections II.G, III.C and III.D of the paper, point by point with a KD-tree."""
+"""Matching of the literal baseline, sections II.G, III.C and III.D of the paper, point by point with a KD-tree."""
 
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
@@ -17,9 +17,15 @@ Points = NDArray[np.float64]
 def match_enhanced(
     points: Points, rates: NDArray[np.float64], parameters: ChainParameters
 ) -> tuple[list[list[int]], list[int]]:
-    """Enhanced matching (III.C, III.D) of thinned points (N, 3) with their contribution rates (N,).
+    """Match thinned points by the enhanced method (III.C, III.D).
 
-    Returns the segments as numbers of linked points, and the bifurcation centre points.
+    Args:
+        points: Thinned points (N, 3).
+        rates: Contribution rates (N,).
+        parameters: Parameters of the paper.
+
+    Returns:
+        Segments as indices of linked points, and the bifurcation centre points.
     """
     from scipy.spatial import KDTree
 
@@ -36,7 +42,7 @@ class _Search:
     points: Points
     tree: "KDTree"
     intersection: NDArray[np.bool_]
-    """Points that belong to an intersection (III.C)."""
+    """Whether each point belongs to an intersection (III.C)."""
     connectable: NDArray[np.bool_]
     parameters: ChainParameters
     segments: list[list[int]] = field(default_factory=list)
@@ -44,29 +50,29 @@ class _Search:
     restarts: list[list[int]] = field(default_factory=list)
 
     def start(self, point: int) -> None:
-        """A sequence begun anywhere."""
+        """Return a sequence that starts at a point."""
         self.eliminate(point, self.parameters.r_n)
         self.grow([point])
 
     def grow(self, sequence: list[int]) -> None:
-        """The sequence continued by the matching method (II.G) until its end or an intersection."""
+        """Continue the sequence by the matching method (II.G) to its end or to an intersection."""
         while self.rate(sequence[-1]) <= self.parameters.R_t:
             following = self.link(sequence[-1])
             if following is None:
                 self.segments.append(sequence)
                 return
             sequence.append(following)
-        # The point before the first inside is the segment's end.
+        # the segment ends before the first point inside
         self.segments.append(sequence[:-1])
         self.bifurcate(sequence[-1])
 
     def bifurcate(self, inside: int) -> None:
-        """Bifurcated restart (III.D) from the first point found inside an intersection."""
+        """Restart at a bifurcation (III.D) from the first point inside an intersection."""
         path, rates = [inside], [self.rate(inside)]
         while rates[-1] == max(rates) and (following := self.link(path[-1])) is not None:
             path.append(following)
             rates.append(self.rate(following))
-        # All of an intersection's middle may have the same greatest rate.
+        # several points in the middle of an intersection may have the largest rate
         greatest = [point for point, rate in zip(path, rates, strict=True) if rate == max(rates)]
         centre = greatest[len(greatest) // 2]
         self.centres.append(centre)
@@ -78,24 +84,24 @@ class _Search:
                 self.restarts.append([restart, following])
 
     def link(self, point: int) -> int | None:
-        """The nearest connectable point within r_f (II.G 3 to 5), which becomes the next target."""
+        """Return the nearest connectable point within r_f (II.G 3 to 5), which becomes the next target."""
         following = self.nearest(point, self.parameters.r_f)
         if following is not None:
             self.eliminate(following, self.parameters.r_n)
         return following
 
     def rate(self, point: int) -> float:
-        """R_c, eq. (7)."""
+        """Return R_c, eq. (7)."""
         around = self.tree.query_ball_point(self.points[point], self.parameters.r_f)
         return float(self.intersection[around].mean())
 
     def nearest(self, point: int, radius_m: float) -> int | None:
-        """The nearest connectable point within a sphere about a point."""
+        """Return the nearest connectable point within a sphere around a point."""
         around = [j for j in self.tree.query_ball_point(self.points[point], radius_m) if self.connectable[j]]
         if not around:
             return None
         return min(around, key=lambda j: float(np.linalg.norm(self.points[j] - self.points[point])))
 
     def eliminate(self, point: int, radius_m: float) -> None:
-        """Makes the points within a sphere about a point unconnectable."""
+        """Make the points within a sphere around a point unconnectable."""
         self.connectable[self.tree.query_ball_point(self.points[point], radius_m)] = False

@@ -1,4 +1,4 @@
-"""The literal baseline's reconstruction of the point chain model: section III.E of the paper."""
+"""Reconstruction of the point chain model by the literal baseline, section III.E of the paper."""
 
 from collections.abc import Iterator, Sequence
 from itertools import combinations
@@ -10,16 +10,19 @@ from recognition.parameters import ChainParameters
 
 Points = NDArray[np.float64]
 End = tuple[int, int]
-"""A segment's number, and 0 for its first point or -1 for its last."""
+"""Index of a segment, and 0 for its first point or -1 for its last."""
 
 DIRECTION_POINTS = 4
-"""Points at the end of a segment that give its direction."""
+"""Number of points at the end of a segment that give its direction."""
 
 
 def reconstruct(segments: Sequence[Points], centres: Points, parameters: ChainParameters) -> list[Points]:
-    """The segments (N, 3) connected to strings: close ends (III.E.1), then round each bifurcation centre (III.E.2).
+    """Connect segments to strings: close ends (III.E.1), then at each bifurcation centre (III.E.2).
 
-    `centres` (M, 3) are the bifurcation centre points.
+    Args:
+        segments: Points (N, 3) of each segment.
+        centres: Bifurcation centre points (M, 3).
+        parameters: Parameters of the paper.
     """
     joints = _Joints(segments)
     free = joints.free_ends()
@@ -28,7 +31,7 @@ def reconstruct(segments: Sequence[Points], centres: Points, parameters: ChainPa
         if apart < parameters.r_f:
             joints.connect(a, b)
     for centre in centres:
-        # Segments end outside the inner sphere, within a link of the outer one.
+        # segments end outside the inner sphere, within a link of the outer one
         around = sorted((float(np.linalg.norm(joints.point(end) - centre)), end) for end in joints.free_ends())
         ends = [end for apart, end in around if apart < parameters.r_cf + parameters.r_n]
         for a, b in _feasible_connection(ends[:4], joints):
@@ -37,7 +40,7 @@ def reconstruct(segments: Sequence[Points], centres: Points, parameters: ChainPa
 
 
 def _feasible_connection(ends: Sequence[End], joints: "_Joints") -> list[tuple[End, End]]:
-    """The couples of (up to four) ends with the least evaluation value b, eq. (8)."""
+    """Return the pairs of up to four ends with the smallest evaluation value b, eq. (8)."""
     if len(ends) == 4:
         a, b, c, d = ends
         choices = [[(a, b), (c, d)], [(a, c), (b, d)], [(a, d), (b, c)]]
@@ -49,7 +52,7 @@ def _feasible_connection(ends: Sequence[End], joints: "_Joints") -> list[tuple[E
 
 
 class _Joints:
-    """Which ends of which segments are connected."""
+    """Connections between ends of segments."""
 
     def __init__(self, segments: Sequence[Points]) -> None:
         self.segments = segments
@@ -65,17 +68,17 @@ class _Joints:
         return self.segments[end[0]][end[1]]
 
     def direction(self, end: End) -> Points:
-        """v_i: unit vector out of the segment at its end."""
+        """Return v_i, the unit vector out of the segment at its end."""
         points = self.segments[end[0]][:: 1 if end[1] == 0 else -1][:DIRECTION_POINTS]
         return (points[0] - points[-1]) / np.linalg.norm(points[0] - points[-1])
 
     def connect(self, a: End, b: End) -> None:
-        """Connects two free ends, unless that would close a ring."""
+        """Connect two free ends, unless that would close a ring."""
         if a not in self.partner and b not in self.partner and self.walk(a)[-1] != b:
             self.partner[a], self.partner[b] = b, a
 
     def walk(self, end: End) -> list[End]:
-        """The ends passed from a free end to the chain's other free end: in and out of each segment."""
+        """Return the ends from a free end to the other free end of the chain, two for each segment."""
         passed = [end]
         while True:
             passed.append((passed[-1][0], -1 - passed[-1][1]))
@@ -84,11 +87,11 @@ class _Joints:
             passed.append(self.partner[passed[-1]])
 
     def chains(self) -> list[Points]:
-        """The connected segments' points, from one free end to the other."""
+        """Return the points of the connected segments, from one free end to the other."""
         result = []
         for end in self.free_ends():
             walk = self.walk(end)
-            # Every chain is met from both of its ends.
+            # each chain is found from both of its ends
             if end > walk[-1]:
                 result.append(np.vstack([self.segments[k][:: 1 if side == 0 else -1] for k, side in walk[::2]]))
         return result

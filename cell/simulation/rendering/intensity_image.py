@@ -45,8 +45,7 @@ class Lighting:
 
 
 def lighting(rng: np.random.Generator) -> Lighting:
-    """Return a lamp at least a metre above the table and beside it, and a table with spots of millimetres to
-    centimetres."""
+    """Return a lamp at least a metre above the table and beside it, and a textured table."""
     from scipy.ndimage import gaussian_filter
 
     bearing = rng.uniform(0, 2 * np.pi)

@@ -71,30 +71,38 @@ def make_scene(
     strings: int | None = None,
     clearance: float = SIDE_CLEARANCE,
 ) -> StringScene:
-    """The scene of that name and seed; the same arguments give the same arrays.
+    """Return a scene. The same arguments give the same arrays.
 
-    straight, arc: no crossing. loop, figure-eight: one. overhand-knot: three, alternating, of equal sign.
-    coil: `crossings` turns (2 unless said), each over the one before. several: `strings` (2 or 3) strings
-    with 1 to 4 crossings or as many as wished. random: one string (or `strings`) with 0 to 2 or as many as wished.
-    tangle: cables of unlike length as they lie about, curved now more, now less, partly side by side, crossing at
-    25 degrees and more. settled: like random, then let go under weight, stiffness and contact. mixed-radii: thick and
-    thin strings that cross. ring: a closed string, with or without a crossing. stacked: three strands over one place.
-    side-by-side: a string folded back, or two strings, in contact over 30 to 80 mm. end-on-strand: an end that lies on
-    another strand (`crossings` 1) or butts against it (0). long: a flat spiral. empty: no string, but a fixture's edge,
-    a clump as of a hand, and boxes.
+    - straight, arc: no crossing
+    - loop, figure-eight: one crossing
+    - overhand-knot: three crossings, alternating, of equal sign
+    - coil: `crossings` turns (2 by default), each over the one before
+    - several: `strings` (2 or 3) strings with `crossings` crossings (1 to 4 by default)
+    - random: `strings` (1 by default) with `crossings` crossings (0 to 2 by default)
+    - tangle: cables of different lengths with varying curvature, partly side by side, crossing at 25 degrees or more
+    - settled: as random, then released under weight, stiffness and contact
+    - mixed-radii: thick and thin strings that cross
+    - ring: a closed string, with or without a crossing
+    - stacked: three strands above one point
+    - side-by-side: a string folded back, or two strings, in contact over 30 to 80 mm
+    - end-on-strand: an end that lies on another strand (`crossings` 1) or butts against its side (0)
+    - long: a flat spiral
+    - empty: no string, but the edge of a fixture, a clump like a hand, and boxes
 
     Args:
-        radius_m: of every string; in mixed-radii of the thickest.
-        length_m: of every string, along its centre line in space; in tangle their mean.
-        softness: 1.0: centre lines are 2 r apart where strands cross; 0.6: pressed together to 0.6 of that.
-        crossings: how many, for the scenes with a number to choose.
-        clutter: number of boxes beside the strings.
-        strings: how many, for the scenes with a number to choose.
-        clearance: least distance of strands that do not cross, in radii, for the random ones; 2.4 lets them lie
-            side by side all but touching.
+        name: One of `SCENES`.
+        seed: Seed of the scene.
+        radius_m: Radius of every string, or of the thickest one in mixed-radii.
+        length_m: Length of every string along its centre line, or the mean length in tangle.
+        softness: Height between the centre lines at a crossing, relative to 2 r. Less than 1 presses them together.
+        crossings: Number of crossings, for the scenes in which it can be chosen.
+        clutter: Number of boxes beside the strings.
+        strings: Number of strings, for the scenes in which it can be chosen.
+        clearance: Smallest distance of strands that do not cross, in radii, for the random scenes. At 2.4 strands
+            nearly touch.
 
     Raises:
-        SceneError: an unknown name, values out of range, or no such scene can be laid.
+        SceneError: The name is unknown, a value is out of range, or no such scene can be made.
     """
     _check(name, seed, radius_m, length_m, softness, crossings, clutter, strings, clearance)
     rng = np.random.default_rng([SCENES.index(name), seed])

@@ -134,8 +134,11 @@ class AdminClient:
         self._call("table", z_m=z_m)
 
     def clear(self) -> None:
-        """Ends the faults: links, planned stops, the pressed button, local control. What they led to stays: a
-        protective stop is to be unlocked, a powered-off arm to be powered on, a foreign program runs on."""
+        """End the injected faults: links, planned stops, the pressed button, and local control.
+
+        Their consequences stay. A protective stop must be unlocked, an arm without power must be powered on, and a
+        foreign program continues.
+        """
         self._call("clear")
 
     def reset(self, q_rad: Sequence[float] | NDArray[np.float64] | None = None) -> None:

@@ -200,7 +200,7 @@ def test_whoever_did_not_see_the_stop_is_refused_by_the_robot_itself(controller:
     begin = fresh(controller)
     controller.admin.protective_stop()
     arm = UrArm(FAST, controller.host)
-    with pytest.raises(TooEarlyError, match="does not let itself be unlocked yet"):
+    with pytest.raises(TooEarlyError, match="cannot be unlocked yet"):
         arm.acknowledge()
     controller.admin.local_mode()
     with pytest.raises(RobotNotReadyError, match="unlock it at its pendant"):

@@ -26,18 +26,18 @@ class AdminServer(asyncio.Protocol):
         self._transport: asyncio.Transport
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        """asyncio's call."""
+        """Handle the event of asyncio."""
         assert isinstance(transport, asyncio.Transport)
         self._transport = transport
         transport.get_extra_info("socket").setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
 
     def connection_lost(self, exc: Exception | None) -> None:
-        """asyncio's call."""
+        """Handle the event of asyncio."""
         if self._answering is not None:
             self._answering.cancel()
 
     def data_received(self, data: bytes) -> None:
-        """asyncio's call: answers the lines that are whole."""
+        """Handle the event of asyncio: answers the lines that are whole."""
         *lines, self._buffer = (self._buffer + data).split(b"\n")
         self._lines += lines
         if self._lines and (self._answering is None or self._answering.done()):

@@ -55,7 +55,7 @@ class DashboardServer(asyncio.Protocol):
         self._transport: asyncio.Transport
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        """asyncio's call."""
+        """Handle the event of asyncio."""
         assert isinstance(transport, asyncio.Transport)
         self._transport = transport
         self._peer = list(transport.get_extra_info("peername") or ())
@@ -64,14 +64,14 @@ class DashboardServer(asyncio.Protocol):
             self._write(GREETING)
 
     def connection_lost(self, exc: Exception | None) -> None:
-        """asyncio's call."""
+        """Handle the event of asyncio."""
         self._robot.log.add("disconnected", port=DASHBOARD_PORT, peer=self._peer)
         self._links.closed(self._transport)
         if self._answering is not None:
             self._answering.cancel()
 
     def data_received(self, data: bytes) -> None:
-        """asyncio's call: takes the lines that are whole."""
+        """Handle the event of asyncio: takes the lines that are whole."""
         *lines, self._buffer = (self._buffer + data).split(b"\n")
         if len(self._buffer) > LONGEST_LINE:
             self._transport.abort()

@@ -62,7 +62,7 @@ class RtdeClient(asyncio.Protocol):
         self._transport: asyncio.Transport
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        """asyncio's call."""
+        """Handle the event of asyncio."""
         assert isinstance(transport, asyncio.Transport)
         self._transport = transport
         self._peer = list(transport.get_extra_info("peername") or ())
@@ -71,14 +71,14 @@ class RtdeClient(asyncio.Protocol):
             self._server.clients.add(self)
 
     def connection_lost(self, exc: Exception | None) -> None:
-        """asyncio's call."""
+        """Handle the event of asyncio."""
         self._robot.log.add("disconnected", port=RTDE_PORT, peer=self._peer)
         self._server.links.closed(self._transport)
         self._server.clients.discard(self)
         self._server.owners = {name: owner for name, owner in self._server.owners.items() if owner is not self}
 
     def data_received(self, data: bytes) -> None:
-        """asyncio's call: takes the packages that are whole."""
+        """Handle the event of asyncio: takes the packages that are whole."""
         self._buffer += data
         while len(self._buffer) >= 3:
             size, kind = struct.unpack_from(">HB", self._buffer)

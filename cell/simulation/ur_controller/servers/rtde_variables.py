@@ -127,6 +127,7 @@ class RegisterSource:
     count: int = 1
 
     def __call__(self) -> Any:
+        """Return the value of one register, or the values of several."""
         if self.count == 1:
             return self.bank[self.first]
         return self.bank[self.first : self.first + self.count]

@@ -22,7 +22,7 @@ class ScriptServer(asyncio.Protocol):
         self._transport: asyncio.Transport
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        """asyncio's call."""
+        """Handle the event of asyncio."""
         assert isinstance(transport, asyncio.Transport)
         self._transport = transport
         self._peer = list(transport.get_extra_info("peername") or ())
@@ -30,12 +30,12 @@ class ScriptServer(asyncio.Protocol):
         self._links.opened(transport, SCRIPT_PORT)
 
     def connection_lost(self, exc: Exception | None) -> None:
-        """asyncio's call."""
+        """Handle the event of asyncio."""
         self._robot.log.add("disconnected", port=SCRIPT_PORT, peer=self._peer)
         self._links.closed(self._transport)
 
     def data_received(self, data: bytes) -> None:
-        """asyncio's call: takes the lines that are whole."""
+        """Handle the event of asyncio: takes the lines that are whole."""
         # The last line of an upload may come without its line break.
         self._buffer += data
         *lines, self._buffer = self._buffer.split(b"\n")
