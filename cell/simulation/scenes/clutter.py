@@ -1,4 +1,4 @@
-"""What lies about on the table and is no string."""
+"""Objects on the table that are not strings."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -12,26 +12,26 @@ class Box:
     """A box that stands on the table."""
 
     centre_m: tuple[float, float]
-    """x and y of its middle."""
+    """Position (x, y) of its centre."""
     size_m: tuple[float, float, float]
     """Width, depth and height."""
     yaw_rad: float
-    """Its width's direction, from the x axis."""
+    """Angle of the width's direction from the x axis."""
 
 
 @dataclass(frozen=True)
 class Clump:
-    """A rough heap without a form, as a hand at rest or a crumpled cloth gives a depth camera."""
+    """A rough heap, like a hand at rest or a crumpled cloth in a depth image."""
 
     centre_m: tuple[float, float]
     radius_m: float
     height_m: float
     seed: int
-    """Of its surface."""
+    """Seed of its surface."""
 
 
 def fixture_edge(rng: np.random.Generator) -> Box:
-    """The straight edge of a fixture: long, 3 to 15 mm high, with sharp edges."""
+    """Return the edge of a fixture, which is long, straight and 3 to 15 mm high."""
     bearing = rng.uniform(0, 2 * np.pi)
     distance = rng.uniform(0.0, 0.08)
     return Box(
@@ -42,7 +42,7 @@ def fixture_edge(rng: np.random.Generator) -> Box:
 
 
 def place_clump(rng: np.random.Generator, boxes: Sequence[Box]) -> Clump | None:
-    """A clump of the size of a hand beside the boxes; None: no room."""
+    """Return a clump of the size of a hand beside the boxes, or None without room."""
     for _ in range(400):
         bearing, distance = rng.uniform(0, 2 * np.pi), rng.uniform(0.05, 0.18)
         clump = Clump(
@@ -63,9 +63,16 @@ def place_boxes(
     count: int,
     standing: Sequence[Box] = (),
 ) -> tuple[Box, ...] | None:
-    """`count` boxes of 2 to 5 cm beside the strings, at least 5 mm clear of them and of each other; None: no room.
+    """Return boxes of 2 to 5 cm beside the strings, or None without room.
 
-    `standing` are boxes that are there already; they come first in the answer and do not count.
+    They are at least 5 mm away from the strings and from each other.
+
+    Args:
+        rng: Generator of the boxes.
+        curves: Centre lines (N, 3) of the strings.
+        radius_m: Radius of the strings.
+        count: Number of new boxes.
+        standing: Boxes that exist already. They come first in the result.
     """
     line = np.vstack([curve[:, :2] for curve in curves]) if curves else np.zeros((0, 2))
     extent = (float(np.linalg.norm(line, axis=1).max()) if curves else 0.1) + 0.06
@@ -89,14 +96,14 @@ def place_boxes(
 
 
 def distance_to_box(points: NDArray[np.float64], box: Box) -> NDArray[np.float64]:
-    """(N,) distances on the table of `points` (N, 2) from the box's footprint, 0 inside."""
+    """Return the distances (N,) of points (N, 2) on the table from the footprint of a box, 0 inside."""
     c, s = np.cos(box.yaw_rad), np.sin(box.yaw_rad)
     local = (points - box.centre_m) @ np.array([[c, -s], [s, c]])
     return np.linalg.norm(np.maximum(np.abs(local) - np.array(box.size_m[:2]) / 2, 0.0), axis=1)
 
 
 def footprint(box: Box) -> NDArray[np.float64]:
-    """Points (81, 2) all over the box's place on the table, so that no box can hide inside another."""
+    """Return points (81, 2) on the footprint of a box, dense enough that no other box fits between them."""
     x, y = np.meshgrid(np.linspace(-0.5, 0.5, 9) * box.size_m[0], np.linspace(-0.5, 0.5, 9) * box.size_m[1])
     c, s = np.cos(box.yaw_rad), np.sin(box.yaw_rad)
     return np.column_stack([x.ravel(), y.ravel()]) @ np.array([[c, s], [-s, c]]) + box.centre_m

@@ -1,4 +1,4 @@
-"""Courses of strands that touch one another other than by crossing, and of three that cross at one place."""
+"""Strands that touch each other without crossing, and three strands that cross at one point."""
 
 import numpy as np
 
@@ -6,13 +6,13 @@ from cell.simulation.scenes.shapes import STEP_M, Plan, bent, bow, polyline_leng
 from recognition.geometry.polyline import resample
 
 SNUG = 1.002
-"""Distance of strands in contact, in units of the sum of their radii: nothing may lie inside anything."""
+"""Distance of strands in contact, relative to the sum of their radii. No strand penetrates another."""
 CONTACT_M = (0.030, 0.080)
-"""Length over which strands lie side by side."""
+"""Length over which strands are side by side."""
 
 
 def pair(rng: np.random.Generator, length_m: float, radius_m: float) -> list[Plan]:
-    """Two strands that come together, lie side by side in contact, and part again, without crossing."""
+    """Return two strands that approach, touch side by side, and separate again without crossing."""
     contact_m = rng.uniform(*CONTACT_M)
     bend = rng.uniform(-1.0, 1.0) / 0.15
     plan = []
@@ -21,16 +21,16 @@ def pair(rng: np.random.Generator, length_m: float, radius_m: float) -> list[Pla
         left = _leave(-x - contact_m / 2, rng, radius_m)
         right = _leave(x - contact_m / 2, rng, radius_m)
         y = SNUG * radius_m + left + right
-        # Each strand goes its own way after the other's mirror image, so that neither is the string's middle.
+        # the strands are not mirror images, so that neither contact is in the middle of a string
         plan.append(_middle(bent(np.column_stack([x, side * y]), bend / 2), length_m))
     return _placed(plan, rng)
 
 
 def hairpin(rng: np.random.Generator, length_m: float, radius_m: float) -> list[Plan]:
-    """One string folded back: a bulb as narrow as a cord bends, two legs in contact, then apart."""
+    """Return one string folded back: a narrow bend, two legs in contact, then apart."""
     contact_m = rng.uniform(*CONTACT_M)
     bulb_m, waist_m, leg_m = rng.uniform(3.5, 5.5) * radius_m, rng.uniform(8, 12) * radius_m, SNUG * radius_m
-    # The legs close in on the axis at the angle from which the counter-bend ends just beside it.
+    # the legs approach the axis at the angle at which the counter-bend ends beside it
     closing = np.arccos((leg_m + waist_m) / (bulb_m + waist_m))
     turn = np.linspace(0.0, np.pi / 2 + closing, 400)
     bulb = bulb_m * np.column_stack([1 - np.cos(turn), np.sin(turn)])
@@ -50,11 +50,11 @@ def hairpin(rng: np.random.Generator, length_m: float, radius_m: float) -> list[
 
 
 def end_on_strand(rng: np.random.Generator, length_m: float, radius_m: float, on_top: bool) -> list[Plan]:
-    """A strand, and one whose end lies on top of it, a little beyond its middle, or butts against its side."""
+    """Return a strand, and one whose end lies on top of it beyond its middle, or butts against its side."""
     under = bow(rng, length_m, np.deg2rad(80))
     place = int(len(under) * rng.uniform(0.35, 0.65))
     angle = np.deg2rad(rng.uniform(55, 125))
-    # An end cut square meets the strand's side with its middle when upright, with its rim when slanted.
+    # a square end meets the side of a strand with its centre if perpendicular, and with its edge if oblique
     short_m = radius_m * (SNUG + abs(np.cos(angle))) / np.sin(angle)
     beyond_m = rng.uniform(0.3, 2.0) * radius_m if on_top else -short_m
     coming = bow(rng, length_m, np.deg2rad(60))
@@ -68,7 +68,7 @@ def end_on_strand(rng: np.random.Generator, length_m: float, radius_m: float, on
 
 
 def stack(rng: np.random.Generator, length_m: float, radius_m: float) -> list[Plan]:
-    """Three strands that cross at one place, within a radius or so, at about 60 degrees."""
+    """Return three strands that cross within a radius of one point, at about 60 degrees."""
     plan = []
     for k in range(3):
         off_m = np.array([length_m * rng.uniform(-0.12, 0.12), radius_m * rng.uniform(-0.5, 0.5)])
@@ -78,7 +78,7 @@ def stack(rng: np.random.Generator, length_m: float, radius_m: float) -> list[Pl
 
 
 def _leave(beyond_m: np.ndarray, rng: np.random.Generator, radius_m: float) -> np.ndarray:
-    """How far a strand has gone aside so far beyond the end of a contact: a bend of 8 to 14 radii, then straight."""
+    """Return the lateral distance of a strand after the end of a contact: a bend of 8 to 14 radii, then straight."""
     slope = np.tan(np.deg2rad(rng.uniform(15, 50)))
     soft_m = slope * rng.uniform(8, 14) * radius_m
     beyond_m = np.maximum(beyond_m, 0.0)
@@ -86,14 +86,14 @@ def _leave(beyond_m: np.ndarray, rng: np.random.Generator, radius_m: float) -> n
 
 
 def _middle(plan: Plan, length_m: float) -> Plan:
-    """The middle part of `plan` of that length."""
+    """Return the middle part of `plan` with a given length."""
     fine = resample(plan, STEP_M / 8)
     spare = (polyline_length(fine) - length_m) / 2 / (STEP_M / 8)
     return resample(fine[max(round(spare), 0) : len(fine) - max(round(spare), 0)], STEP_M)
 
 
 def _placed(plan: list[Plan], rng: np.random.Generator) -> list[Plan]:
-    """The strands turned together at random and centred on the origin, in even steps."""
+    """Rotate the strands together at random and centre them at the origin, in even steps."""
     angle = rng.uniform(0, 2 * np.pi)
     plan = [resample(rotated(curve, angle), STEP_M) for curve in plan]
     points = np.vstack(plan)

@@ -1,4 +1,4 @@
-"""The exact truth of a simulated scan, as it is written beside the recording."""
+"""Truth of a simulated scan, which is written beside the recording."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -17,12 +17,16 @@ STEP_M = 0.002
 def scene_truth(
     scene: StringScene, T_base_camera: Sequence[NDArray[np.float64]], T_flange_camera: NDArray[np.float64]
 ) -> dict[str, Any]:
-    """The truth as JSON: metres, base frame.
+    """Return the truth as JSON, in metres and in the base frame.
 
-    `curves` are the centre lines, every 2 mm, and `closed` tells of each whether it is a ring (its last point is then
-    its first); `radii` has each string's radius and `radius` the first's; `crossings` have a `point` between the
-    strands, and `over` and `under` as [string, arc length]; `T_base_camera` are the true camera poses of the views and
-    `T_flange_camera` the true mounting.
+    `curves` are the centre lines with a point every 2 mm, `closed` says which are rings, `radii` are the radii, and
+    `radius` is that of the first string. Each of `crossings` has a `point` between the strands, and `over` and `under`
+    as string and arc length. `T_base_camera` are the true camera poses, and `T_flange_camera` is the true mounting.
+
+    Args:
+        scene: Strings on the table.
+        T_base_camera: True camera poses (4, 4).
+        T_flange_camera: True mounting of the camera (4, 4).
     """
     return {
         "name": scene.name,
@@ -37,7 +41,7 @@ def scene_truth(
 
 
 def true_crossings(scene: StringScene) -> list[dict[str, Any]]:
-    """The crossings of a scene's centre lines seen from above, over and under by their heights there."""
+    """Return the crossings of a scene seen from above, with over and under by their heights."""
     lengths = [arc_length(curve) for curve in scene.curves]
     result = []
     for crossing in plan_crossings(scene.curves):
@@ -53,7 +57,7 @@ def true_crossings(scene: StringScene) -> list[dict[str, Any]]:
 
 
 def _every(curve: NDArray[np.float64], step_m: float) -> NDArray[np.float64]:
-    """`curve` (N, 3) at steps of about `step_m`, both ends kept."""
+    """Return `curve` (N, 3) in steps of about `step_m`, with both ends."""
     length_m = arc_length(curve)[-1]
     even = np.linspace(0.0, length_m, max(round(length_m / step_m), 1) + 1)
     return points_at(curve, even)

@@ -1,4 +1,4 @@
-"""How the strings of a scene are to lie on the table: courses and radii, and which strand is the upper one."""
+"""Layout of the strings of a scene on the table: courses, radii, and the upper strand of each crossing."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -12,18 +12,18 @@ from cell.simulation.scenes.shapes import Plan
 from cell.simulation.scenes.strand_clearance import CROSSING_CLEARANCE
 
 _MIXED_DRAWS = 30
-"""Courses drawn for strings of which two must cross."""
+"""Number of courses that are tried for strings of which two must cross."""
 
 
 class SceneError(ValueError):
-    """A scene that does not exist or can't be laid as wished."""
+    """The scene does not exist, or cannot be made as requested."""
 
     slug = "scene"
 
 
 @dataclass(frozen=True)
 class Wish:
-    """What is asked of a scene; None leaves it to the seed."""
+    """Requested properties of a scene. None leaves a property to the seed."""
 
     name: str
     radius_m: float
@@ -36,25 +36,25 @@ class Wish:
 
 @dataclass(frozen=True, eq=False)
 class Draft:
-    """Strings on the table before they are laid over one another."""
+    """Strings on the table before their heights are computed."""
 
     plan: list[Plan]
     """Courses (N, 2) in even steps."""
     lengths_m: list[float]
     radii_m: list[float]
     crossings: int | None = None
-    """How many it must have, where the course does not tell by itself."""
+    """Required number of crossings, if the course does not determine it."""
     touching: bool = False
-    """Whether strands may touch, or end, beside others."""
+    """Whether strands may touch other strands, or end beside them."""
     from_start: bool = False
-    """Whether strings keep their first points where they are, and what lifting takes comes from their other ends."""
+    """Whether strings keep their first points, so that the length for the heights is cut from their other ends."""
 
 
 def draft(rng: np.random.Generator, wish: Wish) -> Draft:
-    """Courses as wished, drawn at random.
+    """Return random courses with the requested properties.
 
     Raises:
-        SceneError: none was found.
+        SceneError: None was found.
     """
     match wish.name:
         case "several" | "random" | "settled":
@@ -69,7 +69,7 @@ def draft(rng: np.random.Generator, wish: Wish) -> Draft:
 
 
 def _shape(rng: np.random.Generator, wish: Wish) -> Plan:
-    """One string of a named shape."""
+    """Return one string of a named shape."""
     match wish.name:
         case "straight":
             return shapes.straight(rng, wish.length_m)
@@ -87,7 +87,7 @@ def _shape(rng: np.random.Generator, wish: Wish) -> Plan:
 
 
 def _arranged(rng: np.random.Generator, wish: Wish) -> Draft:
-    """Strings of a named arrangement, which tells how often they cross."""
+    """Return several strings of a named arrangement, which determines the number of crossings."""
     radius_m, length_m = wish.radius_m, wish.length_m
     match wish.name:
         case "ring":
@@ -112,17 +112,17 @@ def _alone(course: Plan, wish: Wish, crossings: int | None = None) -> Draft:
 
 
 def choose_over(name: str, rng: np.random.Generator, crossings: Sequence[PlanCrossing]) -> list[bool]:
-    """For each crossing, whether its first strand lies above."""
+    """Return for each crossing whether its first strand is the upper one."""
     match name:
         case "coil":
             return [False] * len(crossings)
         case "overhand-knot":
-            # Passes alternate; a crossing's two passes are an odd number apart, so that its first decides.
+            # over and under alternate; the two passes of a crossing differ by an odd number, so the first pass decides
             passes = sorted(position for x in crossings for position in (x.first, x.second))
             start = int(rng.integers(2))
             return [(passes.index(x.first) + start) % 2 == 0 for x in crossings]
         case "stacked":
-            # Three strands that lie in turn over one another would have to weave.
+            # three strands that are cyclically over each other would have to be woven
             level = rng.permutation(3)
             return [bool(level[x.first[0]] > level[x.second[0]]) for x in crossings]
         case "end-on-strand":
@@ -131,7 +131,7 @@ def choose_over(name: str, rng: np.random.Generator, crossings: Sequence[PlanCro
 
 
 def _wandering(rng: np.random.Generator, wish: Wish) -> Draft:
-    """One string, or several, with as many crossings as wished."""
+    """Return one or several strings with the requested number of crossings."""
     several = wish.name == "several"
     strings = (int(rng.integers(2, 4)) if several else 1) if wish.strings is None else wish.strings
     most = (1, 5) if several else (0, 3)
@@ -140,7 +140,7 @@ def _wandering(rng: np.random.Generator, wish: Wish) -> Draft:
 
 
 def _tangle(rng: np.random.Generator, wish: Wish) -> Draft:
-    """Cables as they lie about: of unlike length, gently curved with a tight bend here and there, some side by side.
+    """Return cables of different lengths, gently curved with a few tight bends, some of them side by side.
 
     They cross at angles down to 25 degrees.
     """
@@ -161,7 +161,7 @@ def _tangle(rng: np.random.Generator, wish: Wish) -> Draft:
 
 
 def _mixed(rng: np.random.Generator, wish: Wish) -> Draft:
-    """Thick and thin strings that cross: of the wished radius, and of 0.55 to 0.75 of it, in any order."""
+    """Return thick and thin strings that cross, with the requested radius and 0.55 to 0.75 of it, in random order."""
     strings = 2 if wish.strings is None else wish.strings
     crossings = int(rng.integers(1, strings + 1)) if wish.crossings is None else wish.crossings
     shares = np.concatenate([[1.0], rng.uniform(0.55, 0.75, strings - 1)])
@@ -177,7 +177,7 @@ def _mixed(rng: np.random.Generator, wish: Wish) -> Draft:
 
 def _wander(rng: np.random.Generator, wish: Wish, lengths_m: list[float], manner: Manner, crossings: int) -> Draft:
     count = len(lengths_m)
-    # Crossings' two passes, and strings' ends, keep this far apart along the strings.
+    # distance along a string between the two passes of crossings, and from its ends
     if sum(lengths_m) < CROSSING_CLEARANCE * manner.radius_m * (2 * crossings + count):
         plan = None
     else:

@@ -1,4 +1,4 @@
-"""From courses on the table to strings in space, checked to be such as can lie there."""
+"""Strings in space for courses on the table, with a check that they can lie there."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,22 +12,22 @@ from cell.simulation.scenes.strand_clearance import MIN_SIDE_CLEARANCE, deepest_
 from recognition.geometry.polyline import arc_length, points_at
 
 MIN_BEND = 2.5
-"""No string is bent tighter than this many radii: it would buckle."""
+"""Smallest bend radius, in radii. A tighter string would buckle."""
 
 HANG_RADII = (11.0, 17.0)
-"""How far from a crossing settled strings come down to the table, in radii."""
+"""Distance from a crossing at which settled strings reach the table, in radii."""
 SET_SHARE = (0.75, 0.95)
-"""How much of their curvature settled strings have taken on."""
+"""Share of their curvature that settled strings have taken on permanently."""
 
 _TOUCH = 0.02
-"""Strands may stand this share of their radii's sum in one another: contacts are asked for at points 1 mm apart."""
+"""Largest overlap of strands, relative to the sum of their radii. Contacts hold at points 1 mm apart."""
 
 
 def lay_down(rng: np.random.Generator, drawn: Draft, wish: Wish) -> list[NDArray[np.float64]]:
-    """Centre lines (N, 3) of a draft's strings, over and under drawn at random.
+    """Return the centre lines (N, 3) of a draft's strings, with random over and under.
 
     Raises:
-        HeightsError: they can't lie like that.
+        HeightsError: The strings cannot lie like that.
     """
     plan, radii_m = drawn.plan, drawn.radii_m
     found = plan_crossings(plan)
@@ -50,7 +50,7 @@ def lay_down(rng: np.random.Generator, drawn: Draft, wish: Wish) -> list[NDArray
 def _raised(
     drawn: Draft, found: tuple[PlanCrossing, ...], over: list[bool], softness: float
 ) -> list[NDArray[np.float64]]:
-    """The courses (N, 3) with their heights; rings, which can't be cut, drawn in by what lifting takes."""
+    """Return the courses (N, 3) with their heights. Rings are shortened by the length for the heights."""
     heights = lay(drawn.plan, found, over, drawn.radii_m, softness)
     curves = [np.column_stack([xy, z]) for xy, z in zip(drawn.plan, heights, strict=True)]
     if not any(is_closed(curve) for curve in curves):
@@ -66,7 +66,7 @@ def _raised(
 def _settled(
     rng: np.random.Generator, raised: list[NDArray[np.float64]], found: tuple[PlanCrossing, ...], wish: Wish
 ) -> list[NDArray[np.float64]]:
-    """The strings at rest, of a stiffness and a memory of their bends drawn at random."""
+    """Return the strings at rest, with a random stiffness and permanent curvature."""
     curves = settle(
         raised, wish.radius_m, wish.softness, float(rng.uniform(*HANG_RADII)), float(rng.uniform(*SET_SHARE))
     )
@@ -76,7 +76,7 @@ def _settled(
 
 
 def _cut(curve: NDArray[np.float64], length_m: float, from_start: bool) -> NDArray[np.float64]:
-    """`curve` (N, 3) in even steps, cut to a length at both ends or the last: lifting has made it longer.
+    """Return `curve` (N, 3) in even steps, cut to a length at both ends or at the last one.
 
     A ring is not cut.
     """

@@ -1,4 +1,4 @@
-"""Where curves on the table cross one another, seen from above."""
+"""Crossings of curves on the table, seen from above."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 Curves = Sequence[NDArray[np.float64]]
 
 _SAME = 1e-9
-"""Positions as near as this, in points, are one."""
+"""Largest difference of equal positions, in points."""
 
 
 @dataclass(frozen=True)
@@ -17,26 +17,29 @@ class PlanCrossing:
     """Two strands that cross in the xy plane. `first` comes before `second` by string, then by position."""
 
     first: tuple[int, float]
-    """String and position on it in units of its points: 12.25 is a quarter of the way from point 12 to 13."""
+    """String and position on it in units of its points. 12.25 is a quarter of the way from point 12 to 13."""
     second: tuple[int, float]
     point: tuple[float, float]
-    """x and y, metres."""
+    """Position (x, y), metres."""
     angle_rad: float
-    """Between the strands, 0 to pi/2."""
+    """Angle between the strands, 0 to pi/2."""
 
 
 def plan_crossings(curves: Curves, since: int = 0) -> tuple[PlanCrossing, ...]:
-    """All crossings of the polylines `curves` ((N, 2) or (N, 3) each, z not looked at) with themselves and others.
+    """Return all crossings of polylines with themselves and with each other, ordered by `first`.
 
-    Ordered by `first`. Segments that share a point do not cross, nor do the first and the last of a closed curve.
-    With `since`, only crossings in which one of the last curve's points from that index on takes part.
+    Segments with a common point do not cross, nor do the first and the last segment of a closed curve.
+
+    Args:
+        curves: Polylines, (N, 2) or (N, 3) each. z is ignored.
+        since: Only crossings with a point of the last curve from this index on are returned.
     """
     if not curves:
         return ()
     string, index = _numbering(curves)
     start = np.vstack([curve[:-1, :2] for curve in curves])
     along = np.vstack([np.diff(curve[:, :2], axis=0) for curve in curves])
-    # Two segments that meet have their middles no farther apart than half the sum of their lengths.
+    # the middles of two intersecting segments are no farther apart than half the sum of their lengths
     longest = float(np.linalg.norm(along, axis=1).max())
     middles = start + along / 2
     first_new = len(middles) - len(curves[-1]) + 1 + max(since - 1, 0) if since else 0
@@ -47,7 +50,7 @@ def plan_crossings(curves: Curves, since: int = 0) -> tuple[PlanCrossing, ...]:
     denominator = _cross(a, b)
     with np.errstate(divide="ignore", invalid="ignore"):
         t, u = _cross(between, b) / denominator, _cross(between, a) / denominator
-        # A little over the ends, or a crossing just at a point of both curves could slip between segments.
+        # slightly beyond the ends, because a crossing at a point of both curves could be missed
         meet = (denominator != 0) & (np.abs(t - 0.5) <= 0.5 + _SAME) & (np.abs(u - 0.5) <= 0.5 + _SAME)
     order = np.nonzero(meet)[0][np.lexsort((j[meet], i[meet]))]
     result: list[PlanCrossing] = []
@@ -69,10 +72,10 @@ def plan_crossings(curves: Curves, since: int = 0) -> tuple[PlanCrossing, ...]:
 def near_pairs(
     points: NDArray[np.float64], within_m: float, since: int = 0
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Pairs i < j of `points` (N, 2) no farther apart than `within_m`; with `since`, only those with j >= since."""
+    """Return the pairs i < j of points (N, 2) within a distance, and with `since` only those with j >= since."""
     from scipy.spatial import KDTree
 
-    # Where only a few are asked for, most points are far from all of them.
+    # for a few new points, most other points are far away
     low, high = points[since:].min(axis=0) - within_m, points[since:].max(axis=0) + within_m
     around = np.nonzero(((points >= low) & (points <= high)).all(axis=1))[0]
     pairs = np.sort(around[KDTree(points[around]).query_pairs(within_m, output_type="ndarray")], axis=1)
@@ -81,29 +84,29 @@ def near_pairs(
 
 
 def is_closed(curve: NDArray[np.float64]) -> bool:
-    """Whether the polyline `curve` (N, d) ends in its first point."""
+    """Return whether the last point of the polyline `curve` (N, d) is its first."""
     return len(curve) > 3 and bool((curve[0] == curve[-1]).all())
 
 
 def _joined(curves: Curves, string: NDArray[np.int64], i: NDArray[np.int64], j: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """Whether segments i < j of a string are the first and the last of a closed curve, which share a point."""
+    """Return whether segments i < j of a string are the first and the last of a closed curve."""
     last = np.array([len(curve) - 2 if is_closed(curve) else -1 for curve in curves])
     return (i == 0) & (j == last[string])
 
 
 def _same(a: PlanCrossing, b: PlanCrossing) -> bool:
-    """Whether two are one crossing that two neighbouring segments both met."""
+    """Return whether two crossings are the same one, found by two neighbouring segments."""
     return all(s == t and abs(x - y) < 4 * _SAME for (s, x), (t, y) in ((a.first, b.first), (a.second, b.second)))
 
 
 def at(curve: NDArray[np.float64], position: float) -> NDArray[np.float64]:
-    """The point of the polyline `curve` (N, d) at a position in units of its points."""
+    """Return the point of the polyline `curve` (N, d) at a position in units of its points."""
     k = min(int(position), len(curve) - 2)
     return curve[k] + (position - k) * (curve[k + 1] - curve[k])
 
 
 def _numbering(curves: Curves) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """String and number within it of each segment of all curves."""
+    """Return string and index within it of each segment of all curves."""
     counts = [len(curve) - 1 for curve in curves]
     return np.repeat(np.arange(len(curves)), counts), np.concatenate([np.arange(n) for n in counts])
 

@@ -1,4 +1,4 @@
-"""Random courses of strings on the table, with a wished number of crossings."""
+"""Random courses of strings on the table with a given number of crossings."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -14,7 +14,7 @@ from recognition.geometry.polyline import resample
 _STEP_M = 0.003
 _CHUNK_STEPS = 70
 _EASE_M = 0.009
-"""Length over which the curvature goes to a new one."""
+"""Length over which the curvature changes to a new value."""
 _TRIES = 40
 _SETBACKS = 2
 _ATTEMPTS = 150
@@ -24,30 +24,36 @@ Plan = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Manner:
-    """How strings lie about on the table."""
+    """Geometry of random courses."""
 
     radius_m: float
     clearance: float = SIDE_CLEARANCE
-    """Least distance of strands that do not cross, in radii."""
+    """Smallest distance of strands that do not cross, in radii."""
     bend_radius: float = 4.5
-    """Tightest bend, in radii."""
+    """Smallest bend radius, in radii."""
     bends_per_m: float = 25.0
-    """How often a string changes its curvature."""
+    """Number of changes of the curvature per metre."""
     gentleness: float = 1.0
-    """1: all curvatures up to the tightest are equally frequent; the more, the rarer are tight bends."""
+    """Exponent of the curvature. At 1 all curvatures are equally frequent; a larger value makes tight bends rarer."""
     min_angle_rad: float = MIN_ANGLE_RAD
-    """Smallest angle at which strands cross."""
+    """Smallest angle of a crossing."""
 
 
 def wander(rng: np.random.Generator, lengths_m: Sequence[float], manner: Manner, crossings: int) -> list[Plan] | None:
-    """Courses (N, 2) of strings of these lengths with so many crossings in all; None if none was found.
+    """Return courses of strings with a total number of crossings, or None if none was found.
 
-    Each grows by short pieces, steered at random with bounded curvature and turned back where it leaves a
-    circle; a piece that would touch another strand, or cross it too flatly, is drawn again, and where none
-    goes on, the last pieces are taken back.
+    Each string grows by short pieces with random bounded curvature, and turns back where it leaves a circle. A piece
+    that would touch another strand, or cross it at a small angle, is drawn again. If no piece fits, the last pieces are
+    removed.
+
+    Args:
+        rng: Generator of the courses.
+        lengths_m: Length of each string.
+        manner: Geometry of the courses.
+        crossings: Number of crossings of all strings together.
     """
     total_m = sum(lengths_m)
-    # Random lines of this length cross about total^2 / (pi area) times.
+    # random lines of this length cross about total^2 / (pi area) times
     widest_m = max(0.1, 0.16 * np.sqrt(total_m), min(0.065 * total_m, 0.6))
     area_m = min(total_m / (np.pi * np.sqrt(crossings + 0.3)), widest_m)
     for _ in range(_ATTEMPTS):
@@ -67,40 +73,43 @@ def wander(rng: np.random.Generator, lengths_m: Sequence[float], manner: Manner,
 
 @dataclass(frozen=True)
 class _Tip:
-    """Where a growing string has got to."""
+    """State of the end of a growing string."""
 
     count: int
-    """Points so far."""
+    """Number of points so far."""
     position: NDArray[np.float64]
     heading: float
     curvature: float
     target: float
-    """The curvature that it is turning to."""
+    """Curvature to which the string is turning."""
     crossings: tuple[PlanCrossing, ...]
-    """Of all strands so far."""
+    """Crossings of all strands so far."""
 
 
 @dataclass(frozen=True)
 class _Ground:
-    """What a string grows on."""
+    """Constraints of a growing string."""
 
     manner: Manner
     area_m: float
-    """Radius of the circle that it turns back to."""
+    """Radius of the circle to which the string turns back."""
     crossings: int
-    """Wished in all."""
+    """Requested number of crossings of all strings."""
     share: tuple[float, float]
-    """Which part of the strings' whole length this string is."""
+    """Part of the total length that this string covers, from and to."""
 
     def suits(self, plan: list[Plan], before: _Tip, progress: float, slack: float) -> tuple[PlanCrossing, ...] | None:
-        """All crossings, if the strings so far keep clear of one another and have about their share of crossings.
+        """Return all crossings, or None if strands are too near or the number of crossings does not fit the progress.
 
-        `plan` ends with the growing string, of which the share `progress` is laid; up to the tip `before` all is
-        known to suit.
+        Args:
+            plan: Courses, of which the last is the growing one.
+            before: Tip up to which all constraints are known to hold.
+            progress: Share of the growing string that exists.
+            slack: Allowed deviation from the share of crossings.
         """
         found = before.crossings + plan_crossings(plan, before.count)
         low, high = self.share
-        # What can be crossed grows with what lies there; the ends are no place for crossings.
+        # the chance of a crossing grows with the length that exists, and the ends have no crossings
         expected = self.crossings * min((low + progress * (high - low)) / 0.9, 1.0) ** 1.5
         if len(found) > self.crossings or abs(len(found) - expected) > slack:
             return None
@@ -112,7 +121,7 @@ class _Ground:
 def _grow(
     rng: np.random.Generator, lengths_m: Sequence[float], manner: Manner, crossings: int, area_m: float
 ) -> list[Plan] | None:
-    """Coarse courses in steps of `_STEP_M`, or None when one got stuck."""
+    """Return coarse courses in steps of `_STEP_M`, or None if one got stuck."""
     plan: list[Plan] = []
     shares = np.concatenate([[0.0], np.cumsum(lengths_m) / sum(lengths_m)])
     shares[-1] = 1.0
@@ -130,7 +139,7 @@ def _grow_string(rng: np.random.Generator, others: list[Plan], steps: int, groun
     curve = tip.position[None]
     trail = [tip]
     pieces = steps // _CHUNK_STEPS
-    # A short string is sooner begun anew than mended; of a long one too much would be lost.
+    # a short string is restarted, while a long one is shortened
     for _ in range(_SETBACKS + max(pieces * 3 // 2, pieces**2 // 8)):
         if len(curve) == steps + 1:
             return curve
@@ -147,7 +156,7 @@ def _grow_string(rng: np.random.Generator, others: list[Plan], steps: int, groun
 def _piece(
     rng: np.random.Generator, others: list[Plan], curve: Plan, tip: _Tip, steps: int, ground: _Ground
 ) -> tuple[Plan, _Tip] | None:
-    """The string one piece longer and its new tip, or None when no piece suits."""
+    """Return the string with one more piece and its new tip, or None if no piece fits."""
     for k in range(_TRIES):
         course, heading, curvature, target = _steer(rng, tip, min(_CHUNK_STEPS, steps + 1 - tip.count), ground)
         longer = np.vstack([curve, course])
@@ -166,7 +175,7 @@ def _start(rng: np.random.Generator, area_m: float, crossings: tuple[PlanCrossin
 
 
 def _steer(rng: np.random.Generator, tip: _Tip, steps: int, ground: _Ground) -> tuple[Plan, float, float, float]:
-    """So many steps on from `tip`, and heading, curvature and its target at their end.
+    """Return the next points from a tip, with heading, curvature and target curvature at their end.
 
     The curvature follows a target that changes every few centimetres.
     """
@@ -194,7 +203,7 @@ def _steer(rng: np.random.Generator, tip: _Tip, steps: int, ground: _Ground) -> 
 
 
 def _smooth(curve: Plan, length_m: float) -> Plan:
-    """A cubic spline through the coarse course, scaled to its length, in even steps of `STEP_M`."""
+    """Return a cubic spline through a coarse course, scaled to its length, in even steps of `STEP_M`."""
     from scipy.interpolate import CubicSpline
 
     t = np.arange(len(curve))

@@ -1,4 +1,4 @@
-"""Where rods touch the table or one another. Lengths are in radii of the rods, which all have one."""
+"""Contacts of rods with the table and with each other. Lengths are in units of the common radius."""
 
 from collections.abc import Sequence
 
@@ -7,15 +7,20 @@ from numpy.typing import NDArray
 
 
 def strand_numbers(nodes: Sequence[NDArray[np.float64]]) -> NDArray[np.int64]:
-    """For each node of all rods, stacked, the number of its rod."""
+    """Return the index of the rod of each node, for the stacked nodes of all rods."""
     return np.repeat(np.arange(len(nodes)), [len(n) for n in nodes])
 
 
 def contacts(x: NDArray[np.float64], string: NDArray[np.int64], softness: float):
-    """What stands in something: rows (M, 3 N) that give each contact's opening from moves of the nodes, and how deep.
+    """Return all contacts with their depths.
 
-    `x` (N, 3) are the rods' nodes, `string` (N,) their rods. Rods touch where segments come nearer than
-    `softness * 2`, the table where nodes are lower than 1.
+    Args:
+        x: Nodes (N, 3) of all rods.
+        string: Rod (N,) of each node.
+        softness: Distance of centre lines in contact, relative to 2 radii. Nodes below a height of 1 touch the table.
+
+    Returns:
+        Rows (M, 3 N) that map moves of the nodes to the opening of each contact, and depths (M,).
     """
     from scipy.sparse import csr_array
 
@@ -34,7 +39,7 @@ def contacts(x: NDArray[np.float64], string: NDArray[np.int64], softness: float)
 
 
 def _near_segments(x: NDArray[np.float64], string: NDArray[np.int64], apart: float):
-    """Segments nearer than `apart`, where on them (0 to 1) they are nearest, and the vector from second to first."""
+    """Return pairs of segments nearer than `apart`, their nearest positions (0 to 1), and the vectors between these."""
     from scipy.spatial import KDTree
 
     segment = np.nonzero(string[1:] == string[:-1])[0]
@@ -44,7 +49,7 @@ def _near_segments(x: NDArray[np.float64], string: NDArray[np.int64], apart: flo
     m, n = np.minimum(m, n), np.maximum(m, n)
     order = np.lexsort((n, m))
     m, n = m[order], n[order]
-    # Along one rod, half the tightest turn lies between points that touch.
+    # along one rod, touching points are at least half the tightest turn apart
     other = (string[segment[m]] != string[segment[n]]) | ((segment[n] - segment[m]) * long > 1.2 * np.pi)
     m, n = m[other], n[other]
     share_m, share_n = _nearest(x[segment[m]], edge[m], x[segment[n]], edge[n])
@@ -54,11 +59,11 @@ def _near_segments(x: NDArray[np.float64], string: NDArray[np.int64], apart: flo
 
 
 def _nearest(p: NDArray[np.float64], u: NDArray[np.float64], q: NDArray[np.float64], v: NDArray[np.float64]):
-    """Shares (M,) at which the segments p + s u and q + t v come nearest to one another."""
+    """Return the positions (M,) at which the segments p + s u and q + t v are nearest."""
     between = p - q
     a, b, c = (np.einsum("ij,ij->i", d, e) for d, e in ((u, u), (u, v), (v, v)))
     d, e = np.einsum("ij,ij->i", u, between), np.einsum("ij,ij->i", v, between)
     s = np.clip((b * e - c * d) / np.maximum(a * c - b * b, 1e-9 * a * c), 0.0, 1.0)
     t = np.clip((b * s + e) / c, 0.0, 1.0)
-    # With t at a limit, the best s is another.
+    # with t at a limit, s must be computed again
     return np.clip((b * t - d) / a, 0.0, 1.0), t

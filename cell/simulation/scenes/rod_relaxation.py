@@ -1,11 +1,11 @@
-"""Strings let go: they come to rest under weight, bending stiffness and contact, in height and in plan.
+"""Relaxation of strings under weight, bending stiffness and contact, in height and in the plane.
 
-Each string is an elastic rod of nodes 3 mm apart. What it comes to is the end of a slow, heavily damped descent of
-its energy: weight, stretching, bending away from the shape that it has taken on, and contact with the table and
-with other strands by their segments' nearest points. Under strands stay on the table; over strands bend over them
-with long ramps and hang between table and contact; strands pushed sideways come to lie against one another.
+Each string is an elastic rod with nodes 3 mm apart. The result is the end of a slow, heavily damped descent of the
+energy of weight, stretching, bending away from the permanent shape, and contact with the table and with other strands.
+Under strands stay on the table. Over strands bend over them with long ramps and hang between table and contact. Strands
+that are pushed aside touch each other.
 
-What is left out: twist, and true friction; in its place strands creep slowly in plan and are stopped before they have
+Twist and true friction are not modelled. Strands creep slowly in the plane instead, and are stopped before they have
 sprung as far as they could.
 """
 
@@ -21,12 +21,14 @@ from recognition.geometry.polyline import resample
 _STEP_M = 0.003
 _STEPS = 120
 _STRETCH = 2e3
-"""Stiffness against stretching, in the string's weight a radius of length: all but inextensible."""
+"""Stiffness against stretching, in units of the string's weight per radius of length. The string is nearly
+inextensible."""
 _CONTACT = 4e3
-"""Force a radius of penetration, in the string's weight a radius of length: contacts give by some thousandths."""
+"""Force per radius of penetration, in units of the string's weight per radius of length. Contacts give by some
+thousandths of a radius."""
 _DRAG_PLAN, _DRAG_UP = 20.0, 0.3
 _REACH = 0.25
-"""No node moves farther than this many radii in one step."""
+"""Largest motion of a node in one step, in radii."""
 
 Curves = Sequence[NDArray[np.float64]]
 
@@ -34,15 +36,17 @@ Curves = Sequence[NDArray[np.float64]]
 def settle(
     curves: Curves, radius_m: float, softness: float, hang_radii: float, set_share: float
 ) -> list[NDArray[np.float64]]:
-    """The centre lines `curves` (N, 3) at rest, in steps of at most 1 mm.
+    """Return the centre lines at rest, in steps of at most 1 mm.
 
     Args:
-        curves: where they are let go, none inside another.
-        radius_m: of every string.
-        softness: height of centre lines over one another in contact, as a share of 2 r.
-        hang_radii: how far from a crossing a strand lifted by 2 r comes down to the table, in radii: the ratio of
-            bending stiffness B to weight w, by h = w L^4 / (72 B) of an elastic beam lifted at its middle.
-        set_share: how much of its curvature in plan each string has taken on; with 1 nothing springs open.
+        curves: Centre lines (N, 3) at the start, none inside another.
+        radius_m: Radius of every string.
+        softness: Height between centre lines in contact, relative to 2 r.
+        hang_radii: Distance from a crossing at which a strand that is lifted by 2 r reaches the table, in radii. It
+            gives the ratio of bending stiffness B to weight w, by h = w L^4 / (72 B) of an elastic beam lifted at its
+            middle.
+        set_share: Share of the curvature in the plane that each string has taken on permanently. At 1 nothing springs
+            open.
     """
     from scipy.sparse import diags_array
     from scipy.sparse.linalg import spsolve
@@ -80,7 +84,7 @@ def settle(
 
 
 def _fine(nodes: NDArray[np.float64], radius_m: float) -> NDArray[np.float64]:
-    """A smooth curve (N, 3) through the nodes, lifted out of the table by what the contact gave."""
+    """Return a smooth curve (N, 3) through the nodes, lifted by the penetration of the table."""
     from scipy.interpolate import CubicSpline
 
     t = np.arange(len(nodes))
@@ -90,19 +94,19 @@ def _fine(nodes: NDArray[np.float64], radius_m: float) -> NDArray[np.float64]:
 
 
 def _turns(x: NDArray[np.float64], bends, before: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Signed second difference in plan, across the string, at each inner node."""
+    """Return the signed second difference in the plane, across the string, at each inner node."""
     return np.einsum("ij,ij->i", bends @ x, _across(x, before))
 
 
 def _across(x: NDArray[np.float64], before: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Level unit vectors (M, 3) to the left of the string at each inner node, by the nodes before them."""
+    """Return horizontal unit vectors (M, 3) to the left of the string at each inner node."""
     chord = x[before + 2] - x[before]
     left = np.column_stack([-chord[:, 1], chord[:, 0], np.zeros(len(chord))])
     return left / np.linalg.norm(left, axis=1, keepdims=True)
 
 
 def _stencil(first: NDArray[np.int64], weights: tuple[float, ...], count: int):
-    """Rows (len(first), count) with `weights` from each of the nodes `first` on."""
+    """Return rows (len(first), count) with `weights` from each of the nodes `first` on."""
     from scipy.sparse import csr_array
 
     width = len(weights)
@@ -113,14 +117,14 @@ def _stencil(first: NDArray[np.int64], weights: tuple[float, ...], count: int):
 
 
 def _each_axis(matrix):
-    """`matrix` (N, N) of nodes for x, y and z of each node (3 N, 3 N)."""
+    """Return `matrix` (N, N) of nodes as a matrix (3 N, 3 N) for x, y and z of each node."""
     from scipy.sparse import eye_array, kron
 
     return kron(matrix, eye_array(3), format="csr")
 
 
 def _projected(rows, direction: NDArray[np.float64]):
-    """Rows (M, N) over nodes as rows (M, 3 N) over their coordinates, each in its direction (M, 3)."""
+    """Return rows (M, N) over nodes as rows (M, 3 N) over their coordinates, each along its direction (M, 3)."""
     from scipy.sparse import csr_array
 
     width = np.diff(rows.indptr)

@@ -1,4 +1,4 @@
-"""String scenes: strings lying on a table, over and under one another."""
+"""Scenes of strings on a table, over and under each other."""
 
 from dataclasses import dataclass, field
 
@@ -19,19 +19,19 @@ __all__ = ["SCENES", "SceneError", "StringScene", "make_scene"]
 
 @dataclass(frozen=True, eq=False)
 class StringScene:
-    """Strings on the table z = 0 of the base frame, about its origin."""
+    """Strings on the table z = 0 around the origin of the base frame."""
 
     name: str
     radius_m: float
-    """Of the first string."""
+    """Radius of the first string."""
     curves: tuple[NDArray[np.float64], ...]
-    """Centre line of each string, (N, 3), in steps of about 1 mm; strings end square, without a cap."""
+    """Centre line of each string (N, 3), in steps of about 1 mm. The ends are square, without a cap."""
     boxes: tuple[Box, ...] = field(default=())
-    """Clutter."""
+    """Boxes beside the strings."""
     clumps: tuple[Clump, ...] = field(default=())
-    """More clutter."""
+    """Clumps beside the strings."""
     radii_m: tuple[float, ...] = field(default=())
-    """Of each string; all of `radius_m` unless given."""
+    """Radius of each string. By default all have `radius_m`."""
 
     def __post_init__(self) -> None:
         if not self.radii_m:
@@ -41,12 +41,12 @@ class StringScene:
 
     @property
     def closed(self) -> tuple[bool, ...]:
-        """For each string, whether it is a ring: its last point is then its first."""
+        """Whether each string is a ring, whose last point is its first."""
         return tuple(is_closed(curve) for curve in self.curves)
 
 
 _DRAWS = 12
-"""Drafts of a scene before it is given up."""
+"""Number of drafts that are tried for a scene."""
 
 _ONE_OR_NO_CROSSING = ("ring", "end-on-strand")
 _CROSSINGS = ("coil", "several", "random", "tangle", "settled", "mixed-radii", *_ONE_OR_NO_CROSSING)
@@ -117,7 +117,10 @@ def make_scene(
 
 
 def _lay(rng: np.random.Generator, wish: Wish) -> tuple[tuple[NDArray[np.float64], ...], tuple[float, ...]]:
-    """Centre lines (N, 3) of the strings and their radii, drawn again where strands touch or can't pass one another."""
+    """Return the centre lines (N, 3) and radii.
+
+    The draft is repeated if strands touch, or cannot lie over each other.
+    """
     if wish.name == "empty":
         return (), ()
     reason = ""

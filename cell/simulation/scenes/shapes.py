@@ -1,4 +1,4 @@
-"""Named courses of a string on the table, as (N, 2) polylines with points every `STEP_M` or a little less."""
+"""Named courses of a string on the table, as polylines (N, 2) with a step of at most `STEP_M`."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,18 +13,18 @@ Plan = NDArray[np.float64]
 
 
 def straight(rng: np.random.Generator, length_m: float) -> Plan:
-    """A straight line in a random direction."""
+    """Return a straight line in a random direction."""
     return turned(np.array([[0.0, 0.0], [length_m, 0.0]]), length_m, rng)
 
 
 def arc(rng: np.random.Generator, length_m: float) -> Plan:
-    """Part of a circle, 90 to 200 degrees."""
+    """Return an arc of 90 to 200 degrees."""
     bend = np.linspace(0.0, np.deg2rad(rng.uniform(90, 200)), 2000)
     return turned(np.column_stack([np.sin(bend), 1 - np.cos(bend)]), length_m, rng)
 
 
 def loop(rng: np.random.Generator, length_m: float) -> Plan:
-    """A full turn between two tails that cross once."""
+    """Return a full turn between two tails that cross once."""
     s = np.linspace(-1.0, 1.0, 2000)
     width = rng.uniform(0.28, 0.36)
     bump = np.exp(-((np.abs(s) / width) ** 3))
@@ -34,9 +34,9 @@ def loop(rng: np.random.Generator, length_m: float) -> Plan:
 
 
 def figure_eight(rng: np.random.Generator, length_m: float) -> Plan:
-    """An 8 whose ends meet, apart from a gap, in the middle of the right-hand lobe: one crossing.
+    """Return an 8 with a gap between its ends in the middle of the right lobe, with one crossing.
 
-    A lemniscate of Gerono, stretched at random.
+    It is a lemniscate of Gerono with a random aspect ratio.
     """
     gap = rng.uniform(0.22, 0.4)
     t = np.linspace(gap, 2 * np.pi - gap, 4000)
@@ -44,7 +44,7 @@ def figure_eight(rng: np.random.Generator, length_m: float) -> Plan:
 
 
 def overhand_knot(rng: np.random.Generator, length_m: float) -> Plan:
-    """A loose overhand knot: a trefoil, cut open in one outer lobe and its ends led outward; three crossings."""
+    """Return a loose overhand knot with three crossings: a trefoil that is cut open in one outer lobe."""
     gap = rng.uniform(0.16, 0.24)
     t = np.linspace(gap, 2 * np.pi - gap, 4000) + np.pi
     trefoil = np.column_stack([np.sin(t) + 2 * np.sin(2 * t), np.cos(t) - 2 * np.cos(2 * t)])
@@ -55,17 +55,17 @@ def overhand_knot(rng: np.random.Generator, length_m: float) -> Plan:
 
 
 def coil(rng: np.random.Generator, length_m: float, turns: int) -> Plan:
-    """Loops laid side by side in a row, each crossing itself once: a curvature that swells once a turn."""
+    """Return loops in a row, each of which crosses itself once. The curvature varies once a turn."""
     s = np.linspace(-np.pi, (2 * turns - 1) * np.pi, 1500 * turns)
     heading = s + rng.uniform(0.75, 0.9) * np.sin(s)
     return turned(np.cumsum(np.column_stack([np.cos(heading), np.sin(heading)]), axis=0), length_m, rng)
 
 
 def ring(rng: np.random.Generator, length_m: float, crossings: int) -> Plan:
-    """A closed string, its last point the first: a dented circle, or with one crossing an 8."""
+    """Return a closed string, a dented circle or with one crossing an 8."""
     t = np.linspace(0.0, 2 * np.pi, 4001)
     if crossings:
-        # Begun at the far end of a lobe, away from the crossing.
+        # the ring starts at the far end of a lobe, away from the crossing
         course = np.column_stack([np.cos(t), rng.uniform(0.9, 1.3) * np.sin(t) * np.cos(t)])
     else:
         far = np.ones_like(t)
@@ -77,10 +77,10 @@ def ring(rng: np.random.Generator, length_m: float, crossings: int) -> Plan:
 
 
 def spiral(rng: np.random.Generator, length_m: float, pitch_m: float) -> Plan:
-    """A cable coiled flat on the table, its turns a pitch apart: the length changes, the bends stay."""
+    """Return a cable coiled flat on the table, with turns one pitch apart."""
     inner_m = 1.2 * pitch_m
     outer_m = np.sqrt(inner_m**2 + length_m * pitch_m / np.pi)
-    # Equal steps of length, nearly, as the pitch is small beside the radius.
+    # nearly even steps, because the pitch is small compared to the radius
     far = np.sqrt(np.linspace(inner_m**2, 1.01 * outer_m**2, int(length_m / STEP_M) * 4))
     angle = 2 * np.pi * far / pitch_m
     wide = np.column_stack([far * np.cos(angle), rng.choice([-1.0, 1.0]) * far * np.sin(angle)])
@@ -88,14 +88,14 @@ def spiral(rng: np.random.Generator, length_m: float, pitch_m: float) -> Plan:
 
 
 def bow(rng: np.random.Generator, length_m: float, widest_rad: float) -> Plan:
-    """Part of a circle of at most that angle, turned to either side; its middle at the origin, heading along x."""
+    """Return an arc of at most this angle in a random direction, with its middle at the origin along x."""
     bend = rng.uniform(-widest_rad, widest_rad) / length_m
     s = np.linspace(-length_m / 2, length_m / 2, int(np.ceil(length_m / STEP_M - 1e-9)) + 1)
     return bent(np.column_stack([s, np.zeros_like(s)]), bend)
 
 
 def bent(plan: Plan, curvature: float) -> Plan:
-    """`plan` (N, 2) with the x axis bent to a circle of that curvature, 1/m; distances along y stay as they are."""
+    """Return `plan` (N, 2) with the x axis bent to a circle of this curvature, 1/m. Distances along y are kept."""
     x, y = plan[:, 0], plan[:, 1]
     if abs(curvature) < 1e-6:
         return plan
@@ -104,25 +104,25 @@ def bent(plan: Plan, curvature: float) -> Plan:
 
 
 def rotated(plan: Plan, angle_rad: float) -> Plan:
-    """`plan` turned anticlockwise about the origin."""
+    """Return `plan` rotated counter-clockwise about the origin."""
     c, s = np.cos(angle_rad), np.sin(angle_rad)
     return plan @ np.array([[c, s], [-s, c]])
 
 
 def turned(plan: Plan, length_m: float, rng: np.random.Generator) -> Plan:
-    """`plan` scaled to a length, in even steps, turned at random and centred on the origin."""
+    """Return `plan` scaled to a length, in even steps, rotated at random and centred at the origin."""
     angle = rng.uniform(0, 2 * np.pi)
     plan = rotated(resample(plan * (length_m / polyline_length(plan)), STEP_M), angle)
     return plan - (plan.max(axis=0) + plan.min(axis=0)) / 2
 
 
 def polyline_length(curve: NDArray[np.float64]) -> float:
-    """Length of the polyline `curve` (N, d)."""
+    """Return the length of the polyline `curve` (N, d)."""
     return float(arc_length(curve)[-1])
 
 
 def tightest_bend(plan: Plan) -> float:
-    """The least radius of curvature, over 5 points, of the polyline `plan` (N, 2) in even steps."""
+    """Return the smallest radius of curvature over 5 points of the polyline `plan` (N, 2) in even steps."""
     if is_closed(plan):
         plan = np.vstack([plan, plan[1:4]])
     step = plan[2:] - plan[:-2]

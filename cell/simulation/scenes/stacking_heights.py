@@ -1,4 +1,4 @@
-"""How high strings lie that cross one another on a table."""
+"""Heights of strings that cross each other on a table."""
 
 from collections.abc import Sequence
 
@@ -9,16 +9,14 @@ from cell.simulation.scenes.planar_crossings import Curves, PlanCrossing, is_clo
 from cell.simulation.scenes.strand_clearance import step_of
 
 BEND_RADII = (9.0, 7.0, 5.5, 4.5)
-"""Bend radii of the ramps, in string radii, of which the first is taken that lets the strings lie as wished.
-
-The first is what a rope bent to that a physics engine laid; the last is the tightest bend on the table.
-"""
+"""Bend radii of the ramps in radii, of which the first feasible one is taken. The first is that of a rope in a physics
+engine, and the last is the tightest bend on the table."""
 MAX_SLOPE = 0.7
-"""Steepest ramp."""
+"""Largest slope of a ramp."""
 
 
 class HeightsError(ValueError):
-    """Strings that can't be laid over one another this way."""
+    """The strings cannot lie over each other like that."""
 
     slug = "scene"
 
@@ -30,24 +28,29 @@ def lay(
     radii_m: Sequence[float],
     softness: float,
 ) -> list[NDArray[np.float64]]:
-    """Heights (N,) of the centre lines of strings whose course on the table is `plan` ((N, 2) each, even steps).
+    """Return the heights (N,) of the centre lines of strings with given courses on the table.
 
-    `radii_m` has one radius a string. The strings sink as low as they can under three conditions, which is a linear
-    programme in the heights: no point is lower than the radius; points of two strands are at least `softness` times
-    the sum of their radii apart in space, the over strand above (for a fixed plan that asks a difference of heights);
-    and ramps bend no tighter than one of `BEND_RADII` and are no steeper than `MAX_SLOPE`. Strands stacked on others
-    are lifted with them. What is left out: elasticity beyond the bend limit, friction, and the weight that bends the
-    under strand.
+    The strings are as low as possible under three conditions, which is a linear programme in the heights. No point is
+    lower than the radius. Points of two strands have at least `softness` times the sum of their radii between them, the
+    over strand above. Ramps bend no tighter than one of `BEND_RADII` and are no steeper than `MAX_SLOPE`. Elasticity
+    beyond the bend limit, friction, and the bending of the under strand by the weight are not modelled.
+
+    Args:
+        plan: Courses (N, 2) in even steps.
+        crossings: Crossings of the courses.
+        first_over: Whether the first strand of each crossing is the upper one.
+        radii_m: Radius of each string.
+        softness: Height between centre lines in contact, relative to the sum of the radii.
 
     Raises:
-        HeightsError: the conditions contradict one another.
+        HeightsError: The conditions contradict each other.
     """
     from scipy.optimize import linprog
     from scipy.sparse import csr_array, vstack
 
     offsets = np.concatenate([[0], np.cumsum([len(curve) for curve in plan])])
     total = int(offsets[-1])
-    # Heights are in radii of the first string: the solver's tolerances are absolute.
+    # heights are in radii of the first string, because the tolerances of the solver are absolute
     unit_m = radii_m[0]
     contact_rows, gap = _contacts(plan, offsets, crossings, first_over, softness, radii_m)
     slope_rows, slope_steps, _ = _differences(plan, offsets, (-1.0, 1.0))
@@ -79,9 +82,9 @@ def lay(
 
 
 def _differences(plan: Curves, offsets: NDArray[np.int64], stencil: tuple[float, ...]):
-    """Rows that apply `stencil` to neighbouring heights of every string, and each row's string and its step.
+    """Return rows that apply `stencil` to neighbouring heights of every string, with string and step of each row.
 
-    A closed string's rows go on over its joint.
+    The rows of a closed string continue over its joint.
     """
     from scipy.sparse import csr_array
 
@@ -102,7 +105,7 @@ def _differences(plan: Curves, offsets: NDArray[np.int64], stencil: tuple[float,
 
 
 def _joints(plan: Curves, offsets: NDArray[np.int64]):
-    """Rows "last minus first" of the closed strings; None when there are none."""
+    """Return rows "last minus first" of the closed strings, or None without closed strings."""
     from scipy.sparse import csr_array
 
     closed = [k for k, curve in enumerate(plan) if is_closed(curve)]
@@ -122,7 +125,7 @@ def _contacts(
     softness: float,
     radii_m: Sequence[float],
 ):
-    """Rows "over minus under" of all pairs of points that would touch on the table, and the gap that each needs.
+    """Return rows "over minus under" of all pairs of points that would touch on the table, and the gap that each needs.
 
     Every pair belongs to the crossing that is nearest along both strands.
     """
@@ -149,7 +152,7 @@ def _contacts(
         near = KDTree(points_a).sparse_distance_matrix(KDTree(points_b), apart_m, output_type="ndarray")
         near = near[np.lexsort((near["j"], near["i"]))]
         a, b = index_a[near["i"]] + offset_a, index_b[near["j"]] + offset_b
-        # A strand is always near to itself; that is not a contact.
+        # neighbouring points of one strand are not a contact
         apart = (np.abs(a - b) > np.pi * (thick_m / 2) / step) if crossing.first[0] == crossing.second[0] else a >= 0
         a, b, distance = a[apart], b[apart], near["v"][apart]
         over, under = (a, b) if first_is_over else (b, a)

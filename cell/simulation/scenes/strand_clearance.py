@@ -1,4 +1,4 @@
-"""When strands on the table keep apart well enough to be told from one another."""
+"""Distances between strands on the table that keep them apart."""
 
 from collections.abc import Sequence
 
@@ -7,15 +7,15 @@ import numpy as np
 from cell.simulation.scenes.planar_crossings import Curves, PlanCrossing, is_closed, near_pairs
 
 MIN_ANGLE_RAD = np.deg2rad(32.0)
-"""Strands cross at no smaller angle: flatter ones are contacts side by side, another scene."""
+"""Smallest angle of a crossing. Strands at smaller angles touch side by side, which is another scene."""
 END_CLEARANCE = 6.0
-"""Least distance of a crossing from a string's end, along the string, in radii."""
+"""Smallest distance of a crossing from a string's end, along the string, in radii."""
 CROSSING_CLEARANCE = 6.0
-"""Least distance of two crossings from one another, in radii."""
+"""Smallest distance between two crossings, in radii."""
 MIN_SIDE_CLEARANCE = 2.4
-"""Least distance of the centre lines of two strands that do not cross there, in radii: just not touching."""
+"""Smallest distance of the centre lines of two strands that do not cross, in radii, at which they nearly touch."""
 SIDE_CLEARANCE = 4.5
-"""The same where nothing else is wished: a string's width and more of table between, as in a simply laid string."""
+"""Default of this distance, with more than the width of a string of table between two strands."""
 
 
 def clear(
@@ -27,12 +27,16 @@ def clear(
     min_angle_rad: float = MIN_ANGLE_RAD,
     since: int = 0,
 ) -> bool:
-    """Whether crossings are steep enough, away from ends and from one another, and other strands apart.
+    """Return whether crossings are steep enough and away from ends and from each other, and other strands are apart.
 
-    Apart is `clearance` radii. `plan` holds the strings' courses (N, 2) in even steps, `crossings` all their
-    crossings. With `growing` the end of the last string is not its end yet: it may be near to another strand that
-    it is about to cross. With `since`, strands that lay there before that point of the last string are known to be
-    apart.
+    Args:
+        plan: Courses (N, 2) in even steps.
+        crossings: All crossings of the courses.
+        radius_m: Radius of the strings.
+        clearance: Smallest distance of strands that do not cross, in radii.
+        growing: Whether the last string grows, so that its end may be near a strand that it will cross.
+        min_angle_rad: Smallest angle of a crossing.
+        since: Index of the last string's point before which all strands are known to be apart.
     """
     last = len(plan) - 1
     for crossing in crossings:
@@ -59,15 +63,15 @@ def strands_apart(
     min_angle_rad: float = MIN_ANGLE_RAD,
     since: int = 0,
 ) -> bool:
-    """Whether strands come nearer than `apart_m` to one another only where they cross."""
+    """Return whether strands are nearer than `apart_m` only where they cross."""
     string = np.repeat(np.arange(len(plan)), [len(curve) for curve in plan])
     s = np.concatenate([np.arange(len(curve)) * step_of(curve) for curve in plan])
     tip_m = _reach(apart_m, min_angle_rad)
     if since:
-        # What lay behind the former tip has been looked at; the tip itself was left out then.
+        # points before the former tip have been checked, but not the tip itself
         since = len(s) - len(plan[-1]) + max(since - 2 - int(tip_m / step_of(plan[-1])), 0)
     i, j = near_pairs(np.vstack([curve[:, :2] for curve in plan]), apart_m, since)
-    # Along one strand, a chord of this length belongs to an arc of at most pi/2 times it.
+    # along one strand, the arc of a chord is at most pi/2 times as long
     along = s[j] - s[i]
     whole = np.array([len(curve) * step_of(curve) if is_closed(curve) else np.inf for curve in plan])
     other = (string[i] != string[j]) | (np.minimum(along, whole[string[i]] - along) > apart_m * np.pi / 2)
@@ -86,10 +90,14 @@ def strands_apart(
 
 
 def deepest_overlap(curves: Curves, radii_m: Sequence[float]) -> float:
-    """How far two strands at most stand in one another, as a share of the sum of their radii; negative: apart.
+    """Return the largest overlap of two strands, relative to the sum of their radii. A negative value is a gap.
 
-    `curves` are centre lines (N, 3) in even steps. Infinitely negative when no two strands come near. An end's last
-    radius does not count: strings end square, and an end may butt against a strand's side.
+    The result is minus infinity if no two strands are near. The last radius of an end does not count, because an end is
+    square and may butt against the side of a strand.
+
+    Args:
+        curves: Centre lines (N, 3) in even steps.
+        radii_m: Radius of each string.
     """
     from scipy.spatial import KDTree
 
@@ -105,7 +113,7 @@ def deepest_overlap(curves: Curves, radii_m: Sequence[float]) -> float:
     points = np.vstack(list(curves))
     i, j = KDTree(points).query_pairs(2.5 * max(radii_m), output_type="ndarray").T
     along = np.abs(s[j] - s[i])
-    # In a string's tightest bends its own points are as near as this.
+    # points of one string are as near as this in its tightest bends
     other = (string[i] != string[j]) | (np.minimum(along, whole[string[i]] - along) > 1.2 * np.pi * radius[i])
     other &= (to_end[i] > radius[i]) & (to_end[j] > radius[j])
     i, j = i[other], j[other]
@@ -114,10 +122,10 @@ def deepest_overlap(curves: Curves, radii_m: Sequence[float]) -> float:
 
 
 def step_of(curve: np.ndarray) -> float:
-    """Distance of the points of a curve in even steps."""
+    """Return the step of a curve in even steps."""
     return float(np.linalg.norm(curve[1] - curve[0]))
 
 
 def _reach(apart_m: float, angle_rad: float) -> float:
-    """How far from a crossing two strands may still be near one another, with room for their bending."""
+    """Return the distance from a crossing within which its two strands may be near each other, with room for bends."""
     return 1.6 * apart_m / float(np.sin(angle_rad))
