@@ -1,1 +1,5 @@
-"""Measure accuracy and speed of recognition on simulated scans, for `pointchain bench`."""
+"""Measure the accuracy and the speed of recognition on simulated scans, for `pointchain bench`.
+
+In: names of tiers and the number of cases. Out: scores, times and memory, and their Markdown tables. The modules
+`reference*` are a literal implementation of the paper, which is the baseline for the speed.
+"""

@@ -1,4 +1,4 @@
-"""Measure the accuracy of recognition, by tier of simulated cases and by method."""
+"""Measure the accuracy of recognition for each tier of simulated cases and each method."""
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import asdict, dataclass
@@ -13,7 +13,7 @@ from cell.simulation.evaluation.metrics import Score, score
 from recognition.model.model import METHODS, Method
 
 ALL = "all"
-"""Name of the row for all tiers together."""
+"""Key of the result for all tiers together."""
 
 
 @dataclass(frozen=True)
@@ -21,42 +21,61 @@ class CaseResult:
     """Result of one method on one case."""
 
     tier: str
+    """Name of the tier."""
     seed: int
+    """Seed of the case."""
     method: Method
+    """Method of recognition."""
     score: Score | None
-    """None when recognition refused the case."""
+    """Score of the model, or None if recognition refused the case."""
     refused: str | None = None
-    """Reason for the refusal."""
+    """Slug and message of the refusal, or None if there is a model."""
     sigma: SigmaCounts | None = None
+    """Points within two sigma of the truth, or None if recognition refused the case."""
 
 
 @dataclass(frozen=True)
 class Summary:
     """Result of one method on one tier.
 
-    The distances and `cover` are medians over all cases. A case without a model counts as the worst.
+    The distances and `cover` are medians over all cases. A distance is None if half of the cases or more have no
+    distance to measure. A case without a model counts as infinite distance, cover 0 and wrong topology. Cases without
+    true ends do not count for `end_mm`.
     """
 
     n: int
     """Number of cases."""
     topology: float
-    """Share of cases with every string, order and over/under right."""
+    """Share of the cases with the right topology (see `Score.topology`), 0 to 1."""
     topology_interval_95: Interval | None
-    """95 % interval of this share."""
+    """95 % confidence interval of `topology`, or None without a case."""
     mean_mm: float | None
-    """None when half of the cases or more have no model to measure."""
+    """Median of `Score.mean_m`, millimetres."""
     p95_mm: float | None
+    """Median of `Score.p95_m`, millimetres."""
     shape_mm: float | None
+    """Median of `Score.shape_m`, millimetres."""
     end_mm: float | None
+    """Median of `Score.end_m`, millimetres."""
     cover: float
+    """Median of `Score.cover`, 0 to 1."""
     confident_mistakes: int
-    """Number of crossings with over and under exchanged at a confidence above 0.9, in all cases."""
+    """Number of crossings in all cases with over and under exchanged and a confidence above 0.9."""
     refused: int
     """Number of cases that recognition refused."""
 
 
 def run_case(tier_and_seed: tuple[str, int]) -> list[CaseResult]:
-    """Simulate a case once, and recognise it by every method."""
+    """Simulate a case once, and recognise it by every method.
+
+    An error of recognition is a result. Any other exception is raised with a note that names the case.
+
+    Args:
+        tier_and_seed: Name of the tier and seed of the case.
+
+    Returns:
+        One result for each of `METHODS`, in their order.
+    """
     from cell.simulation.benchmark.cases import make_case, simulate
     from recognition.errors import RecognitionError
     from recognition.parameters import ChainParameters
@@ -65,12 +84,12 @@ def run_case(tier_and_seed: tuple[str, int]) -> list[CaseResult]:
 
     tier, seed = tier_and_seed
     scan = simulate(make_case(tier, seed))
-    surroundings = Scene(scan.header.table_z_m, scan.header.workspace_m)
+    scene = Scene(scan.header.table_z_m, scan.header.workspace_m)
     results = []
     for method in METHODS:
         try:
             parameters = ChainParameters.for_radius(scan.truth["radius"])
-            model = recognise(scan.views, parameters, surroundings, method).model.to_json()
+            model = recognise(scan.views, parameters, scene, method).model.to_json()
         except RecognitionError as error:
             results.append(CaseResult(tier, seed, method, None, f"{error.slug}: {error}"))
         except Exception as error:
@@ -86,9 +105,16 @@ def run_case(tier_and_seed: tuple[str, int]) -> list[CaseResult]:
 def run(
     tiers: Sequence[str], seeds: int, jobs: int, on_done: Callable[[str], object] | None = None
 ) -> Iterator[CaseResult]:
-    """Yield the results of seeds 0, 1, ... of every tier, in that order, computed by `jobs` processes.
+    """Yield the results of all cases: tier by tier, by seed, and by method.
 
-    `on_done` is called with the tier of each case, in the same order, just before its results are yielded.
+    Args:
+        tiers: Names of the tiers.
+        seeds: Number of cases of each tier. Their seeds are 0, 1, ...
+        jobs: Number of processes.
+        on_done: Function that is called with the tier of each case before its results are yielded.
+
+    Yields:
+        One result for each case and method.
     """
     for results in in_processes(run_case, [(tier, seed) for tier in tiers for seed in range(seeds)], jobs):
         if on_done is not None:
@@ -97,40 +123,49 @@ def run(
 
 
 def accuracy(results: Iterable[CaseResult]) -> dict[str, dict[str, Summary]]:
-    """Return one summary for each tier and method."""
+    """Summarise the results by tier and by method."""
     return {
-        tier: {method: _summary(cases) for method, cases in methods.items()}
-        for tier, methods in _grouped(results).items()
+        tier: {method: _summarise(cases) for method, cases in methods.items()}
+        for tier, methods in _group(results).items()
     }
 
 
 def sigma(results: Sequence[CaseResult]) -> dict[str, dict[str, Any]]:
-    """Return the share of points within two sigma of the truth, by tier and method and for all tiers together."""
-    groups = _grouped(results)
-    together = {method: [result for result in results if result.method == method] for method in _methods(results)}
+    """Return the shares of chain points within two sigma of the truth, by tier and by method.
+
+    Args:
+        results: Results of cases. Refused cases do not count.
+
+    Returns:
+        The members of `sigma_shares`, by tier and method. The key `ALL` has all tiers together.
+    """
+    groups = _group(results)
+    all_tiers = {method: [result for result in results if result.method == method] for method in _methods(results)}
     return {
         tier: {method: sigma_shares(case.sigma for case in cases if case.sigma) for method, cases in methods.items()}
-        for tier, methods in {ALL: together, **groups}.items()
+        for tier, methods in {ALL: all_tiers, **groups}.items()
     }
 
 
 def case_json(result: CaseResult) -> dict[str, Any]:
-    """Return one case as JSON. It has only finite numbers and None."""
+    """Return a result as JSON. The numbers are finite."""
     return asdict(result)
 
 
 def _methods(results: Iterable[CaseResult]) -> list[str]:
+    """Return the names of the methods in the order of their first result."""
     return list(dict.fromkeys(result.method for result in results))
 
 
-def _grouped(results: Iterable[CaseResult]) -> dict[str, dict[str, list[CaseResult]]]:
+def _group(results: Iterable[CaseResult]) -> dict[str, dict[str, list[CaseResult]]]:
+    """Return the results by tier and by method."""
     groups: dict[str, dict[str, list[CaseResult]]] = {}
     for result in results:
         groups.setdefault(result.tier, {}).setdefault(result.method, []).append(result)
     return groups
 
 
-def _summary(cases: Sequence[CaseResult]) -> Summary:
+def _summarise(cases: Sequence[CaseResult]) -> Summary:
     scores = [case.score for case in cases]
     with_ends = [s for s in scores if s is None or s.true_ends]
     topology = float(np.mean([s is not None and s.topology for s in scores]))
@@ -149,6 +184,7 @@ def _summary(cases: Sequence[CaseResult]) -> Summary:
 
 
 def _median_mm(distances_m: Iterable[float | None]) -> float | None:
+    """Return the median in millimetres, or None if it is infinite. None counts as infinite."""
     values = [np.inf if distance is None else distance for distance in distances_m]
     median = float(np.median(values)) if values else np.inf
     return round(median * 1e3, 4) if np.isfinite(median) else None

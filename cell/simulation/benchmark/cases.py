@@ -1,4 +1,4 @@
-"""Families of simulated cases, from the paper's scene to hard ones, for the evaluation of recognition."""
+"""Draw the simulated cases of the benchmark, in tiers from the scene of the paper to hard scenes."""
 
 from dataclasses import dataclass, replace
 
@@ -12,29 +12,30 @@ from cell.simulation.scenes.scenes import SceneError, StringScene, make_scene
 from cell.simulation.scenes.strand_clearance import MIN_SIDE_CLEARANCE, SIDE_CLEARANCE
 
 TIERS = ("paper", "long", "many", "physical", "soft", "photo", "hard", "measured")
-"""Names of the tiers."""
+"""Names of all tiers. The index of a tier is part of the seed, so a new tier goes last."""
 
 MEASURED_ERRORS = PoseErrors(robot_m=0.0001, robot_rad=0.0002, smooth_m=0.0006, smooth_rad=float(np.deg2rad(0.15)))
-"""Pose errors of tier measured. A real arm repeats to less than 0.1 mm and errs smoothly by 0.3 to 1.2 mm."""
+"""Pose errors of the tier `measured`. Real arms have a repeatability below 0.1 mm, and an error of 0.3 to 1.2 mm that
+changes smoothly with the pose."""
 
-_DRAWS = 20
-"""Number of scenes that are tried for a case."""
+_MAX_DRAWS = 20
+"""Maximum number of scenes that are drawn for a case until one can be laid."""
 
 
 class TierError(ValueError):
-    """The tier does not exist, or the seed is negative."""
+    """The tier does not exist, the seed is negative, or no scene can be laid for the seed."""
 
     slug = "tier"
 
 
 @dataclass(frozen=True)
 class Case:
-    """A scene, the camera, and the errors of the reported poses."""
+    """A scene on the table, the camera, and the errors of the reported poses."""
 
     tier: str
     """Name of the tier."""
     seed: int
-    """Number of the case."""
+    """Seed of the case, and of its scan."""
     scene: StringScene
     """Strings on the table."""
     camera: CameraModel
@@ -44,47 +45,51 @@ class Case:
 
 
 def make_case(tier: str, seed: int) -> Case:
-    """Return the case of a tier and a seed. The same arguments give the same arrays.
+    """Draw the case of a tier and a seed. The same arguments give the same case.
 
-    - paper: one string of 0.4 m, r = 4.2 mm, 0 to 2 crossings
-    - long: 0.7 m, 2 to 4 crossings
-    - many: two or three strings
-    - physical: strings settled by weight and bending stiffness
-    - soft: strands pressed together to 0.6 of the height between centre lines
-    - photo: tangles as in photographs of real cables, r = 3 mm, 0.4 to 1.6 m, up to three strings and ten crossings,
-    800x500
-    - hard, in turn: a camera of short baseline at 1280x800; r = 3 mm with boxes beside the string; 1 m with five
-    crossings; all with doubled pose errors
-    - measured: scenes of paper and long in turn, with the errors of real cameras and smooth errors of the flange pose
+    - `paper`: one string of 0.4 m, r = 4.2 mm, 0 to 2 crossings.
+    - `long`: one string of 0.7 m, 2 to 4 crossings.
+    - `many`: two or three strings of 0.32 m.
+    - `physical`: a string of 0.47 m, settled by weight and bending stiffness, 1 or 2 crossings.
+    - `soft`: strands pressed together to 0.6 of the height between centre lines, 1 or 2 crossings.
+    - `photo`: tangles as in photographs of real cables, r = 3 mm, up to three strings of 0.4 to 1.6 m and up to ten
+      crossings, at 800x500.
+    - `hard`: three kinds of scenes in turn, all with doubled pose errors. The first has a camera with a short baseline
+      at 1280x800, the second r = 3 mm and boxes beside the string, the third a string of 1 m with five crossings.
+    - `measured`: scenes of `paper` and `long` in turn, with the errors of real cameras and smooth errors of the
+      reported flange pose.
 
     Args:
         tier: One of `TIERS`.
-        seed: Number of the case, from 0.
+        seed: Seed of the case, 0 or more.
+
+    Returns:
+        The case.
 
     Raises:
-        TierError: The tier is unknown, or the seed is negative.
+        TierError: The tier is unknown, the seed is negative, or no scene can be laid for the seed.
     """
     if tier not in TIERS:
         raise TierError(f"there is no tier {tier!r}; known are {', '.join(TIERS)}")
     if seed < 0:
-        raise TierError(f"{tier}: seed is {seed}; 0 or more is taken")
+        raise TierError(f"{tier}: seed is {seed}; it must be 0 or more")
     reason: SceneError | None = None
-    for draw in range(_DRAWS):
+    for draw in range(_MAX_DRAWS):
         rng = np.random.default_rng([TIERS.index(tier), seed, draw])
         try:
             return _draw(tier, seed, rng)
         except SceneError as error:
             reason = error
-    raise TierError(f"{tier}: no scene can be laid for seed {seed}: {reason}")
+    raise TierError(f"{tier}: no scene can be laid for seed {seed}; choose another seed. The last reason is: {reason}")
 
 
 def simulate(case: Case) -> SimulatedScan:
-    """Return the scan of a case, eight views with the truth. The same case gives the same content."""
+    """Simulate the scan of a case: eight views and the truth. The same case gives the same scan."""
     return simulate_scene(case.scene, case.camera, case.seed, case.errors)
 
 
 def _draw(tier: str, seed: int, rng: np.random.Generator) -> Case:
-    """Draw the case once. Raise SceneError if the scene cannot be made."""
+    """Draw one scene for the case. Raise SceneError if the scene cannot be laid."""
     if tier == "measured":
         case = _draw(("paper", "long")[seed % 2], seed, rng)
         return replace(case, tier=tier, camera=camera_model("oak-d-pro-measured"), errors=MEASURED_ERRORS)
@@ -99,16 +104,16 @@ def _draw(tier: str, seed: int, rng: np.random.Generator) -> Case:
             scene = make_scene("several", scene_seed, length_m=0.32)
         case "physical":
             clearance = float(rng.choice([SIDE_CLEARANCE, MIN_SIDE_CLEARANCE]))
-            wished = int(rng.integers(1, 3))
-            scene = make_scene("settled", scene_seed, length_m=0.47, crossings=wished, clearance=clearance)
+            crossings = int(rng.integers(1, 3))
+            scene = make_scene("settled", scene_seed, length_m=0.47, crossings=crossings, clearance=clearance)
         case "soft":
             scene = make_scene("random", scene_seed, crossings=int(rng.integers(1, 3)), softness=0.6)
         case "photo":
             camera = camera_model("oak-d-pro", (800, 500))
             strings = int(rng.integers(1, 4))
-            most = (4, 7, 10)[strings - 1]
-            crossings = int(rng.integers(strings, most + 1))
-            # length of all cables together, which grows with the crossings
+            max_crossings = (4, 7, 10)[strings - 1]
+            crossings = int(rng.integers(strings, max_crossings + 1))
+            # The total length of all strings grows with the number of crossings.
             total_m = float(rng.uniform(0.5, 1.2) + 0.25 * (strings - 1) + 0.1 * crossings)
             scene = make_scene("tangle", scene_seed, 0.003, total_m / strings, crossings=crossings, strings=strings)
         case _:

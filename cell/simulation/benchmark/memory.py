@@ -1,4 +1,4 @@
-"""Read the resident memory of this process."""
+"""Read the resident memory (RSS) of this process."""
 
 import resource
 import sys
@@ -8,24 +8,24 @@ _STATUS = Path("/proc/self/status")
 
 
 def peak_rss_bytes() -> int:
-    """Return the peak resident memory of this process so far."""
-    size = _status("VmHWM")
+    """Return the peak resident memory of this process so far, bytes."""
+    size = _read_status("VmHWM")
     if size is not None:
         return size
-    # The fallback: on Linux it includes the memory of the process that this one was forked from.
+    # `ru_maxrss` is the fallback only, because on Linux it includes the memory of the parent process before `exec`.
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    # Kilobytes, but bytes on macOS.
+    # The unit of `ru_maxrss` is kilobytes, but bytes on macOS.
     return peak if sys.platform == "darwin" else peak * 1024
 
 
 def current_rss_bytes() -> int:
-    """Return the resident memory now; the peak where the system does not report it."""
-    size = _status("VmRSS")
+    """Return the current resident memory, bytes, or the peak if the system does not report the current value."""
+    size = _read_status("VmRSS")
     return peak_rss_bytes() if size is None else size
 
 
-def _status(name: str) -> int | None:
-    """Return a size in the status that Linux reports of the process; None elsewhere."""
+def _read_status(name: str) -> int | None:
+    """Return a size from `/proc/self/status`, bytes, or None if the system does not report it."""
     if not _STATUS.exists():
         return None
     sizes = dict(line.split(":", 1) for line in _STATUS.read_text().splitlines() if ":" in line)

@@ -1,8 +1,11 @@
-"""The literal baseline: the paper's steps in order, as a careful reader would first write them.
+"""Recognise strings by a literal implementation of the paper, which is the baseline for the speed of `recognition`.
 
-Source: Shirakawa et al., sections II.A to II.F here, the others in `reference_matching` and `reference_reconstruction`.
-Open3D and SciPy do what they have a call for. The rest is written as in the text, point by point, on all points.
-`recognition` is compared with it.
+The steps follow the text of the paper in its order. Open3D and SciPy compute each step that they have a function for.
+The other steps are loops over all points, without optimisation. This module has sections II.A to II.F, III.B and III.C.
+The other sections are in `reference_matching` and `reference_reconstruction`.
+
+Source:
+    Shirakawa et al.
 """
 
 from collections.abc import Iterable
@@ -17,15 +20,24 @@ from recognition.parameters import ChainParameters
 from recognition.preprocessing.target_cloud import DepthView, Scene
 
 OUTLIER_NEIGHBOURS, OUTLIER_STD = 20, 2.0
-"""Parameters of the statistical outlier filter, which are Open3D's usual values."""
+"""Number of neighbours and standard deviation ratio of the statistical outlier filter, common values in Open3D."""
 NORMAL_NEIGHBOURS = 30
-"""Number of neighbours for the PCA of a normal vector, which is Open3D's usual value."""
+"""Maximum number of neighbours for the PCA of a normal vector, a common value in Open3D."""
 
 Points = NDArray[np.float64]
 
 
 def recognise_literally(views: Iterable[DepthView], parameters: ChainParameters, scene: Scene) -> list[Points]:
-    """Return the strings in `views` as ordered points (N, 3), metres, base frame, or nothing if nothing is seen."""
+    """Recognise the strings in `views`.
+
+    Args:
+        views: Depth images with their camera poses.
+        parameters: Radii and thresholds of Table I.
+        scene: Table height and workspace, base frame.
+
+    Returns:
+        Ordered points (N, 3) of each string, metres, base frame. The list is empty if no view shows a string.
+    """
     clouds = [cloud for view in views if len((cloud := cloud_with_normals(view, parameters, scene)).points)]
     if not clouds:
         return []
@@ -39,7 +51,20 @@ def recognise_literally(views: Iterable[DepthView], parameters: ChainParameters,
 
 
 def cloud_with_normals(view: DepthView, parameters: ChainParameters, scene: Scene) -> Any:
-    """Return the point cloud with normal vectors of one view (II.A to II.D), base frame."""
+    """Return the point cloud with normal vectors of one view.
+
+    Args:
+        view: Depth image with its camera pose.
+        parameters: Radii and thresholds of Table I.
+        scene: Table height and workspace, base frame.
+
+    Returns:
+        `open3d.geometry.PointCloud` of the points above the table, metres, base frame. The normals point towards the
+        camera.
+
+    Source:
+        Sections II.A to II.D.
+    """
     import open3d as o3d
 
     height, width = view.depth.shape
@@ -62,7 +87,20 @@ def cloud_with_normals(view: DepthView, parameters: ChainParameters, scene: Scen
 
 
 def combine(clouds: list[Any], parameters: ChainParameters) -> Any:
-    """Return the combined point cloud (II.E). Each cloud is registered by ICP to those before it and added."""
+    """Combine the point clouds of all views.
+
+    Each cloud is registered by point-to-plane ICP to the union of the earlier clouds, and then added to the union.
+
+    Args:
+        clouds: `open3d.geometry.PointCloud` of each view, with normals, base frame.
+        parameters: Radii and thresholds of Table I. `r` is the maximum distance of corresponding points.
+
+    Returns:
+        The combined `open3d.geometry.PointCloud` without outliers.
+
+    Source:
+        Section II.E.
+    """
     import open3d as o3d
 
     combined: Any = o3d.geometry.PointCloud(clouds[0])
@@ -75,12 +113,24 @@ def combine(clouds: list[Any], parameters: ChainParameters) -> Any:
 
 
 def estimate_centre_line(points: Points, normals: Points, parameters: ChainParameters) -> Points:
-    """Return the centre line point cloud (II.F) by eqs. (1) and (2)."""
+    """Return the centre line point cloud.
+
+    Args:
+        points: Points of the combined cloud (N, 3), metres.
+        normals: Unit normal vectors (N, 3), outwards.
+        parameters: Radii and thresholds of Table I.
+
+    Returns:
+        Centre line points (M, 3) without outliers, metres.
+
+    Source:
+        Section II.F, eqs. (1) and (2).
+    """
     import open3d as o3d
     from scipy.spatial import KDTree
 
     c = points - parameters.r * normals
-    # one neighbourhood at a time, because the lists of all points take a gigabyte
+    # One neighbourhood at a time, because the neighbour lists of all points take a gigabyte.
     tree = KDTree(points)
     averaged = np.array([c[tree.query_ball_point(p, 2 * parameters.r)].mean(axis=0) for p in points]).reshape(-1, 3)
     cloud = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(averaged))
@@ -88,7 +138,7 @@ def estimate_centre_line(points: Points, normals: Points, parameters: ChainParam
 
 
 def thin(points: Points, parameters: ChainParameters) -> Points:
-    """Return the thinned point cloud (III.B), eq. (3)."""
+    """Return the thinned points (N, 3) of the centre line points (N, 3), section III.B, eq. (3)."""
     from scipy.spatial import KDTree
 
     tree = KDTree(points)
@@ -96,7 +146,7 @@ def thin(points: Points, parameters: ChainParameters) -> Points:
 
 
 def contribution_rates(points: Points, parameters: ChainParameters) -> NDArray[np.float64]:
-    """Return the contribution rate (N,) of each thinned point (III.C), eqs. (4) to (6)."""
+    """Return the contribution rate (N,) of each thinned point (N, 3), section III.C, eqs. (4) to (6)."""
     from scipy.spatial import KDTree
 
     tree = KDTree(points)
@@ -104,14 +154,14 @@ def contribution_rates(points: Points, parameters: ChainParameters) -> NDArray[n
     for i, p in enumerate(points):
         q = points[tree.query_ball_point(p, parameters.r_s)]
         eigenvalues = np.linalg.eigvalsh((q - q.mean(axis=0)).T @ (q - q.mean(axis=0)) / len(q))
-        # a point without other neighbours has no extent
+        # All eigenvalues of a point without other neighbours are zero. Its rate stays 1.
         if eigenvalues.sum() > 0:
             rates[i] = eigenvalues[-1] / np.abs(eigenvalues).sum()
     return rates
 
 
 def _without_outliers(cloud: Any) -> Any:
-    """Return a cloud after the statistical outlier filter (II.C)."""
+    """Return a cloud after the statistical outlier filter (II.C). A cloud of too few points is returned unchanged."""
     if len(cloud.points) <= OUTLIER_NEIGHBOURS:
         return cloud
     return cloud.remove_statistical_outlier(OUTLIER_NEIGHBOURS, OUTLIER_STD)[0]

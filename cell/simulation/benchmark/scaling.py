@@ -1,4 +1,4 @@
-"""Measure how the time of recognition grows with points per view, with views and with the length of the string."""
+"""Measure how the time of recognition grows with pixels per view, number of views, and length of the string."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -17,14 +17,17 @@ from cell.simulation.benchmark.worker_pool import in_fresh_process
 from recognition.errors import RecognitionError
 
 RESOLUTIONS = (SMALL, (905, 565), (1280, 800))
-"""One, two and four times the pixels."""
+"""Width and height of the depth images, with one, two and four times the pixels."""
 VIEWS = (4, 8, 16, 32)
+"""Numbers of views."""
 LENGTHS_M = (0.4, 1.0, 2.0, 5.0, 10.0)
+"""Lengths of the string, metres."""
 DISTANCE_M = 0.6
-"""Distance of the camera for all lengths, so that the points grow with the length."""
+"""Distance of the camera for all lengths, metres. It is constant, so the number of points grows with the length."""
 RUNS = 3
+"""Maximum number of runs of a timing."""
 LINEAR_EXPONENT = 1.2
-"""Growth by this power of the size or less counts as linear, since timings scatter by some per cent."""
+"""Maximum exponent of a growth that counts as linear. It exceeds 1 because timings scatter by some per cent."""
 
 
 @dataclass(frozen=True)
@@ -32,39 +35,44 @@ class Row:
     """Result for one size of the input."""
 
     size: float
-    """Pixels per view, views, or metres of string."""
+    """Pixels per view, number of views, or length of the string in metres."""
     points: int
-    """Points of string height in all views, as the model reports them."""
+    """Number of points above the table in all views, or 0 if recognition refused the input."""
     seconds: float | None
-    """None when recognition refused the input."""
+    """Time of recognition, or None if recognition refused the input."""
     ratio: float | None
-    """Ratio to the seconds of the first row."""
+    """Ratio of `seconds` to the first row, or None if recognition refused one of the two inputs."""
     size_ratio: float
+    """Ratio of `size` to the first row."""
     refused: str | None = None
+    """Slug and message of the refusal, or None."""
 
 
 @dataclass(frozen=True)
 class Growth:
-    """The three series."""
+    """Growth of the time in three series."""
 
     points: tuple[Row, ...]
+    """Series of pixels per view."""
     views: tuple[Row, ...]
+    """Series of numbers of views."""
     length: tuple[Row, ...]
+    """Series of string lengths."""
 
     def linear(self) -> dict[str, bool]:
-        """Return for each series whether its time grows no faster than its size."""
-        return {name: linear(rows) for name, rows in vars(self).items()}
+        """Return whether the time of each series grows linearly or more slowly, by the name of the series."""
+        return {name: is_linear(rows) for name, rows in vars(self).items()}
 
 
-def measure_growth(say: Callable[[str], object]) -> Growth:
-    """Measure the three series. `say` is called with a message on what is measured."""
+def measure_growth(on_progress: Callable[[str], object]) -> Growth:
+    """Measure the three series. `on_progress` is called with a progress message before each series."""
     thumbnail = simulated_input(THUMBNAIL, crossings=CROSSINGS)
 
     def series(name: str, sizes: Sequence[float], simulated: Callable[[int], Input]) -> tuple[Row, ...]:
-        say(f"growth with {name}: {', '.join(f'{size:g}' for size in sizes)}")
-        # Scenes are simulated here, so that the timed process receives the views only.
+        on_progress(f"growth with {name}: {', '.join(f'{size:g}' for size in sizes)}")
+        # The scans are simulated in this process, so that the time_inputs process only recognises.
         inputs = [simulated(k) for k in range(len(sizes))]
-        return rows(sizes, in_fresh_process(timed, inputs, thumbnail))
+        return rows(sizes, in_fresh_process(time_inputs, inputs, thumbnail))
 
     return Growth(
         points=series(
@@ -82,7 +90,12 @@ def measure_growth(say: Callable[[str], object]) -> Growth:
 
 
 def rows(sizes: Sequence[float], timings: Sequence[Timing | str]) -> tuple[Row, ...]:
-    """Return one row for each size. A timing that is text is the reason why recognition refused that size."""
+    """Return one row for each size.
+
+    Args:
+        sizes: Size of each input.
+        timings: Timing of each input. A string is the slug and message with which recognition refused the input.
+    """
     first = timings[0].seconds if isinstance(timings[0], Timing) else None
     result = []
     for size, timing in zip(sizes, timings, strict=True):
@@ -94,11 +107,11 @@ def rows(sizes: Sequence[float], timings: Sequence[Timing | str]) -> tuple[Row, 
     return tuple(result)
 
 
-def linear(series: Sequence[Row]) -> bool:
-    """Return whether neither the whole series nor its last step grows faster than `LINEAR_EXPONENT` allows.
+def is_linear(series: Sequence[Row]) -> bool:
+    """Return whether the time grows with the size by an exponent of at most `LINEAR_EXPONENT`.
 
-    A higher power shows in the last step, even if the constant time of small inputs hides it before. A series with a
-    refused size is not linear.
+    The condition applies to the whole series and to its last step. The last step shows a higher exponent that the
+    constant time of small inputs hides. A series with a refused input is not linear.
     """
     done = [(row.size, row.seconds) for row in series if row.seconds is not None]
     if len(done) < len(series):
@@ -110,8 +123,8 @@ def linear(series: Sequence[Row]) -> bool:
     )
 
 
-def timed(inputs: Sequence[Input], thumbnail: Input) -> list[Timing | str]:
-    """Return the timing of each input, or the reason why recognition refused it."""
+def time_inputs(inputs: Sequence[Input], thumbnail: Input) -> list[Timing | str]:
+    """Return the timing of each input, or the slug and message with which recognition refused the input."""
     timings: list[Timing | str] = []
     for given in inputs:
         try:

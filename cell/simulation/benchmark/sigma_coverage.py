@@ -1,4 +1,7 @@
-"""Check `sigma_m` of recognition: 95 % of the chain points should lie within two sigma of the truth."""
+"""Count the chain points within two sigma of the truth.
+
+If `sigma_m` of the chain points is right, about 95 % of the points lie within two sigma of the true centre line.
+"""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -13,21 +16,30 @@ from cell.simulation.evaluation.metrics import true_lines
 
 @dataclass(frozen=True)
 class SigmaCounts:
-    """Number of chain points of one model, and of those within two sigma of the true centre line."""
+    """Numbers of chain points of one model."""
 
     seen: int = 0
-    """Points that a view saw."""
+    """Number of points that at least one view saw."""
     seen_within: int = 0
+    """Number of seen points within two sigma of the true centre line."""
     bridged: int = 0
-    """Points that no view saw (`views` 0)."""
+    """Number of points that no view saw (`views` is 0)."""
     bridged_within: int = 0
+    """Number of bridged points within two sigma of the true centre line."""
 
 
 def sigma_counts(model: Mapping[str, Any], truth: Mapping[str, Any]) -> SigmaCounts:
-    """Count the points of one model (JSON, `pointchain/1`) within two sigma of its truth.
+    """Count the chain points of one model within two sigma of the truth.
 
-    The error of a point is its distance from the nearest true centre line. In a scene without a string, every point
-    is outside.
+    The error of a point is its distance from the nearest true centre line. In a scene without strings, no point is
+    within two sigma.
+
+    Args:
+        model: Model document of schema `pointchain/1`.
+        truth: Truth document of `cell.simulation.scenes.ground_truth`.
+
+    Returns:
+        Counts of the model.
     """
     chains = model["chains"]
     strings = true_lines(truth)
@@ -46,14 +58,14 @@ def sigma_counts(model: Mapping[str, Any], truth: Mapping[str, Any]) -> SigmaCou
 
 
 def sigma_shares(counts: Iterable[SigmaCounts]) -> dict[str, Any]:
-    """Return the share of all points together, and of the seen and the bridged points.
+    """Return the shares of the points within two sigma, for all points, seen points and bridged points.
 
     Args:
-        counts: One entry for each model.
+        counts: Counts of each model.
 
     Returns:
-        `within_2_sigma` (0 to 1, None without a point), its 95 % interval `within_2_sigma_interval_95` and `n_points`;
-        `seen` and `bridged` have the same members.
+        `within_2_sigma` is the share (0 to 1), `within_2_sigma_interval_95` is its 95 % interval, and `n_points` is the
+        number of points. Without points, the first two are None. `seen` and `bridged` have the same members.
     """
     counted = list(counts)
     return {
@@ -64,6 +76,7 @@ def sigma_shares(counts: Iterable[SigmaCounts]) -> dict[str, Any]:
 
 
 def _share(within: Sequence[int], points: Sequence[int]) -> dict[str, Any]:
+    """Return the share, its interval and the number of points, from the counts of each model."""
     total = sum(points)
     return {
         "within_2_sigma": round(sum(within) / total, 4) if total else None,

@@ -1,6 +1,7 @@
-"""Measure the time of recognition, from views in memory to the model, and its memory.
+"""Measure the time and the memory of recognition, from views in memory to the model.
 
-Everything is timed in a fresh process, after a warm-up run on a small scan that completes the late imports.
+Each measurement runs in a fresh process. A warm-up run on a small scan comes first, because the first run also imports
+modules.
 """
 
 import gc
@@ -17,17 +18,19 @@ from recognition.parameters import ChainParameters
 from recognition.preprocessing.target_cloud import Scene
 
 SCENE, SEED, CROSSINGS = "random", 2, 2
-"""The scene that is timed, like the one of the paper: one string of 0.4 m, r = 4.2 mm."""
+"""Name, seed and number of crossings of the timed scene. As in the paper, it has one string of 0.4 m, r = 4.2 mm."""
 CAMERA = "oak-d-pro"
+"""Name of the camera model."""
 SMALL, LARGE, THUMBNAIL = (640, 400), (1280, 800), (320, 200)
+"""Width and height of the depth images of the small and the large input, and of the warm-up."""
 RUNS = 7
-"""Number of runs of a timing, of which the median counts."""
-ENOUGH_S = 10.0
-"""A timing ends when its runs have taken this long: slow timings scatter little."""
+"""Maximum number of runs of a timing. The result is their median."""
+MAX_TOTAL_S = 10.0
+"""Total time of the runs after which a timing ends. Slow timings scatter little, so they need fewer runs."""
 LITERAL_RUNS = 2
-"""Number of runs of the literal baseline, of which the faster counts. It is slow."""
+"""Number of runs of the literal baseline, which is slow. The result is the shortest time."""
 PAUSE_S = 0.1
-"""Time between views that arrive one by one. An arm takes longer; this is enough to process a view."""
+"""Time between views that arrive one by one, seconds. It suffices to process a view. A real arm takes longer."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,37 +38,43 @@ class Input:
     """Arguments of `recognise`."""
 
     views: tuple[View, ...]
+    """Depth images with their camera poses."""
     parameters: ChainParameters
+    """Radii and thresholds."""
     scene: Scene
+    """Table height and workspace, base frame."""
 
 
 @dataclass(frozen=True)
 class Timing:
-    """Time of one input."""
+    """Time of recognition for one input."""
 
     seconds: float
-    """Median of the runs."""
+    """Median time of the runs."""
     stages: dict[str, float]
-    """Median seconds of each stage."""
+    """Median time of each stage, seconds."""
     points: int
-    """Points of string height in all views, as the model reports them."""
+    """Number of points above the table in all views."""
 
 
 @dataclass(frozen=True)
 class Speed:
-    """All timings, and their ratio."""
+    """Times and memory of recognition, and the time of the literal baseline."""
 
     views8_640x400_s: float
+    """Time of recognition by the default method, for 8 views at 640x400."""
     literal_s: float
+    """Time of the literal baseline, for 8 views at 640x400."""
     ratio: float
-    """Time of the literal baseline over that of `graph`."""
+    """Ratio of `literal_s` to `views8_640x400_s`."""
     after_last_view_s: float
-    """Time from the last view to the model, when the views arrive one by one."""
+    """Time from the arrival of the last view to the model, when 8 views at 640x400 arrive one by one."""
     views8_1280x800_s: float
+    """Time of recognition by the default method, for 8 views at 1280x800."""
     peak_rss_mb: float
-    """Peak resident memory of recognition with 8 views at 1280x800, beyond that of imports and views."""
+    """Peak resident memory for 8 views at 1280x800, MiB. The memory of the imports and of the views is subtracted."""
     stages: dict[str, float]
-    """Seconds of each stage at 640x400."""
+    """Time of each stage for 8 views at 640x400, seconds."""
 
 
 def simulated_input(
@@ -76,56 +85,74 @@ def simulated_input(
     distance_m: float | None = None,
     **options: Any,
 ) -> Input:
-    """Simulate the views of a scene by the timed camera.
+    """Simulate the views of a scene.
 
-    The camera is at `distance_m`, or as near as shows all of the scene when None. The options go to
-    `cell.simulation.scenes.scenes.make_scene`.
+    Args:
+        resolution: Width and height of the depth images.
+        views: Number of views.
+        scene: Name of the scene.
+        seed: Seed of the scene and of the scan.
+        distance_m: Distance of the camera from the middle of the scene. None means the smallest distance
+            within the working range of the camera from which each view shows the whole scene.
+        **options: Options of `cell.simulation.scenes.scenes.make_scene`.
+
+    Returns:
+        Arguments of `recognise`. The radius of the string is known.
     """
     from cell.simulation.offline_scan import simulate
     from cell.simulation.rendering.depth_camera import camera_model
     from cell.simulation.scenes.scenes import make_scene
 
-    laid = make_scene(scene, seed, **options)
+    string_scene = make_scene(scene, seed, **options)
     camera = camera_model(CAMERA, resolution)
     if distance_m is not None:
         camera = replace(camera, working_m=(distance_m, distance_m))
-    scan = simulate(laid, camera, seed, views=views)
-    where = Scene(scan.header.table_z_m, scan.header.workspace_m)
-    return Input(scan.views, ChainParameters.for_radius(laid.radius_m), where)
+    scan = simulate(string_scene, camera, seed, views=views)
+    table_scene = Scene(scan.header.table_z_m, scan.header.workspace_m)
+    return Input(scan.views, ChainParameters.for_radius(string_scene.radius_m), table_scene)
 
 
-def measure_speed(say: Callable[[str], object]) -> Speed:
-    """Measure all timings. `say` is called with a message on what is measured."""
-    say("speed: simulating the scans")
+def measure_speed(on_progress: Callable[[str], object]) -> Speed:
+    """Measure all times and the memory. `on_progress` is called with a progress message before each measurement."""
+    on_progress("speed: simulating the scans")
     thumbnail, small, large = (simulated_input(size, crossings=CROSSINGS) for size in (THUMBNAIL, SMALL, LARGE))
-    say("speed: 8 views at 640x400 and 1280x800")
-    ours, ours_large = in_fresh_process(time_recognition, [small, large], thumbnail)
-    say("speed: after the last view")
+    on_progress("speed: 8 views at 640x400 and 1280x800")
+    small_timing, large_timing = in_fresh_process(time_recognition, [small, large], thumbnail)
+    on_progress("speed: after the last view")
     after_last = in_fresh_process(time_after_last_view, small, thumbnail)
-    say("speed: memory")
+    on_progress("speed: memory")
     peak = in_fresh_process(peak_memory_bytes, large, thumbnail)
-    say("speed: the literal baseline")
+    on_progress("speed: the literal baseline")
     literal = in_fresh_process(time_literal, small, thumbnail)
     return Speed(
-        views8_640x400_s=ours.seconds,
+        views8_640x400_s=small_timing.seconds,
         literal_s=literal,
-        ratio=literal / ours.seconds,
+        ratio=literal / small_timing.seconds,
         after_last_view_s=after_last,
-        views8_1280x800_s=ours_large.seconds,
+        views8_1280x800_s=large_timing.seconds,
         peak_rss_mb=peak / 2**20,
-        stages=ours.stages,
+        stages=small_timing.stages,
     )
 
 
 def time_recognition(inputs: Sequence[Input], thumbnail: Input, runs: int = RUNS) -> list[Timing]:
-    """Time `recognise` with its default method on each input."""
+    """Time `recognise` with its default method on each input.
+
+    Args:
+        inputs: Inputs to time.
+        thumbnail: Input of the warm-up run.
+        runs: Maximum number of runs of each input. The runs end earlier after `MAX_TOTAL_S`.
+
+    Returns:
+        Timing of each input.
+    """
     from recognition.pipeline import recognise
 
     recognise(thumbnail.views, thumbnail.parameters, thumbnail.scene)
     timings = []
     for given in inputs:
         seconds, stages, points = [], [], 0
-        while not seconds or (len(seconds) < runs and sum(seconds) < ENOUGH_S):
+        while not seconds or (len(seconds) < runs and sum(seconds) < MAX_TOTAL_S):
             start = time.perf_counter()
             model = recognise(given.views, given.parameters, given.scene).model
             seconds.append(time.perf_counter() - start)
@@ -137,28 +164,47 @@ def time_recognition(inputs: Sequence[Input], thumbnail: Input, runs: int = RUNS
 
 
 def time_after_last_view(given: Input, thumbnail: Input, runs: int = RUNS, pause_s: float = PAUSE_S) -> float:
-    """Return the median seconds from the last view to the model, when views arrive `pause_s` apart."""
+    """Time `recognise` from the arrival of the last view, when the views arrive one by one.
+
+    Args:
+        given: Input to time.
+        thumbnail: Input of the warm-up run.
+        runs: Number of runs.
+        pause_s: Pause before each view, seconds.
+
+    Returns:
+        Median time from the arrival of the last view to the model, seconds.
+    """
     from recognition.pipeline import recognise
 
-    handed_over = 0.0
+    last_view_s = 0.0
 
-    def arriving(views: Sequence[View]) -> Iterator[View]:
-        nonlocal handed_over
+    def delayed(views: Sequence[View]) -> Iterator[View]:
+        nonlocal last_view_s
         for view in views:
             time.sleep(pause_s)
-            handed_over = time.perf_counter()
+            last_view_s = time.perf_counter()
             yield view
 
     recognise(thumbnail.views, thumbnail.parameters, thumbnail.scene)
     seconds = []
     for _ in range(runs):
-        recognise(arriving(given.views), given.parameters, given.scene)
-        seconds.append(time.perf_counter() - handed_over)
+        recognise(delayed(given.views), given.parameters, given.scene)
+        seconds.append(time.perf_counter() - last_view_s)
     return median(seconds)
 
 
 def time_literal(given: Input, thumbnail: Input, runs: int = LITERAL_RUNS) -> float:
-    """Return the seconds of the fastest run of the literal baseline."""
+    """Time the literal baseline.
+
+    Args:
+        given: Input to time.
+        thumbnail: Input of the warm-up run.
+        runs: Number of runs.
+
+    Returns:
+        Shortest time of the runs, seconds.
+    """
     from cell.simulation.benchmark.reference import recognise_literally
 
     recognise_literally(thumbnail.views, thumbnail.parameters, thumbnail.scene)
@@ -171,14 +217,21 @@ def time_literal(given: Input, thumbnail: Input, runs: int = LITERAL_RUNS) -> fl
 
 
 def peak_memory_bytes(given: Input, thumbnail: Input) -> int:
-    """Return the peak resident memory of `recognise`, beyond that of a process with the views and all imports.
+    """Measure the peak resident memory of `recognise`.
 
-    Memory that the process has freed before counts too, so that the figure is never too small.
+    The peak is that of the whole process, so an earlier peak, such as that of the warm-up run, counts too.
+
+    Args:
+        given: Input to measure.
+        thumbnail: Input of the warm-up run.
+
+    Returns:
+        Peak resident memory of this process, minus its resident memory before `recognise`, bytes.
     """
     from recognition.pipeline import recognise
 
     recognise(thumbnail.views, thumbnail.parameters, thumbnail.scene)
-    # The pages of a copy become resident when they are first used.
+    # Copy the depth images, so that their pages are resident before the first reading.
     views = tuple(replace(view, depth=view.depth.copy()) for view in given.views)
     gc.collect()
     before = current_rss_bytes()

@@ -22,10 +22,11 @@ ACCURACY_COLUMNS = (
     "confident mistakes",
     "refused",
 )
+"""Column headings of the accuracy table."""
 
 
 def accuracy_rows(accuracy: Mapping[str, Mapping[str, Summary]]) -> list[str]:
-    """Return the rows below `table_head(ACCURACY_COLUMNS)`: one for each tier and method."""
+    """Return the rows of the accuracy table without its head, one for each tier and method."""
     rows = [
         (
             tier,
@@ -46,7 +47,7 @@ def accuracy_rows(accuracy: Mapping[str, Mapping[str, Summary]]) -> list[str]:
 
 
 def sigma_table(sigma: Mapping[str, Mapping[str, Any]]) -> str:
-    """Return one row for each tier and method: the share of points within two sigma of the truth."""
+    """Return the table of the points within two sigma of the truth, with one row for each tier and method."""
     rows = [
         (tier, method, *(cell for part in (s, s["seen"], s["bridged"]) for cell in _share(part)))
         for tier, methods in sigma.items()
@@ -57,7 +58,7 @@ def sigma_table(sigma: Mapping[str, Mapping[str, Any]]) -> str:
 
 
 def speed_table(speed: Speed) -> str:
-    """Return one row for each figure."""
+    """Return the table of the times and the memory of recognition."""
     return table(
         ("8 views to the model", ""),
         [
@@ -72,12 +73,12 @@ def speed_table(speed: Speed) -> str:
 
 
 def stages_table(stages: Mapping[str, float]) -> str:
-    """Return one row for each stage."""
+    """Return the table of the times of the stages."""
     return table(("stage, 640x400", "time"), [(stage, _seconds(seconds)) for stage, seconds in stages.items()])
 
 
 def growth_table(growth: Growth) -> str:
-    """Return one row for each size of every series."""
+    """Return the table of the growth of the time, with one row for each size of each series."""
     linear = growth.linear()
     series: tuple[tuple[str, str, Sequence[Row]], ...] = (
         ("points", "{:.0f} pixels per view", growth.points),
@@ -100,12 +101,12 @@ def growth_table(growth: Growth) -> str:
 
 
 def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    """Return a Markdown table."""
+    """Format a Markdown table."""
     return "\n".join([table_head(head), *map(_row, rows)])
 
 
 def table_head(columns: Sequence[str]) -> str:
-    """Return the first two lines of a Markdown table."""
+    """Format the heading line and the separator line of a Markdown table."""
     return f"{_row(columns)}\n{_row(['---'] * len(columns))}"
 
 

@@ -1,6 +1,6 @@
-"""Run functions in other processes that end with this one.
+"""Run functions in child processes that exit when this process exits.
 
-Nothing heavy is imported here: a worker must set its number of threads before it imports numpy.
+This module does not import numpy, because a worker sets its number of threads before it imports numpy.
 """
 
 import multiprocessing
@@ -17,18 +17,35 @@ R = TypeVar("R")
 T = TypeVar("T")
 
 _THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+"""Environment variables of the number of threads of the linear algebra libraries."""
 
 
 def in_fresh_process(function: Callable[P, R], *args: P.args, **kwargs: P.kwargs) -> R:
-    """Run `function` in a new process, with all threads of the machine, and return its result."""
+    """Run `function` in a new child process, and return its result.
+
+    The child process has the environment of this process, and so the same number of threads.
+
+    Args:
+        function: Function to run. It must be picklable.
+        *args: Arguments of the function, picklable.
+        **kwargs: Keyword arguments of the function, picklable.
+    """
     with _pool(1) as pool:
         return pool.submit(function, *args, **kwargs).result()
 
 
 def in_processes(function: Callable[[T], R], items: Sequence[T], jobs: int) -> Iterator[R]:
-    """Yield `function` of each item, in their order, computed by `jobs` processes.
+    """Apply `function` to each item in child processes.
 
     Each process computes with one thread, so that rounding does not depend on the number of cores.
+
+    Args:
+        function: Function to run. It must be picklable.
+        items: Arguments, picklable.
+        jobs: Number of child processes.
+
+    Yields:
+        Result of each item, in the order of the items.
     """
     with _pool(jobs, threads=1) as pool:
         yield from pool.map(function, items)
@@ -36,8 +53,9 @@ def in_processes(function: Callable[[T], R], items: Sequence[T], jobs: int) -> I
 
 @contextmanager
 def _pool(jobs: int, threads: int | None = None) -> Iterator[ProcessPoolExecutor]:
+    """Open a pool of child processes. None for `threads` keeps the number of threads of the environment."""
     context = multiprocessing.get_context("spawn")
-    pool = ProcessPoolExecutor(jobs, context, initializer=_begin, initargs=(threads,))
+    pool = ProcessPoolExecutor(jobs, context, initializer=_initialise_worker, initargs=(threads,))
     try:
         yield pool
     except KeyboardInterrupt:
@@ -48,16 +66,17 @@ def _pool(jobs: int, threads: int | None = None) -> Iterator[ProcessPoolExecutor
         pool.shutdown(cancel_futures=True)
 
 
-def _begin(threads: int | None) -> None:
-    """Set up a worker."""
+def _initialise_worker(threads: int | None) -> None:
+    """Prepare a worker process: its threads, its reaction to Ctrl-C, and its exit with the parent process."""
     if threads is not None:
         os.environ.update(dict.fromkeys(_THREADS, str(threads)))
-    # Ctrl-C reaches all processes of the terminal: a worker ends silently, and its parent reports it.
+    # The terminal sends Ctrl-C to all processes. A worker exits without a traceback, and the parent process reports it.
     signal.signal(signal.SIGINT, signal.SIG_DFL)
-    threading.Thread(target=_end_with_parent, daemon=True).start()
+    threading.Thread(target=_exit_with_parent, daemon=True).start()
 
 
-def _end_with_parent() -> None:
+def _exit_with_parent() -> None:
+    """Wait until the parent process exits, then exit."""
     parent = multiprocessing.parent_process()
     if parent is not None:
         parent.join()

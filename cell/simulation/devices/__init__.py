@@ -1,4 +1,5 @@
-"""The simulated camera and what it sees.
+"""Simulated camera on the flange of an arm, above a simulated table.
 
-In: the settings and the arm's pose. Out: depth frames in the form in which depthai delivers them.
+In: the settings of the cell and the flange pose. Out: depth and intensity images as messages of a depthai pipeline, and
+the truth of the scene.
 """

@@ -1,4 +1,4 @@
-"""Sources of the flange pose, from which the simulated camera knows where it is."""
+"""Read the flange pose of an arm for the simulated camera."""
 
 from collections.abc import Callable
 
@@ -8,28 +8,40 @@ from numpy.typing import NDArray
 from cell.config.arm_config import ArmModelName
 
 READ_HZ = 125.0
-"""Rate of the joint angles of a controller that is not the virtual one."""
+"""Rate at which a controller other than the virtual controller sends its joint angles, hertz."""
 
 PoseSource = Callable[[], NDArray[np.float64]]
-"""Returns the flange pose (4, 4) in the base frame at the time of the call. It raises OSError without a controller."""
+"""Function that returns the current flange pose `T_base_flange` (4, 4). It raises OSError if no controller answers."""
 
 
 def controller_pose(host: str) -> PoseSource:
-    """Return a source of the true flange pose of the virtual controller at `host`. Raise OSError without one."""
+    """Return a source of the true flange pose of the virtual controller.
+
+    No connection is made before the source is called.
+
+    Args:
+        host: Address of the virtual controller.
+    """
     from cell.simulation.ur_controller.admin_client import AdminClient
 
     return AdminClient(host).pose
 
 
 def reported_pose(model: ArmModelName, host: str) -> PoseSource:
-    """Return a source of the flange pose by nominal kinematics and the joint angles of any UR controller.
+    """Connect to a UR controller, and return a source of the flange pose.
+
+    The source computes the flange pose from the reported joint angles by the nominal kinematics. The RTDE client may
+    hang, or crash the process.
 
     Args:
         model: Model of the arm.
-        host: Address of the controller, for example URSim's. Its RTDE client may hang or crash the process.
+        host: Address of the controller, for example of URSim.
+
+    Returns:
+        Source of the flange pose. It raises ConnectionError after the connection ended.
 
     Raises:
-        OSError: No controller answers.
+        ConnectionError: No controller answers.
     """
     from rtde_receive import RTDEReceiveInterface
 
@@ -41,7 +53,8 @@ def reported_pose(model: ArmModelName, host: str) -> PoseSource:
         raise ConnectionError(str(error)) from error
 
     def pose() -> NDArray[np.float64]:
-        if not receive.isConnected():  # its values are then old
+        # Without a connection, the client returns the last joint angles.
+        if not receive.isConnected():
             raise ConnectionError(f"the robot at {host} has ended the connection")
         return ur_kinematics.forward(model, receive.getActualQ())
 

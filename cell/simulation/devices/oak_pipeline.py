@@ -1,4 +1,4 @@
-"""The simulated camera as a node of a depthai pipeline on this machine."""
+"""Run the simulated camera as a node of a depthai pipeline on this machine."""
 
 import logging
 import threading
@@ -23,54 +23,77 @@ from cell.simulation.devices.world import SimulatedWorld
 log = logging.getLogger(__name__)
 
 EXPOSURE_US = 4000
-"""Exposure time to which the automatic exposure settles, microseconds."""
+"""Exposure time at which the simulated automatic exposure settles, microseconds."""
 IDLE_TICKS = 5
-"""While no images are awaited, only one of this number is rendered."""
+"""While no caller waits for images, only one image in this number of frame periods is rendered."""
 STALE_S = 3600.0
+"""Age of the images with the fault `stale`, seconds."""
 
 
 @dataclass(frozen=True, eq=False)
 class Taken:
-    """One exposure."""
+    """Images of one exposure."""
 
     began_s: float
     """Start of the exposure, seconds of `time.monotonic()`."""
     depth: NDArray[np.uint16]
+    """Depth image (H, W) in depth units of the camera. 0 means not measured."""
     picture: NDArray[np.uint8] | None
+    """Intensity image (H, W), grey levels, or None if none was requested."""
 
 
 class Lens:
-    """Decides what the node renders and when. It is outside depthai, so that faults can be injected."""
+    """Images and frame times of the simulated camera, with fault injection.
+
+    This class does not depend on depthai. It satisfies `cell.camera.oak_stream.FaultInjection`.
+    """
 
     def __init__(self, frames: FrameSource, pose: PoseSource, fps: float) -> None:
+        """Start the frame clock.
+
+        Args:
+            frames: Renders the images.
+            pose: Returns the flange pose of each image.
+            fps: Frame rate, hertz.
+        """
         self._frames, self._pose, self._period_s = frames, pose, 1 / fps
         self._change = threading.Condition()
         self._wanted, self._ended = False, False
         self._fault: Fault = "none"
         self._due_s = time.monotonic()
         self.trouble: str | None = None
-        """Why the camera cannot continue, or None."""
+        """Message with the reason why the camera stopped, or None."""
 
     def want(self, wanted: bool) -> None:
-        """Set whether images are awaited. Otherwise fewer are rendered."""
+        """Set whether a caller waits for images. If not, only one image in `IDLE_TICKS` frame periods is rendered."""
         with self._change:
             self._wanted = wanted
             self._change.notify()
 
     def fail(self, kind: Fault) -> None:
-        """Fail from now on."""
+        """Inject a fault from now on. `none` ends the earlier fault, but a camera that was `lost` stays lost."""
         self._fault = kind
         if kind == "lost":
             self.end()
 
     def end(self) -> None:
-        """Send no further images."""
+        """Render no further images."""
         with self._change:
             self._ended = True
             self._change.notify()
 
     def take(self, pictured: bool) -> Taken | None:
-        """Render the next image, with an intensity image if `pictured`. Return None if a fault suppresses it."""
+        """Render the next images.
+
+        Args:
+            pictured: Whether to render an intensity image too.
+
+        Returns:
+            The images, changed by the injected fault. The fault `silent` returns None.
+
+        Raises:
+            OSError: The flange pose cannot be read.
+        """
         began_s = time.monotonic()
         T_base_flange = self._pose()
         depth = self._frames.expose(T_base_flange)
@@ -88,7 +111,11 @@ class Lens:
                 return Taken(began_s, depth, picture)
 
     def wait(self) -> bool:
-        """Wait until the next image is due, and return False after the last one. Late images are skipped."""
+        """Wait until the next image must be rendered. Frames whose time has passed are skipped.
+
+        Returns:
+            True for the next image. False after `end`.
+        """
         with self._change:
             ticks = 0
             while not self._ended:
@@ -104,15 +131,18 @@ class Lens:
 
 
 def open_simulated(settings: SimulatedCamera, world: SimulatedWorld, make_pose: Callable[[], PoseSource]) -> Stream:
-    """Start a pipeline whose images show the world from the flange pose.
+    """Start a pipeline whose images show a simulated world from the flange of an arm.
 
     Args:
-        settings: Frame rate and number of exposures.
-        world: World of the simulated cell.
-        make_pose: Makes the source of the flange pose.
+        settings: Settings of the camera. The frame rate and the number of exposures are used.
+        world: Simulated table and camera.
+        make_pose: Connects to the arm's controller, and returns the source of the flange pose.
+
+    Returns:
+        The running pipeline and its queues.
 
     Raises:
-        CameraUnreachableError: There is no flange pose.
+        CameraUnreachableError: The flange pose cannot be read.
     """
     load()
     import depthai as dai
@@ -126,7 +156,7 @@ def open_simulated(settings: SimulatedCamera, world: SimulatedWorld, make_pose: 
         ) from error
     model = world.camera
     lens = Lens(FrameSource(world), pose, settings.fps)
-    # the camera is the left one, which is the reference
+    # The images are those of the left camera, which is the reference of a stereo pair.
     place = dai.Extrinsics(np.eye(4).tolist(), dai.CameraBoardSocket.CAM_B)
     view = dai.ImgTransformation(
         model.width, model.height, model.K.tolist(), dai.CameraModel.Perspective, [0.0] * 14, place
@@ -135,9 +165,9 @@ def open_simulated(settings: SimulatedCamera, world: SimulatedWorld, make_pose: 
     closed: type[Exception] = dai.MessageQueue.QueueException
 
     class SimulatedOak(dai.node.ThreadedHostNode):
-        """Sends depth images, and intensity images while its gate is open.
+        """Node that sends depth images, and intensity images while its gate is open.
 
-        The exposure time settles until it is locked.
+        The exposure time doubles at each image up to `EXPOSURE_US`, until the automatic exposure is locked.
         """
 
         def __init__(self) -> None:
@@ -150,11 +180,13 @@ def open_simulated(settings: SimulatedCamera, world: SimulatedWorld, make_pose: 
         def run(self) -> None:
             try:
                 self._run()
-            except (closed, CameraLostError):  # the pipeline is being closed
+            except (closed, CameraLostError):
+                # The pipeline is closing.
                 return
             except OSError as error:
                 lens.trouble = f"the simulated camera no longer learns where the arm is: {error}"
-            except Exception as error:  # an uncaught error would end the whole process in depthai
+            except Exception as error:
+                # depthai would end the whole process at an uncaught exception.
                 log.exception("the simulated camera ended")
                 lens.trouble = f"the simulated camera ended: {type(error).__name__}: {error}"
 
@@ -185,7 +217,7 @@ def open_simulated(settings: SimulatedCamera, world: SimulatedWorld, make_pose: 
             message.setInstanceNum(int(dai.CameraBoardSocket.CAM_B.value))
             message.setSequenceNum(number)
             message.cam.exposureTimeUs = exposure_us
-            # a camera stamps the end of the exposure
+            # The time stamp of a real camera is the end of the exposure.
             message.setTimestamp(timedelta(seconds=began_s, microseconds=exposure_us))
             return message
 
@@ -207,7 +239,8 @@ def open_simulated(settings: SimulatedCamera, world: SimulatedWorld, make_pose: 
     def close() -> None:
         lens.end()
         pipeline.stop()
-        pipeline.wait()  # otherwise the thread of the node would send to a closed queue
+        # Wait for the thread of the node, so that the node does not send to a closed queue.
+        pipeline.wait()
 
     pipeline.start()
     return Stream(pipeline, depth, depth, controls, lambda: info, close, pictures, gate, fault_injection=lens)

@@ -1,7 +1,7 @@
-"""The true state of a simulated cell, and the errors of what is reported about it.
+"""Hold the true state of a simulated cell, and the errors of its reported poses.
 
-The truth is the position of the strings or of a calibration board, and the mounting of the camera. The arm's links are
-not visible, and the table is a square around the workspace.
+The true state is the pose of the strings or of a calibration board on the table, and the mounting of the camera. The
+camera sees a square table around the workspace. It does not see the links of the arm.
 """
 
 import hashlib
@@ -24,11 +24,11 @@ from cell.simulation.rendering.depth_camera import CameraModel, camera_model
 from cell.simulation.scenes.ground_truth import scene_truth
 from cell.simulation.scenes.scenes import StringScene, make_scene
 
-# streams of one seed; the first two are those of `cell.simulation.offline_scan`, with the same bias and calibration
+# Numbers of random streams. `cell.simulation.offline_scan` uses the first two for the same bias and calibration.
 _SESSION, _POSES, _ROBOT, _BOARD = 0, 1, 3, 6
 
 _ALIKE = 1e-5
-"""Largest difference of two flange poses with the same error, metres and radians."""
+"""Rounding step of the entries of a flange pose (translation in metres). The rounded entries seed the pose error."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,23 +36,25 @@ class SimulatedWorld:
     """A table with strings, and a camera on the flange of an arm above it."""
 
     scene: StringScene
+    """Strings and other objects on the table, scene frame."""
     T_base_scene: NDArray[np.float64]
-    """(4, 4) pose of the scene, whose origin is on the table in the middle of the workspace."""
+    """(4, 4) pose of the scene. Its origin is on the table in the middle of the workspace."""
     camera: CameraModel
+    """Geometry and noise of the camera."""
     bias_px: float
-    """Bias of the disparities in this session, pixels."""
+    """Constant error of all disparities in this session, pixels."""
     T_flange_camera: NDArray[np.float64]
     """(4, 4) true mounting of the camera."""
     told_T_flange_camera: NDArray[np.float64]
-    """(4, 4) mounting by the hand-eye calibration."""
+    """(4, 4) mounting of the camera by the nominal hand-eye calibration, which has an error."""
     errors: PoseErrors
-    """Errors of the arm and of the calibration."""
+    """Root mean square errors of the reported flange poses and of the hand-eye calibration."""
     seed: int
-    """Seed of everything random except the scene."""
+    """Seed of the pose errors, the noise, the light and the pose of the board. `scene` is already drawn."""
     board: Board | None = None
-    """Calibration board on the table instead of the strings, or None."""
+    """Calibration board on the table, or None for strings."""
     T_base_board: NDArray[np.float64] | None = None
-    """(4, 4) true pose of the board, whose z points into the table, or None."""
+    """(4, 4) true pose of the board, or None without a board. Its z axis points into the table."""
 
     @property
     def camera_id(self) -> str:
@@ -61,7 +63,7 @@ class SimulatedWorld:
 
     @property
     def told_hand_eye(self) -> HandEye:
-        """Hand-eye calibration of the cell as a file would contain it."""
+        """Nominal hand-eye calibration, in the form in which a real cell reads it from a file."""
         return HandEye(
             T_flange_camera=self.told_T_flange_camera,
             created=None,
@@ -71,16 +73,19 @@ class SimulatedWorld:
         )
 
     def with_board(self, board: Board) -> "SimulatedWorld":
-        """Return the same cell with the board near the middle of the workspace.
+        """Return the same cell with a calibration board instead of the strings.
 
-        The same seed gives the same position.
+        The board lies flat near the middle of the workspace. The same board and seed give the same pose.
         """
         T_scene_board = lay_board(board, np.random.default_rng([self.seed, _BOARD]))
         scene = StringScene("board", self.scene.radius_m, (), (plate(board, T_scene_board),))
         return replace(self, scene=scene, board=board, T_base_board=self.T_base_scene @ T_scene_board)
 
     def T_base_camera(self, T_base_flange: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the true camera pose (4, 4) for a reported flange pose (4, 4). The same pose has the same error."""
+        """Return the true camera pose (4, 4) for a reported flange pose (4, 4).
+
+        The error of the flange pose is random, and always the same for the same pose.
+        """
         told = np.rint(T_base_flange[:3] / _ALIKE).astype(np.int64).ravel() + 2**40
         rng = np.random.default_rng([self.seed, _ROBOT, *map(int, told)])
         return perturbed(T_base_flange, self.errors.robot_m, self.errors.robot_rad, rng) @ self.T_flange_camera
@@ -91,10 +96,16 @@ class SimulatedWorld:
 
 
 def simulated_world(settings: CellSettings) -> SimulatedWorld:
-    """Return the world of a cell with a simulated camera. The same settings give the same world.
+    """Draw the world of a cell with a simulated camera. The same settings give the same world.
+
+    Args:
+        settings: Settings of the cell. The camera and the workspace are used.
+
+    Returns:
+        The world, with strings on the table.
 
     Raises:
-        CellSettingsError: The camera is a real one, or the scene does not exist.
+        CellSettingsError: The camera is a real camera, or the scene cannot be made.
     """
     camera = settings.camera
     if not isinstance(camera, SimulatedCamera):
@@ -126,11 +137,15 @@ def simulated_world(settings: CellSettings) -> SimulatedWorld:
 
 
 def world_truth(world: SimulatedWorld, told_T_base_flange: Sequence[NDArray[np.float64]] = ()) -> dict[str, Any]:
-    """Return the truth as JSON in the base frame, as `cell.simulation.scenes.ground_truth.scene_truth`.
+    """Return the truth document of a simulated cell, in the base frame.
 
     Args:
         world: World of the simulated cell.
-        told_T_base_flange: Reported flange poses of the views, for the true camera poses.
+        told_T_base_flange: Reported flange pose (4, 4) of each view. The document has the true camera poses of these
+            views.
+
+    Returns:
+        Document as from `cell.simulation.scenes.ground_truth.scene_truth`.
     """
     truth = scene_truth(world.scene, [world.T_base_camera(T) for T in told_T_base_flange], world.T_flange_camera)
 

@@ -1,4 +1,5 @@
-"""Evaluation of a model against the truth or against another model.
+"""Compare a point chain model with the truth of a simulated scan, or with another model.
 
-In: two sets of chains. Out: distances, missed and false chains, and the correctness of crossings.
+In: a model document and a truth document. Out: distances between the lines, the coverage of the true lines, and whether
+strings, crossings and over and under are right.
 """

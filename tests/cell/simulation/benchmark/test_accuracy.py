@@ -20,7 +20,7 @@ def simulated(views: int) -> SimulatedScan:
     return simulate(make_scene("arc", 1), camera_model("ideal", (320, 200)), 1, NO_ERRORS, views=views)
 
 
-def judged(**changes: Any) -> Score:
+def make_score(**changes: Any) -> Score:
     values: dict[str, Any] = {
         "name": "x", "strings": 1, "chains": 1, "true_ends": 2, "true_crossings": 1, "crossings": 1,
         "mean_m": 0.001, "p95_m": 0.002, "shape_m": 0.0005, "end_m": 0.003,
@@ -45,7 +45,7 @@ def test_a_case_gives_the_same_results_twice(monkeypatch: pytest.MonkeyPatch) ->
     )
 
 
-def test_a_refused_case_counts_as_wrong_and_says_why(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_refused_case_counts_as_wrong_and_has_the_reason(monkeypatch: pytest.MonkeyPatch) -> None:
     scan = simulated(views=1)
     monkeypatch.setattr(cases, "simulate", lambda case: scan)
     results = run_case(("paper", 0))
@@ -59,7 +59,7 @@ def test_a_refused_case_counts_as_wrong_and_says_why(monkeypatch: pytest.MonkeyP
     assert sigma(results)["paper"][METHODS[0]]["within_2_sigma"] is None
 
 
-def test_a_fault_of_the_program_names_its_case(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_unexpected_exception_has_a_note_that_names_the_case(monkeypatch: pytest.MonkeyPatch) -> None:
     def fault(*_: object) -> None:
         raise ZeroDivisionError("a fault")
 
@@ -71,8 +71,12 @@ def test_a_fault_of_the_program_names_its_case(monkeypatch: pytest.MonkeyPatch) 
     assert caught.value.__notes__ == [f"while {METHODS[0]} recognised soft, seed 3"]
 
 
-def test_medians_take_a_case_without_a_model_as_the_worst() -> None:
-    scores = [judged(mean_m=0.001), judged(mean_m=0.002, topology=False), judged(mean_m=0.004, confident_mistakes=2)]
+def test_a_case_without_a_model_counts_as_the_worst_in_medians() -> None:
+    scores = [
+        make_score(mean_m=0.001),
+        make_score(mean_m=0.002, topology=False),
+        make_score(mean_m=0.004, confident_mistakes=2),
+    ]
     results = [CaseResult("soft", k, "enhanced", s) for k, s in enumerate(scores)]
     summary = accuracy(results)["soft"]["enhanced"]
     assert (summary.n, summary.mean_mm, summary.p95_mm, summary.shape_mm, summary.end_mm) == (3, 2.0, 2.0, 0.5, 3.0)
@@ -84,11 +88,11 @@ def test_medians_take_a_case_without_a_model_as_the_worst() -> None:
     assert accuracy([results[0], *refused])["soft"]["enhanced"].mean_mm is None
 
 
-def test_tiers_and_methods_are_kept_apart() -> None:
+def test_results_are_grouped_by_tier_and_method() -> None:
     results = [
-        CaseResult("paper", 0, "enhanced", judged(), sigma=SigmaCounts(10, 9, 2, 1)),
-        CaseResult("paper", 0, "matching", judged(topology=False), sigma=SigmaCounts(10, 1)),
-        CaseResult("hard", 0, "enhanced", judged(cover=0.5), sigma=SigmaCounts(30, 27)),
+        CaseResult("paper", 0, "enhanced", make_score(), sigma=SigmaCounts(10, 9, 2, 1)),
+        CaseResult("paper", 0, "matching", make_score(topology=False), sigma=SigmaCounts(10, 1)),
+        CaseResult("hard", 0, "enhanced", make_score(cover=0.5), sigma=SigmaCounts(30, 27)),
     ]
     summaries = accuracy(results)
     assert {tier: list(methods) for tier, methods in summaries.items()} == {
@@ -105,7 +109,7 @@ def test_tiers_and_methods_are_kept_apart() -> None:
     assert shares["paper"]["matching"] == {**seen, "seen": seen, "bridged": bridged}
 
 
-def test_sigma_counts_what_lies_within_two_of_them() -> None:
+def test_sigma_counts_the_points_within_two_sigma() -> None:
     truth = {"name": "bar", "radius": 0.004, "curves": [[[0.0, 0.0, 0.0], [0.1, 0.0, 0.0]]], "crossings": []}
     off = np.array([0.0, 0.0019, 0.0021, 0.0039, 0.0041])
     chain = {

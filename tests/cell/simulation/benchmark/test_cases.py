@@ -18,8 +18,8 @@ def cases() -> dict[str, list[Case]]:
     return {tier: [make_case(tier, seed) for seed in SEEDS[tier]] for tier in TIERS}
 
 
-def of(case: Case) -> tuple[int, float, float, int]:
-    """Strings, the longest one's and all their length, crossings."""
+def measure(case: Case) -> tuple[int, float, float, int]:
+    """Return the number of strings, the longest length, the total length, and the number of crossings."""
     lengths_m = [polyline_length(curve) for curve in case.scene.curves]
     return len(lengths_m), max(lengths_m), sum(lengths_m), len(true_crossings(case.scene))
 
@@ -35,7 +35,7 @@ def of(case: Case) -> tuple[int, float, float, int]:
         ("photo", (1, 3), (0.4, 1.7), (1, 10), 0.003),
     ],
 )
-def test_tiers_are_what_they_are_called(
+def test_each_tier_has_its_properties(
     cases: dict[str, list[Case]],
     tier: str,
     strings: tuple[int, int],
@@ -44,7 +44,7 @@ def test_tiers_are_what_they_are_called(
     radius_m: float,
 ) -> None:
     for case in cases[tier]:
-        count, longest_m, _, crossed = of(case)
+        count, longest_m, _, crossed = measure(case)
         assert strings[0] <= count <= strings[1]
         assert length_m[0] - 2e-4 <= longest_m <= length_m[1] + 2e-4
         assert crossings[0] <= crossed <= crossings[1]
@@ -54,29 +54,29 @@ def test_tiers_are_what_they_are_called(
         assert (case.camera.width, case.camera.height) == size
 
 
-def test_hard_cases_are_hard_by_turns(cases: dict[str, list[Case]]) -> None:
+def test_hard_cases_are_of_three_kinds_in_turn(cases: dict[str, list[Case]]) -> None:
     short, cluttered, long = cases["hard"]
     assert all(case.errors == PoseErrors().scaled(2.0) for case in cases["hard"])
     assert (short.camera.name, short.camera.width, short.camera.height) == ("oak-d-sr", 1280, 800)
     assert cluttered.scene.radius_m == 0.003
     assert len(cluttered.scene.boxes) >= 3
-    assert of(long)[1] == pytest.approx(1.0, abs=2e-4)
-    assert of(long)[3] == 5
+    assert measure(long)[1] == pytest.approx(1.0, abs=2e-4)
+    assert measure(long)[3] == 5
 
 
 def test_measured_cases_have_the_errors_of_real_devices(cases: dict[str, list[Case]]) -> None:
-    assert [of(case)[1] for case in cases["measured"]] == pytest.approx([0.4, 0.7, 0.4], abs=2e-4)
+    assert [measure(case)[1] for case in cases["measured"]] == pytest.approx([0.4, 0.7, 0.4], abs=2e-4)
     for case in cases["measured"]:
         assert case.camera.name == "oak-d-pro-measured"
         assert 0.0003 <= case.errors.smooth_m <= 0.0012
 
 
 @pytest.mark.parametrize("tier", TIERS)
-def test_nothing_stands_in_anything(cases: dict[str, list[Case]], tier: str) -> None:
+def test_strings_do_not_overlap(cases: dict[str, list[Case]], tier: str) -> None:
     pressed = 0.4 if tier == "soft" else 0.0
     for case in cases[tier]:
         overlap = deepest_overlap(case.scene.curves, case.scene.radii_m)
-        # Contacts are asked for at points 1 mm apart; between them 2 % of 2 r may be missing.
+        # The clearance is enforced at points 1 mm apart. Between these points, 2 % of 2 r may be missing.
         assert overlap < pressed + 0.02
         if pressed:
             assert overlap == pytest.approx(pressed, abs=0.02)
@@ -99,7 +99,7 @@ def test_the_same_case_gives_the_same_scan(cases: dict[str, list[Case]]) -> None
     assert first.truth == again.truth
 
 
-def test_unknown_tiers_and_seeds_are_refused() -> None:
+def test_unknown_tiers_and_negative_seeds_are_rejected() -> None:
     with pytest.raises(TierError, match="known are paper, long, many"):
         make_case("easy", 0)
     with pytest.raises(TierError, match="seed is -1"):

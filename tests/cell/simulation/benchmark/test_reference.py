@@ -17,7 +17,7 @@ PARAMETERS = ChainParameters.for_radius(R)
 
 
 def strand(start: tuple[float, float], end: tuple[float, float], width_m: float = 0.0) -> np.ndarray:
-    """Points every 0.4 mm from start to end on the table, scattered across by up to half the width."""
+    """Return points every 0.4 mm from start to end on the table, scattered sideways by up to half of the width."""
     a, b = np.array([*start, 0.0]), np.array([*end, 0.0])
     count = int(np.linalg.norm(b - a) / 0.0004) + 1
     points = np.linspace(a, b, count)
@@ -25,15 +25,15 @@ def strand(start: tuple[float, float], end: tuple[float, float], width_m: float 
     return points + width_m * np.random.default_rng(1).uniform(-0.5, 0.5, (count, 1)) * across
 
 
-def test_it_finds_a_string_in_clean_views() -> None:
+def test_the_baseline_finds_a_string_in_views_without_noise() -> None:
     scene = make_scene("arc", 1)
     scan = simulate(scene, camera_model("ideal", (240, 150)), 1, NO_ERRORS, views=4)
     chains = recognise_literally(scan.views, PARAMETERS, Scene(scan.header.table_z_m, scan.header.workspace_m))
     model = {"chains": [{"id": k, "points": chain} for k, chain in enumerate(chains)], "crossings": []}
     result = score(model, scan.truth)
     assert result.topology
-    # The paper's averaging moves each end inwards by about 2 r of 400 mm. Where the search ends, one more link of at
-    # most r_f is missing; how much of it depends on the order of equal distances, which differs between processors.
+    # The averaging of the paper moves each end inwards by about 2 r of 400 mm. At the last point, a further length of
+    # at most r_f is missing. It depends on the order of equal distances, which differs between processors.
     assert result.cover > 0.95
     assert result.end_m is not None
     assert R <= result.end_m <= 2 * R + PARAMETERS.r_f
@@ -41,7 +41,7 @@ def test_it_finds_a_string_in_clean_views() -> None:
     assert result.mean_m < 0.001
 
 
-def test_views_of_an_empty_table_give_no_chain() -> None:
+def test_without_views_there_are_no_chains() -> None:
     assert recognise_literally([], PARAMETERS, Scene()) == []
 
 
@@ -60,50 +60,50 @@ def test_thinning_narrows_a_band() -> None:
     assert np.ptp(thin(band, PARAMETERS)[:, 1]) < 0.5 * np.ptp(band[:, 1])
 
 
-def test_the_contribution_rate_tells_a_line_from_a_disc() -> None:
+def test_the_contribution_rate_differs_between_a_line_and_a_disc() -> None:
     line = strand((0.0, 0.0), (0.02, 0.0))
     assert contribution_rates(line, PARAMETERS) == pytest.approx(np.ones(len(line)))
     x, y = (grid.ravel() for grid in np.meshgrid(*[np.linspace(-R, R, 41)] * 2))
     disc = np.column_stack([x, y, 0 * x])
     middle = contribution_rates(disc, PARAMETERS)[len(disc) // 2]
-    # Both axes of a disc count the same.
+    # The two eigenvalues of a disc are equal.
     assert middle == pytest.approx(0.5, abs=1e-6)
     assert contribution_rates(np.zeros((1, 3)), PARAMETERS) == [1.0]
 
 
-def test_two_strands_that_melt_together_are_told_apart() -> None:
-    # About the crossing a patch as wide as the strands are apart in the paper's Fig. 8 (b).
+def test_two_merged_strands_are_separated() -> None:
+    # The patch around the crossing is as wide as the gap between the strands in Fig. 8 (b) of the paper.
     x, y = (grid.ravel() for grid in np.meshgrid(*[np.arange(-0.008, 0.008, 0.0006)] * 2))
     patch = np.column_stack([x, y, 0 * x])[np.hypot(x, y) < 0.008]
     cloud = np.vstack([strand((-0.06, 0.0), (0.06, 0.0)), strand((0.0, -0.05), (0.0, 0.05)), patch])
     segments, centres = match_enhanced(cloud, contribution_rates(cloud, PARAMETERS), PARAMETERS)
     assert len(centres) == 1
-    # In the middle of the patch, to the distance at which a link is made.
+    # The centre is in the middle of the patch, to the maximum distance of a link.
     assert np.linalg.norm(cloud[centres[0]]) < PARAMETERS.r_f
     chains = reconstruct([cloud[segment] for segment in segments], cloud[centres], PARAMETERS)
     assert len(chains) == 2
     extents = sorted(np.ptp(chain, axis=0)[:2].tolist() for chain in chains)
-    # Straight on: one runs along y, the other along x; links of r to 2 r leave up to one at each end.
+    # One chain runs along y, the other along x. At each end, up to one link of r to 2 r may be missing.
     assert extents[0] == pytest.approx([0.0, 0.1], abs=4 * R)
     assert extents[1] == pytest.approx([0.12, 0.0], abs=4 * R)
 
 
 def test_close_ends_are_connected_and_far_ones_are_not() -> None:
     a, b, c = strand((0.0, 0.0), (0.03, 0.0)), strand((0.036, 0.0), (0.06, 0.0)), strand((0.08, 0.0), (0.1, 0.0))
-    # b the wrong way round: its end that lies near a is its last.
+    # b is reversed, so that its last point is near a.
     chains = reconstruct([a, b[::-1], c], np.zeros((0, 3)), PARAMETERS)
     assert sorted(len(chain) for chain in chains) == [len(c), len(a) + len(b)]
     joined = max(chains, key=len)
     assert (np.abs(np.diff(joined[:, 0])) < 0.0065).all()
 
 
-def test_ends_about_a_centre_are_connected_straight_on() -> None:
+def test_ends_around_a_bifurcation_centre_are_connected_straight() -> None:
     gap = 0.013
     arms = [strand((gap * x, gap * y), (0.05 * x, 0.05 * y)) for x, y in ((1, 0), (0, 1), (-1, 0), (0, -1))]
     chains = reconstruct(arms, np.zeros((1, 3)), PARAMETERS)
     assert len(chains) == 2
     for chain in chains:
-        assert np.linalg.norm(chain[0] + chain[-1]) < 1e-9, "an arm goes on in the one opposite"
+        assert np.linalg.norm(chain[0] + chain[-1]) < 1e-9, "each arm continues in the opposite arm"
 
 
 def test_no_ring_is_closed() -> None:

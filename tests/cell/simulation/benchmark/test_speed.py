@@ -1,4 +1,4 @@
-"""The timings' arithmetic, with a clock and a recognition of the test's own: no real time is judged."""
+"""Test the arithmetic of the timings with a fake clock and a fake recognition. No real time is measured."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
@@ -10,14 +10,14 @@ import numpy as np
 import pytest
 
 from cell.simulation.benchmark import scaling, speed, tables
-from cell.simulation.benchmark.scaling import Growth, Row, linear, rows
+from cell.simulation.benchmark.scaling import Growth, Row, is_linear, rows
 from cell.simulation.benchmark.speed import Input, Speed, Timing, simulated_input
 from recognition.errors import NoDepthError
 from recognition.parameters import ChainParameters
 from recognition.preprocessing.target_cloud import Scene
 
 VIEW_S, REST_S = 1.0, 5.0
-"""What the test's recognition takes for a view, and after the last."""
+"""Time of the fake recognition for each view and after the last view, seconds."""
 
 
 class Clock:
@@ -62,25 +62,25 @@ def test_recognition_is_timed_as_a_whole(clock: Clock, given: Input) -> None:
     ]
 
 
-def test_what_is_slow_is_not_run_again(clock: Clock, given: Input) -> None:
+def test_a_slow_input_has_fewer_runs(clock: Clock, given: Input) -> None:
     began = clock.now
     speed.time_recognition([given], replace(given, views=()), runs=50)
-    # Runs of 9 s until 10 s have passed, after the warm-up on no view.
+    # After the warm-up without views, runs of 9 s are repeated until 10 s have passed.
     assert clock.now - began == REST_S + 2 * (4 * VIEW_S + REST_S)
 
 
-def test_time_after_the_last_view_leaves_out_the_others(clock: Clock, given: Input) -> None:
+def test_time_after_the_last_view_excludes_the_other_views(clock: Clock, given: Input) -> None:
     assert speed.time_after_last_view(given, given, runs=3) == pytest.approx(VIEW_S + REST_S)
 
 
-def test_the_same_input_is_simulated_every_time(given: Input) -> None:
+def test_the_same_arguments_give_the_same_input(given: Input) -> None:
     again = simulated_input((160, 100), views=4, scene="arc", seed=1)
     assert [(view.depth == other.depth).all() for view, other in zip(given.views, again.views, strict=True)] == [
         True
     ] * 4
 
 
-def test_a_longer_string_is_seen_from_the_same_distance() -> None:
+def test_a_longer_string_is_captured_from_the_same_distance() -> None:
     short, long = (
         simulated_input((80, 50), views=2, scene="long", distance_m=0.5, length_m=length) for length in (0.4, 2.0)
     )
@@ -94,22 +94,22 @@ def test_growth_is_linear_until_a_step_is_not() -> None:
 
     assert [row.ratio for row in timed(0.5, 1.0, 1.5)] == [1.0, 2.0, 3.0]
     assert [row.size_ratio for row in timed(0.5, 1.0, 1.5)] == [1.0, 2.0, 4.0]
-    assert linear(timed(0.5, 1.0, 2.0))
-    assert linear(timed(0.5, 0.4, 0.6)), "faster than linear is fine"
-    assert not linear(timed(0.5, 0.6, 2.4)), "the last step grows with the square"
-    assert not linear(timed(0.5, 2.0, 3.0)), "six times the time for four times the size"
-    # Less than a tenth above linear, or one slow run in the middle, is scatter: 2 ** 1.2 is 2.3.
-    assert linear(timed(0.5, 1.1))
-    assert linear(timed(0.5, 1.3, 2.0))
+    assert is_linear(timed(0.5, 1.0, 2.0))
+    assert is_linear(timed(0.5, 0.4, 0.6)), "slower growth than linear is accepted"
+    assert not is_linear(timed(0.5, 0.6, 2.4)), "the last step grows with the square"
+    assert not is_linear(timed(0.5, 2.0, 3.0)), "six times the time for four times the size"
+    # A factor of up to 2 ** 1.2 = 2.3 for the double size, or one slow size in the middle, counts as scatter.
+    assert is_linear(timed(0.5, 1.1))
+    assert is_linear(timed(0.5, 1.3, 2.0))
 
 
-def test_a_size_that_is_refused_is_not_linear_and_says_why() -> None:
+def test_a_series_with_a_refused_size_is_not_linear_and_has_the_reason() -> None:
     series = rows([0.4, 10.0], [Timing(0.3, {}, 5), "too-crowded: the workspace is wrong"])
     assert series[1] == Row(10.0, 0, None, None, 25.0, "too-crowded: the workspace is wrong")
-    assert not linear(series)
+    assert not is_linear(series)
 
 
-def test_refusal_is_caught_where_it_is_timed(monkeypatch: pytest.MonkeyPatch, given: Input) -> None:
+def test_a_refusal_is_a_result_of_the_timing(monkeypatch: pytest.MonkeyPatch, given: Input) -> None:
     clock = Clock()
 
     def recognise(views: Sequence[object], *others: Any) -> SimpleNamespace:
@@ -120,7 +120,7 @@ def test_refusal_is_caught_where_it_is_timed(monkeypatch: pytest.MonkeyPatch, gi
     monkeypatch.setattr(speed, "time", clock)
     monkeypatch.setattr("recognition.pipeline.recognise", recognise)
     one = replace(given, views=given.views[:1])
-    first, second, third = scaling.timed([given, one, given], given)
+    first, second, third = scaling.time_inputs([given, one, given], given)
     assert (first, second) == (third, "no-depth: dark")
     assert isinstance(first, Timing)
     assert first.seconds == 4 * VIEW_S + REST_S
@@ -138,11 +138,11 @@ def test_the_tables_show_every_figure() -> None:
     assert lines[4] == "| 1 views | 5 | 1.0 | 0.250 s | 1.0 | yes |"
 
 
-def test_the_literal_baseline_counts_its_better_run(
+def test_the_time_of_the_literal_baseline_is_that_of_its_fastest_run(
     clock: Clock, monkeypatch: pytest.MonkeyPatch, given: Input
 ) -> None:
-    takes = iter([9.0, 3.0, 2.0])  # The first is the warm-up's.
+    durations_s = iter([9.0, 3.0, 2.0])  # The first run is the warm-up.
     monkeypatch.setattr(
-        "cell.simulation.benchmark.reference.recognise_literally", lambda *_: clock.sleep(next(takes, nan))
+        "cell.simulation.benchmark.reference.recognise_literally", lambda *_: clock.sleep(next(durations_s, nan))
     )
     assert speed.time_literal(Input(given.views, ChainParameters.for_radius(0.0042), Scene()), given, runs=2) == 2.0

@@ -1,4 +1,4 @@
-"""Workers do their work elsewhere and never outlive the benchmark."""
+"""Test that workers run in child processes and exit with the benchmark."""
 
 import json
 import os
@@ -13,8 +13,8 @@ import pytest
 from cell.simulation.benchmark.worker_pool import in_fresh_process, in_processes
 from tests.processes import runs
 
-PATIENCE_S = 60.0
-"""Only bounds a hang."""
+TIMEOUT_S = 60.0
+"""Timeout of a test that hangs."""
 
 SLEEPER = """
 import os, signal, time
@@ -27,7 +27,7 @@ def sleep(file):
     time.sleep(600)
 
 if __name__ == "__main__":
-    signal.signal(signal.SIGINT, signal.default_int_handler)  # what a shell starts in the background ignores it
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell makes background processes ignore SIGINT
     list(in_processes(sleep, ["a", "b", "c", "d"], jobs=2))
 """
 MEMORY = """
@@ -41,12 +41,12 @@ print(json.dumps([before, held, current_rss_bytes(), peak_rss_bytes()]))
 """
 
 
-def test_results_come_in_order_from_other_processes() -> None:
+def test_results_come_in_order_from_child_processes() -> None:
     assert in_fresh_process(os.getpid) != os.getpid()
     assert list(in_processes(abs, [-3, 2, -1], jobs=2)) == [3, 2, 1]
 
 
-def test_a_worker_has_one_thread_for_sums_and_a_fresh_process_what_the_user_has() -> None:
+def test_a_worker_has_one_thread_and_a_fresh_process_keeps_the_environment() -> None:
     assert list(in_processes(os.getenv, ["OMP_NUM_THREADS"], jobs=1)) == ["1"]
     assert in_fresh_process(os.getenv, "OMP_NUM_THREADS") == os.getenv("OMP_NUM_THREADS")
 
@@ -60,37 +60,37 @@ def test_an_error_reaches_the_caller() -> None:
 def test_no_worker_outlives_the_benchmark(how: signal.Signals, tmp_path: Path) -> None:
     script = tmp_path / "sleeper.py"
     script.write_text(SLEEPER)
-    # A group of its own: the signal reaches the parent alone, as `kill` sends it.
+    # In a new session, the signal reaches only the parent process.
     parent = subprocess.Popen([sys.executable, script], cwd=tmp_path, stderr=subprocess.DEVNULL, start_new_session=True)
     try:
         begun = [tmp_path / "a", tmp_path / "b"]
-        end = time.monotonic() + PATIENCE_S
+        end = time.monotonic() + TIMEOUT_S
         while not all(file.exists() for file in begun):
-            assert time.monotonic() < end, "the workers did not begin"
+            assert time.monotonic() < end, "the workers did not start"
             assert parent.poll() is None
             time.sleep(0.02)
         workers = [int(file.read_text()) for file in begun]
         assert all(map(runs, workers))
         parent.send_signal(how)
-        assert parent.wait(PATIENCE_S) != 0
+        assert parent.wait(TIMEOUT_S) != 0
         while any(map(runs, workers)):
-            assert time.monotonic() < end, "a worker goes on"
+            assert time.monotonic() < end, "a worker still runs"
             time.sleep(0.02)
-        assert not (tmp_path / "c").exists(), "no more work is begun"
+        assert not (tmp_path / "c").exists(), "no more work is started"
     finally:
         parent.kill()
         parent.wait()
 
 
-@pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="the system does not tell what is resident now")
-def test_memory_is_what_is_held() -> None:
-    # What this process holds is not counted: it is twice the block of the one that is measured.
+@pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="the system does not report the current memory")
+def test_the_memory_is_that_of_the_measured_process() -> None:
+    # This process holds twice the memory of the measured process, which must not count.
     ours = b"x" * (200 * 2**20)
     output = subprocess.run([sys.executable, "-c", MEMORY], capture_output=True, text=True, check=True).stdout
     del ours
     before, held, after, peak = json.loads(output)
     block = 100 * 2**20
-    # The system counts to some dozens of pages.
+    # The system reports the memory to some dozens of pages.
     assert held - before == pytest.approx(block, rel=0.02)
     assert after - before < 0.02 * block
     assert peak - before == pytest.approx(block, rel=0.02)

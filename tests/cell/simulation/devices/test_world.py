@@ -31,7 +31,7 @@ def settings(**camera: Any) -> CellSettings:
 
 
 def model_of(truth: dict[str, Any]) -> dict[str, Any]:
-    """A model that is as the truth says."""
+    """Return the truth as a model document."""
     return {
         "chains": [{"id": k, "closed": False, "points": curve} for k, curve in enumerate(truth["curves"])],
         "crossings": [
@@ -51,7 +51,7 @@ def test_the_truth_is_in_the_base_frame_in_the_middle_of_the_workspace() -> None
     truth, of_scene = world_truth(world), scene_truth(world.scene, [], world.T_flange_camera)
     assert world.T_base_scene[:3, 3] == pytest.approx(CENTRE)
     curve, original = np.array(truth["curves"][0]), np.array(of_scene["curves"][0])
-    # Written to a tenth of a micrometre.
+    # The truth is rounded to 0.1 um.
     assert np.abs(curve - original - CENTRE).max() < 2e-7
     assert len(truth["crossings"]) == 3
     for moved, crossing in zip(truth["crossings"], of_scene["crossings"], strict=True):
@@ -59,7 +59,7 @@ def test_the_truth_is_in_the_base_frame_in_the_middle_of_the_workspace() -> None
         assert (moved["over"], moved["under"]) == (crossing["over"], crossing["under"])
 
 
-def test_scoring_takes_the_truth() -> None:
+def test_score_accepts_the_truth_of_the_world() -> None:
     world = simulated_world(settings(scene="several", seed=2))
     truth = world_truth(world)
     right = score(model_of(truth), truth)
@@ -69,7 +69,7 @@ def test_scoring_takes_the_truth() -> None:
     assert not elsewhere.topology
 
 
-def test_without_errors_the_camera_is_where_it_is_told_to_be() -> None:
+def test_without_errors_the_camera_is_at_its_nominal_pose() -> None:
     world = simulated_world(settings(errors=0.0))
     T_base_flange = look_at(np.array([0.4, 0.0, 0.3]), 0.3, 1.0, 0.2, 0.4)
     assert np.array_equal(world.told_T_flange_camera, world.T_flange_camera)
@@ -78,7 +78,7 @@ def test_without_errors_the_camera_is_where_it_is_told_to_be() -> None:
     assert world.T_base_scene @ T_scene_camera == pytest.approx(T_base_flange @ world.T_flange_camera, abs=1e-12)
 
 
-def test_errors_are_of_the_pose_and_have_their_size() -> None:
+def test_pose_errors_depend_on_the_pose_and_have_the_configured_size() -> None:
     world = simulated_world(settings(errors=2.0))
     shifts, turns = [], []
     for k in range(400):
@@ -88,24 +88,24 @@ def test_errors_are_of_the_pose_and_have_their_size() -> None:
         assert np.array_equal(true, again)
         shifts.append(np.linalg.norm(true[:3, 3] - T_base_flange[:3, 3]))
         turns.append(rotation_angle(true @ inverse(T_base_flange)))
-    # 400 samples of three components: the root mean square is off by 2 %, thrice that is allowed.
+    # The root mean square of 400 samples with three components has a standard error of 2 %. The limit is three times.
     assert np.sqrt(np.mean(np.square(shifts))) == pytest.approx(2 * PoseErrors().robot_m, rel=0.06)
     assert np.sqrt(np.mean(np.square(turns))) == pytest.approx(2 * PoseErrors().robot_rad, rel=0.06)
     assert len(np.unique(shifts)) == 400
 
 
-def test_a_pose_that_is_told_a_little_differently_has_the_same_error() -> None:
+def test_reported_poses_that_differ_slightly_have_the_same_error() -> None:
     world = simulated_world(settings())
     T_base_flange = look_at(np.array([0.4, 0.0, 0.3]), 0.3, 1.0, 0.2, 0.4)
     nearly = T_base_flange.copy()
     nearly[:3] = np.rint(nearly[:3] / 1e-5) * 1e-5
-    told = nearly.copy()
-    told[0, 3] += 3e-6  # less than half a step
-    difference = world.T_base_camera(told)[:3, 3] - world.T_base_camera(nearly)[:3, 3]
+    shifted = nearly.copy()
+    shifted[0, 3] += 3e-6  # less than half a step
+    difference = world.T_base_camera(shifted)[:3, 3] - world.T_base_camera(nearly)[:3, 3]
     assert difference == pytest.approx([3e-6, 0, 0], abs=1e-12)
 
 
-def test_the_same_seed_has_the_calibration_and_bias_of_a_simulated_recording() -> None:
+def test_the_same_seed_gives_the_calibration_and_bias_of_a_simulated_recording() -> None:
     world = simulated_world(settings(model="oak-d-pro", scene="straight", seed=7))
     recorded = simulate(make_scene("straight", 7), camera_model("oak-d-pro", (64, 40)), 7, views=1)
     assert np.array_equal(world.told_T_flange_camera, recorded.header.T_flange_camera)
@@ -117,7 +117,7 @@ def test_the_same_seed_has_the_calibration_and_bias_of_a_simulated_recording() -
     assert simulated_world(settings(model="ideal", scene="straight", seed=7)).bias_px == 0.0
 
 
-def test_the_hand_eye_calibration_is_told_with_its_camera() -> None:
+def test_the_nominal_hand_eye_calibration_has_the_id_of_its_camera() -> None:
     world, other = (simulated_world(settings(scene="straight", seed=seed)) for seed in (1, 2))
     assert world.told_hand_eye.camera_id == world.camera_id
     assert np.array_equal(world.told_hand_eye.T_flange_camera, world.told_T_flange_camera)
@@ -125,7 +125,7 @@ def test_the_hand_eye_calibration_is_told_with_its_camera() -> None:
     assert world.told_hand_eye.sha256 != other.told_hand_eye.sha256
 
 
-def test_impossible_worlds_are_refused() -> None:
+def test_impossible_worlds_are_rejected() -> None:
     with pytest.raises(CellSettingsError, match=r"camera\.scene: overhand-knot: .*use a longer or a thinner one"):
         simulated_world(settings(scene="overhand-knot", string_radius_m=0.02))
     real = CellSettings(
@@ -137,12 +137,12 @@ def test_impossible_worlds_are_refused() -> None:
         simulated_world(real)
 
 
-def test_the_settings_know_the_id_of_the_simulated_camera() -> None:
+def test_the_settings_have_the_id_of_the_simulated_camera() -> None:
     for camera in (settings(), settings(model="ideal", seed=5)):
         assert camera.camera_id == simulated_world(camera).camera_id
 
 
-def test_with_a_board_it_is_the_same_cell_without_strings() -> None:
+def test_a_board_replaces_the_strings_of_the_same_cell() -> None:
     world = simulated_world(settings(scene="overhand-knot", seed=1))
     laid = world.with_board(Board())
     assert (world.board, world.T_base_board) == (None, None)
@@ -164,7 +164,7 @@ def test_the_board_lies_flat_near_the_middle_with_its_print_up(board: Board) -> 
         laid = simulated_world(settings(scene="straight", seed=seed)).with_board(board)
         assert laid.T_base_board is not None
         T = rigid(laid.T_base_board, "T_base_board")
-        # z goes into the paper, as the board's x and y are those of somebody who looks down at it.
+        # z points into the table, because x points right and y points down when seen from above.
         assert T[:3, 2] == pytest.approx([0, 0, -1], abs=1e-15)
         middle = transform_points(T, board.points).mean(axis=0)
         assert middle[2] == pytest.approx(CENTRE[2] + 0.003)
@@ -177,6 +177,6 @@ def test_the_board_lies_flat_near_the_middle_with_its_print_up(board: Board) -> 
         assert np.array_equal(again, T)
         poses.append(T)
     yaws = np.arctan2(*np.array(poses)[:, [1, 0], 0].T)
-    # Drawn evenly from -40 to 40 degrees, and anew for each seed.
+    # The angle is uniform from -40 to 40 degrees, and differs for each seed.
     assert np.abs(yaws).max() <= np.deg2rad(40)
     assert np.ptp(yaws) > np.deg2rad(40)

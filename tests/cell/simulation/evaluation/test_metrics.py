@@ -16,7 +16,7 @@ def truth(request: pytest.FixtureRequest) -> dict[str, Any]:
 
 
 def perfect(truth: dict[str, Any]) -> dict[str, Any]:
-    """The truth as a model; the strings last first, and every other one backwards."""
+    """Return the truth as a model, with the strings in reverse order and every second string backwards."""
     count = len(truth["curves"])
     length = [float(np.linalg.norm(np.diff(curve, axis=0), axis=1).sum()) for curve in truth["curves"]]
 
@@ -42,27 +42,27 @@ def moved(model: dict[str, Any], T: np.ndarray) -> dict[str, Any]:
     return result
 
 
-def test_the_truth_itself_is_perfect(truth: dict[str, Any]) -> None:
+def test_the_truth_as_a_model_has_a_perfect_score(truth: dict[str, Any]) -> None:
     result = score(perfect(truth), truth)
     assert result.topology
     assert result.confident_mistakes == 0
     assert (result.chains, result.crossings) == (len(truth["curves"]), len(truth["crossings"]))
     assert result.cover == 1.0
-    # Samples of the one lie between those of the other, in bends of some centimetres: 0.5 mm chords sag by 1 um.
+    # The samples of the two lines are shifted. In bends of some centimetres, chords of 0.5 mm are off by 1 um.
     for error in (result.mean_m, result.p95_m, result.shape_m):
         assert error is not None
         assert error < 2e-6
     assert result.end_m == 0.0
 
 
-def test_a_lifted_model_is_wrong_by_that_height_but_not_in_shape(truth: dict[str, Any]) -> None:
+def test_a_lifted_model_has_its_height_as_the_mean_error_and_no_shape_error(truth: dict[str, Any]) -> None:
     T = from_rotation_vector((0.0, 0.0, 0.002), (0.0, 0.0, 0.0))
     result = score(moved(perfect(truth), T), truth)
     assert result.topology
-    # Lifted strands are nearer to the true ramps beside them than 2 mm.
+    # Some lifted points are closer than 2 mm to a rising part of the true strands.
     assert result.mean_m == pytest.approx(0.002, rel=0.05)
     assert result.end_m == pytest.approx(0.002)
-    # The fit turns to nearest points five times; what is left after these is hundredths of the lift.
+    # Five iterations of the fit leave some hundredths of the height.
     assert result.shape_m is not None
     assert result.shape_m < 0.05e-3
 
@@ -78,15 +78,15 @@ def test_exchanged_over_and_under_is_a_confident_mistake(truth: dict[str, Any]) 
     assert score(model, truth).confident_mistakes == 0
 
 
-def test_missing_and_invented_crossings_are_wrong(truth: dict[str, Any]) -> None:
-    missing, invented = perfect(truth), perfect(truth)
+def test_missing_and_surplus_crossings_are_wrong(truth: dict[str, Any]) -> None:
+    missing, surplus = perfect(truth), perfect(truth)
     missing["crossings"].pop()
-    invented["crossings"].append(invented["crossings"][0])
+    surplus["crossings"].append(surplus["crossings"][0])
     assert not score(missing, truth).topology
-    assert not score(invented, truth).topology
+    assert not score(surplus, truth).topology
 
 
-def test_a_crossing_far_from_its_place_is_wrong(truth: dict[str, Any]) -> None:
+def test_a_crossing_far_from_its_true_position_is_wrong(truth: dict[str, Any]) -> None:
     model = perfect(truth)
     model["crossings"][0]["point"] = [1.0, 0.0, 0.0]
     assert not score(model, truth).topology
@@ -96,14 +96,14 @@ def test_a_shortened_chain_misses_an_end(truth: dict[str, Any]) -> None:
     model = perfect(truth)
     model["chains"][0]["points"] = model["chains"][0]["points"][:-10]
     result = score(model, truth)
-    # Nearly: the string bends.
+    # The string bends, so the distance is slightly less than the arc length.
     assert result.end_m == pytest.approx(0.02, rel=0.05)
-    # 20 mm of string less the radius, within which it still counts as covered.
+    # A length of about the radius within the 20 mm still counts as covered.
     lost = (0.02 - truth["radius"]) / (0.4 * len(truth["curves"]))
     assert result.cover == pytest.approx(1 - lost, abs=0.003)
 
 
-def test_a_broken_string_is_wrong(truth: dict[str, Any]) -> None:
+def test_a_string_in_two_chains_is_wrong(truth: dict[str, Any]) -> None:
     model = perfect(truth)
     points = model["chains"][0]["points"]
     model["chains"][0]["points"] = points[:150]
@@ -113,17 +113,17 @@ def test_a_broken_string_is_wrong(truth: dict[str, Any]) -> None:
     assert result.chains == len(truth["curves"]) + 1
 
 
-def test_no_chain_is_no_distance(truth: dict[str, Any]) -> None:
+def test_without_chains_the_distances_are_none(truth: dict[str, Any]) -> None:
     result = score({"chains": [], "crossings": []}, truth)
     assert (result.mean_m, result.end_m, result.cover, result.topology) == (None, None, 0.0, False)
 
 
 def ring_truth() -> dict[str, Any]:
-    """A ring of 60 mm over a straight string; it passes over at one place and under at the other."""
+    """Return the truth of a ring of radius 60 mm that crosses a straight string, once over and once under."""
     angle = np.linspace(0.0, 2 * np.pi, 301)
     ring = 0.06 * np.column_stack([np.cos(angle), np.sin(angle), np.full_like(angle, 0.1)])
     bar = np.column_stack([np.linspace(-0.1, 0.1, 101), np.zeros(101), np.full(101, 0.1)])
-    round_m = 2 * np.pi * 0.06
+    circumference_m = 2 * np.pi * 0.06
     return {
         "name": "ring",
         "radius": 0.004,
@@ -132,23 +132,23 @@ def ring_truth() -> dict[str, Any]:
         "curves": [ring.tolist(), bar.tolist()],
         "crossings": [
             {"point": [0.06, 0.0, 0.1], "over": [0, 0.0], "under": [1, 0.16]},
-            {"point": [-0.06, 0.0, 0.1], "over": [1, 0.04], "under": [0, round_m / 2]},
+            {"point": [-0.06, 0.0, 0.1], "over": [1, 0.04], "under": [0, circumference_m / 2]},
         ],
     }
 
 
 def ring_model(start: int, backwards: bool) -> dict[str, Any]:
-    """That truth as a model; the ring begins at its point `start` and is not closed by its points."""
+    """Return `ring_truth` as a model. The ring begins at point `start` and does not repeat its first point."""
     truth = ring_truth()
     ring = truth["curves"][0][:-1]
     ring = ring[start:] + ring[:start]
-    round_m = 2 * np.pi * 0.06
+    circumference_m = 2 * np.pi * 0.06
 
     def along(s: float) -> float:
-        s = (s - start / 300 * round_m) % round_m
-        return (round_m - s) % round_m if backwards else s
+        s = (s - start / 300 * circumference_m) % circumference_m
+        return (circumference_m - s) % circumference_m if backwards else s
 
-    # Backwards from the same point, as `along` has it.
+    # The reversed ring begins at the same point, as in `along`.
     ring = ring[:1] + ring[:0:-1] if backwards else ring
     return {
         "chains": [
@@ -164,7 +164,7 @@ def ring_model(start: int, backwards: bool) -> dict[str, Any]:
             {
                 "point": [-0.06, 0.0, 0.1],
                 "over": {"chain": 1, "s_m": 0.04},
-                "under": {"chain": 0, "s_m": along(round_m / 2)},
+                "under": {"chain": 0, "s_m": along(circumference_m / 2)},
             },
         ],
     }
@@ -172,7 +172,7 @@ def ring_model(start: int, backwards: bool) -> dict[str, Any]:
 
 @pytest.mark.parametrize("backwards", [False, True])
 @pytest.mark.parametrize("start", [0, 40, 150, 260])
-def test_a_ring_may_begin_anywhere_and_run_either_way(start: int, backwards: bool) -> None:
+def test_a_ring_may_begin_at_any_point_and_run_in_either_direction(start: int, backwards: bool) -> None:
     result = score(ring_model(start, backwards), ring_truth())
     assert result.topology
     assert result.confident_mistakes == 0
@@ -181,7 +181,7 @@ def test_a_ring_may_begin_anywhere_and_run_either_way(start: int, backwards: boo
     assert result.cover == 1.0
 
 
-def test_a_ring_that_was_not_closed_is_wrong() -> None:
+def test_an_open_chain_for_a_ring_is_wrong() -> None:
     model = ring_model(40, False)
     model["chains"][0]["closed"] = False
     assert not score(model, ring_truth()).topology
@@ -196,7 +196,7 @@ def test_a_ring_with_over_and_under_exchanged_is_wrong() -> None:
     assert result.confident_mistakes == 1
 
 
-def test_a_ring_alone_has_no_end() -> None:
+def test_a_ring_has_no_ends() -> None:
     truth, model = ring_truth(), ring_model(40, False)
     for document, key in ((truth, "curves"), (truth, "closed"), (truth, "radii"), (model, "chains")):
         document[key] = document[key][:1]
@@ -206,8 +206,8 @@ def test_a_ring_alone_has_no_end() -> None:
     assert (result.true_ends, result.end_m, result.cover) == (0, None, 1.0)
 
 
-def test_cover_is_within_each_strings_own_radius() -> None:
-    # 3 mm above its string, a chain covers a string of 4 mm and not one of 2 mm.
+def test_cover_uses_the_radius_of_each_string() -> None:
+    # A chain 3 mm above its string covers a string of radius 4 mm, but not a string of radius 2 mm.
     T = from_rotation_vector((0.0, 0.0, 0.003), (0.0, 0.0, 0.0))
     result = score(moved(ring_model(0, False), T), ring_truth())
     ring, bar = 2 * np.pi * 0.06, 0.2
@@ -215,12 +215,12 @@ def test_cover_is_within_each_strings_own_radius() -> None:
     assert result.mean_m == pytest.approx(0.003, rel=1e-3)
 
 
-def test_where_there_is_no_string_none_is_right() -> None:
+def test_in_an_empty_scene_a_model_without_chains_is_right() -> None:
     truth = {"name": "empty", "radius": 0.004, "curves": [], "crossings": []}
     result = score({"chains": [], "crossings": []}, truth)
     assert (result.topology, result.cover, result.mean_m) == (True, 1.0, None)
-    invented = {"chains": [{"id": 0, "points": [[0, 0, 0], [0, 0, 1]]}], "crossings": []}
-    assert not score(invented, truth).topology
+    surplus = {"chains": [{"id": 0, "points": [[0, 0, 0], [0, 0, 1]]}], "crossings": []}
+    assert not score(surplus, truth).topology
 
 
 @pytest.mark.parametrize(
@@ -231,11 +231,11 @@ def test_where_there_is_no_string_none_is_right() -> None:
         ({"chains": [{"points": [[0, 0, 0], [1, 1, 1]]}], "crossings": []}, "id"),
     ],
 )
-def test_what_is_no_model_is_refused(truth: dict[str, Any], model: dict[str, Any], message: str) -> None:
+def test_an_invalid_model_is_rejected(truth: dict[str, Any], model: dict[str, Any], message: str) -> None:
     with pytest.raises(ScoringError, match=message):
         score(model, truth)
 
 
-def test_what_is_no_truth_is_refused() -> None:
+def test_an_invalid_truth_is_rejected() -> None:
     with pytest.raises(ScoringError, match="radius"):
         score({"chains": [], "crossings": []}, {"name": "x"})
