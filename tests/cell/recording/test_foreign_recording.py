@@ -295,7 +295,7 @@ def test_other_encodings_are_named(tmp_path: Path, encoding: str) -> None:
     [
         (view_messages(1), RecordingContentError, "^view 1 is there twice: it has two messages on /tf"),
         ([(1, "/camera/depth", depth(1))], RecordingContentError, "^view 1 is there twice.*/camera/depth"),
-        ([(64, "/tf", pose(0))], RecordingTooLargeError, r"^view 64 \(/tf\): .* go from 0 to 63"),
+        ([(64, "/tf", pose(0))], RecordingTooLargeError, r"^view 64 \(/tf\): .* are from 0 to 63"),
         ([(2**32 - 1, "/tf", pose(0))], RecordingTooLargeError, "^view 4294967295"),
     ],
 )
