@@ -1,4 +1,4 @@
-"""`python -m cell.simulation.ur_controller --host 127.0.0.2`: the virtual controller as a process."""
+"""The virtual controller as a process, `python -m cell.simulation.ur_controller --host 127.0.0.2`."""
 
 import argparse
 import asyncio
@@ -12,11 +12,11 @@ import sys
 from cell.simulation.ur_controller.servers.sockets import listening
 
 FIRST, LAST = 2, 250
-"""Addresses 127.0.0.x that are tried where none is given. 127.0.0.1 is not: ur_rtde leaves out a check there."""
+"""Range of the addresses 127.0.0.x that are tried by default. ur_rtde omits a check for 127.0.0.1."""
 
 
 def main() -> int:
-    """Runs until interrupted. Says on standard output where it listens, as one line of JSON."""
+    """Run until interrupted. Print the address as one line of JSON on standard output."""
     parser = argparse.ArgumentParser(
         prog="python -m cell.simulation.ur_controller", description="A virtual UR controller."
     )
@@ -47,7 +47,7 @@ def main() -> int:
         print(json.dumps({"error": reason}), flush=True)
         return 1
 
-    # Only now: a taken address is said at once, and not after the imports of scipy.
+    # imported only now, so that an address in use is reported before the imports of scipy
     from cell.kinematics.ur_kinematics import ARMS
     from cell.simulation.ur_controller.controller import HOME_Q_RAD, ControllerOptions, serve
 
@@ -64,14 +64,14 @@ def main() -> int:
         options.seed,
     )
     if options.with_parent:
-        signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent ends it in its own time
+        signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent ends this process
     print(json.dumps({"host": host, "pid": os.getpid()}), flush=True)
     asyncio.run(serve(made, sockets, options.with_parent))
     return 0
 
 
 def _listen(host: str | None) -> tuple[str, dict[int, socket.socket]]:
-    """The address and its listening sockets. Raises OSError: all addresses that may be used are taken."""
+    """Return the address and its listening sockets. Raise OSError if no address is free."""
     last: OSError | None = None
     for candidate in [host] if host else [f"127.0.0.{k}" for k in range(FIRST, LAST + 1)]:
         try:

@@ -1,6 +1,6 @@
-"""A client of the virtual controller's own port: its state, its log, and faults on demand.
+"""Client of the administration port of the virtual controller: state, log, and fault injection.
 
-For tests, and for the simulated camera, which asks where the flange is. Lines of JSON; standard library and numpy.
+It is used by tests, and by the simulated camera for the flange pose. The protocol is lines of JSON.
 """
 
 import json
@@ -21,48 +21,51 @@ class ControllerGoneError(ConnectionError):
 
 
 class AdminRefusedError(ValueError):
-    """The controller did not understand what was asked."""
+    """The controller rejects a request."""
 
 
 @dataclass(frozen=True, eq=False)
 class ControllerState:
-    """The virtual robot at one moment."""
+    """State of the virtual robot at one moment."""
 
     stamp_s: float
-    """Of `time.monotonic()`, which all processes of a Linux machine share."""
+    """Time, seconds of `time.monotonic()`, which all processes of a Linux machine share."""
     q_rad: NDArray[np.float64]
-    """(6,)"""
+    """Joint angles (6,)."""
     qd_rad_s: NDArray[np.float64]
-    """(6,) by the wall clock: the time factor is in it."""
+    """Joint speeds (6,) by the wall clock, including the time factor."""
     T_base_flange: NDArray[np.float64]
     """(4, 4) actual flange pose."""
     robot_mode: str
-    """As "RUNNING"."""
+    """Robot mode, for example "RUNNING"."""
     safety_mode: str
-    """As "NORMAL", "PROTECTIVE_STOP"."""
+    """Safety mode, for example "NORMAL" or "PROTECTIVE_STOP"."""
     program_state: str
-    """As "PLAYING", "PAUSED", "STOPPED"."""
+    """State of the program, for example "PLAYING", "PAUSED" or "STOPPED"."""
     program: str | None
-    """Its name."""
+    """Name of the program, or None."""
     moving: bool
     progress: float
-    """Share of the move under way that is done, 0 to 1."""
+    """Completed share of the current move, 0 to 1."""
     watchdog_hz: float
-    """0 while it is not armed."""
+    """Frequency of the watchdog, or 0 while it is off."""
     watchdog_fed_s: float
-    """When it was last fed, of the same clock as `stamp_s`."""
+    """Time of the last signal to the watchdog, on the clock of `stamp_s`."""
     watchdog_meals: int
-    """How often it was fed since it was armed."""
+    """Number of signals to the watchdog since it was started."""
     remote: bool
     speed_fraction: float
     events: int
-    """How many the log has had: `log(since=events)` gives what comes later."""
+    """Number of events so far. `log(since=events)` returns later ones."""
     connections: dict[str, int]
-    """How many there are of each port: "rtde", "script", "dashboard"."""
+    """Number of connections of each port, by "rtde", "script" and "dashboard"."""
 
 
 class AdminClient:
-    """Asks the virtual controller at an address. Connects at the first call; safe to use from several threads."""
+    """Client of the virtual controller at an address.
+
+    It connects at the first call and may be used from several threads.
+    """
 
     def __init__(self, host: str, timeout_s: float = 5.0) -> None:
         self.host = host
@@ -72,65 +75,65 @@ class AdminClient:
         self._rest = b""
 
     def state(self) -> ControllerState:
-        """The robot now. Raises ControllerGoneError."""
+        """Return the present state. Raise ControllerGoneError without a controller."""
         answer = self._call("state")
         for name in ("q_rad", "qd_rad_s", "T_base_flange"):
             answer[name] = np.array(answer[name])
         return ControllerState(**answer)
 
     def pose(self) -> NDArray[np.float64]:
-        """The actual `T_base_flange` (4, 4) now, by the clock and not by the last cycle. Raises ControllerGoneError."""
+        """Return the true flange pose (4, 4) at this time. Raise ControllerGoneError without a controller."""
         return np.array(self._call("pose")["T_base_flange"])
 
     def log(self, since: int = 0) -> list[dict[str, Any]]:
-        """The events from number `since` on: index, stamp_s (`time.monotonic()`), kind, details.
+        """Return the events from number `since` on, each with index, stamp_s (`time.monotonic()`), kind and details.
 
-        The oldest of very many are forgotten.
+        The oldest of many events are dropped.
         """
         return self._call("log", since=since)
 
     def drop(self) -> None:
-        """Resets all RTDE connections, once."""
+        """Reset all RTDE connections once."""
         self._call("drop")
 
     def freeze(self) -> None:
-        """RTDE falls silent both ways, the sockets stay open; until `clear`."""
+        """Let RTDE be silent in both directions with open sockets, until `clear`."""
         self._call("freeze")
 
     def half_open(self) -> None:
-        """New connections are accepted and never answered; until `clear`."""
+        """Accept new connections without ever answering, until `clear`."""
         self._call("half_open")
 
     def unreachable(self) -> None:
-        """All connections are reset and new ones refused; until `clear`."""
+        """Reset all connections and refuse new ones, until `clear`."""
         self._call("unreachable")
 
     def slow(self, delay_s: float = 0.0, rate_hz: float | None = None) -> None:
-        """RTDE packages leave later, or more seldom; until `clear`."""
+        """Delay RTDE packages, or send them at a lower rate, until `clear`."""
         self._call("slow", delay_s=delay_s, rate_hz=rate_hz)
 
     def protective_stop(self, after_s: float = 0.0, at_share: float | None = None) -> None:
-        """The safety system stops the arm: now, after a time, or when this share of the (next) move is done."""
+        """Stop the arm by the safety system now, after a time, or at a share of the current or next move."""
         self._call("protective_stop", after_s=after_s, at_share=at_share)
 
     def emergency_stop(self) -> None:
-        """The red button, pressed until `clear`."""
+        """Press the emergency stop button, until `clear`."""
         self._call("emergency_stop")
 
     def local_mode(self) -> None:
-        """Somebody takes the pendant: local control until `clear`."""
+        """Switch to local control at the pendant, until `clear`."""
         self._call("local_mode")
 
     def foreign_program(self, name: str = "welding.urp") -> None:
-        """Somebody starts another program at the pendant."""
+        """Start another program at the pendant."""
         self._call("foreign_program", name=name)
 
     def power_off(self) -> None:
-        """The arm's power is switched off at the pendant."""
+        """Switch off the arm's power at the pendant."""
         self._call("power_off")
 
     def table(self, z_m: float | None) -> None:
-        """A safety plane that the flange must not come below; None for none."""
+        """Set a safety plane below which the flange must not go, or None for no plane."""
         self._call("table", z_m=z_m)
 
     def clear(self) -> None:
@@ -142,11 +145,11 @@ class AdminClient:
         self._call("clear")
 
     def reset(self, q_rad: Sequence[float] | NDArray[np.float64] | None = None) -> None:
-        """`clear`, and a person puts everything right at the pendant: power, safety, no program; arm at `q_rad`."""
+        """Call `clear`, and restore power, safety and program state at the pendant, with the arm at `q_rad`."""
         self._call("reset", q_rad=None if q_rad is None else [float(q) for q in q_rad])
 
     def close(self) -> None:
-        """Ends the connection; the next call makes a new one."""
+        """Close the connection. The next call opens a new one."""
         with self._turn:
             self._close()
 

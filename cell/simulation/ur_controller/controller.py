@@ -1,4 +1,4 @@
-"""The virtual controller as a whole: its ports and its cycle."""
+"""The virtual controller: its ports and its cycle."""
 
 import asyncio
 import functools
@@ -28,27 +28,27 @@ from cell.simulation.ur_controller.servers.sockets import (
 )
 
 IDLE_HZ = 50.0
-"""Cycles while nobody listens and nothing moves: an idle controller costs next to nothing."""
+"""Cycle rate without clients and motion, to save processor time."""
 HOME_Q_RAD = tuple(np.deg2rad((0.0, -90.0, 90.0, -90.0, -90.0, 0.0)).tolist())
 LATE_S = 0.02
-"""A cycle later than this was kept from the processor by other work of the machine."""
+"""Delay beyond which a cycle was held up by other work of the machine."""
 PARENT_S = 1.0
-"""How often it looks whether the parent process is still there."""
+"""Period at which the parent process is checked."""
 
 
 @dataclass(frozen=True)
 class ControllerOptions:
-    """What a virtual controller is made of."""
+    """Options of a virtual controller."""
 
     model: ArmModelName
     q_rad: tuple[float, ...]
-    """(6,) where the arm is at the start."""
+    """Joint angles (6,) at the start."""
     time_factor: float
-    """The arm moves so many times as fast; nothing else does."""
+    """Factor on the speed of the arm, and of nothing else."""
     table_z_m: float | None
-    """Safety plane; see SafetyLimits."""
+    """Height of a safety plane, or None. See SafetyLimits."""
     version: tuple[int, int, int, int]
-    """Of the software, as the controller tells it."""
+    """Software version that the controller reports."""
     pose_error_m: float = 0.0
     """Root mean square of the reported position's smooth error. 0 reports the pose by nominal kinematics."""
     pose_error_rad: float = 0.0
@@ -91,9 +91,9 @@ async def serve(options: ControllerOptions, sockets: dict[int, socket.socket], w
 
 
 class _Cycle:
-    """The controller's cycle, again and again by the clock.
+    """The cycle of the controller, by the clock.
 
-    A chain of timer calls: a coroutine that sleeps costs half as much again.
+    It is a chain of timer calls, because a sleeping coroutine costs 50 % more.
     """
 
     def __init__(self, robot: Robot, rtde: RtdeServer, parent_pid: int | None, end: "asyncio.Future[None]") -> None:
@@ -102,16 +102,16 @@ class _Cycle:
         self._due_s = self._parent_s = self._loop.time()
 
     def run(self) -> None:
-        """One cycle, and the next one planned."""
+        """Run one cycle and schedule the next one."""
         try:
             self._run(self._loop.time())
-        except Exception as error:  # noqa: BLE001 (handed on to whoever waits for the end)
+        except Exception as error:  # noqa: BLE001 (passed to the task that waits for the end)
             if not self._end.done():
                 self._end.set_exception(error)
 
     def _run(self, now_s: float) -> None:
         robot, rtde = self._robot, self._rtde
-        if now_s - self._due_s > LATE_S:  # a real controller is never kept from its work
+        if now_s - self._due_s > LATE_S:  # a real controller is never held up
             robot.watchdog.excuse(self._due_s, now_s)
         robot.advance(now_s)
         robot.cycle()
@@ -120,13 +120,13 @@ class _Cycle:
         self._loop.call_at(self._due_s, self.run)
         if self._parent_pid is not None and now_s > self._parent_s + PARENT_S:
             self._parent_s = now_s
-            # Standard input stays open where a fork of the parent lives on.
+            # standard input stays open while a fork of the parent lives
             if os.getppid() != self._parent_pid and not self._end.done():
                 self._end.set_result(None)
 
 
 class _Listeners:
-    """The robot's own ports: answered, or refused."""
+    """The ports of the robot, which accept or refuse connections."""
 
     def __init__(self, sockets: dict[int, socket.socket], makers: dict[int, functools.partial]) -> None:
         self._sockets, self._makers = sockets, makers
@@ -141,7 +141,7 @@ class _Listeners:
             elif not on and port in self._servers:
                 host = self._sockets[port].getsockname()[0]
                 self._servers.pop(port).close()
-                # Bound but not listening: connections are refused, and nobody else takes the port.
+                # bound but not listening, so that connections are refused and the port stays reserved
                 self._sockets[port] = bound(host, port)
 
 

@@ -1,4 +1,4 @@
-"""Starts the virtual controller in a process of its own and ends it again."""
+"""Start and end of the virtual controller as a child process."""
 
 import json
 import os
@@ -18,34 +18,34 @@ if TYPE_CHECKING:
     from cell.config.arm_config import ArmModelName
 
 START_S = 60.0
-"""A loaded machine takes seconds to start Python and numpy."""
+"""Timeout of the start. Python and numpy take seconds on a busy machine."""
 END_S = 2.0
 
 
 class ControllerStartError(RuntimeError):
-    """The virtual controller could not be started: its address is taken, or the process died."""
+    """The virtual controller could not be started, because its address is in use or the process died."""
 
     slug = "simulation"
 
 
 class RunningController:
-    """A virtual controller's process. It ends with `close`, or with the process that started it."""
+    """The process of a virtual controller. It ends with `close`, or with its parent process."""
 
     def __init__(self, process: "subprocess.Popen[bytes]", host: str) -> None:
         self._process = process
         self.host = host
-        """The address that it listens on."""
+        """Address of the controller."""
         self.admin = AdminClient(host)
-        """Its state, its log, and faults."""
+        """Client for state, log and faults."""
 
     @property
     def pid(self) -> int:
-        """The process's id."""
+        """Process id."""
         return self._process.pid
 
     @property
     def alive(self) -> bool:
-        """The process runs."""
+        """Whether the process runs."""
         return self._process.poll() is None
 
     def __enter__(self) -> Self:
@@ -55,7 +55,7 @@ class RunningController:
         self.close()
 
     def close(self) -> None:
-        """Ends the process. Leaves neither a zombie nor an open port behind."""
+        """End the process. No zombie process and no open port remain."""
         self.admin.close()
         _end(self._process)
 
@@ -70,20 +70,20 @@ def start_controller(
     pose_error: tuple[float, float] = (0.0, 0.0),
     seed: int = 0,
 ) -> RunningController:
-    """Starts a virtual controller and returns when it takes connections.
+    """Start a virtual controller, and return when it accepts connections.
 
     Args:
-        model: which arm it has.
-        host: loopback address; the first free one from 127.0.0.2 on unless given.
-        time_factor: the arm moves so many times as fast; stream, watchdog and waits keep to the clock.
-        q_rad: (6,) joint angles at the start.
-        table_z_m: height of a safety plane that the flange must not come below; None for none.
-        software: the version that it tells, as "5.25.1".
+        model: Model of the arm.
+        host: Loopback address. None means the first free one from 127.0.0.2 on.
+        time_factor: Factor on the speed of the arm. Streams, watchdog and waits keep to the clock.
+        q_rad: Joint angles (6,) at the start. None means the default posture.
+        table_z_m: Height of a safety plane below which the flange must not go. None means no plane.
+        software: Software version that the controller reports, for example "5.25.1".
         pose_error: Root mean squares of the reported pose's smooth error, metres and radians.
         seed: Seed of that error.
 
     Raises:
-        ControllerStartError: the address is taken, or the process did not start.
+        ControllerStartError: The address is in use, or the process did not start.
     """
     if host is not None and not host.startswith("127."):
         raise ControllerStartError(f"{host} is not an address of this machine's loopback; give one like 127.0.0.2")
@@ -96,7 +96,7 @@ def start_controller(
     command += (
         ["--q-rad", *map(repr, np.asarray(q_rad, dtype=np.float64).reshape(6).tolist())] if q_rad is not None else []
     )
-    # The package is found from wherever this process was started; a stop of our terminal does not stop the robot.
+    # the package is found from every working directory; Ctrl-C in the terminal does not stop the robot
     root = str(Path(__file__).resolve().parents[3])
     paths = [root, *filter(None, [os.environ.get("PYTHONPATH")])]
     process = subprocess.Popen(

@@ -1,4 +1,4 @@
-"""The simulated arm's mechanics: where the joints are, by the clock."""
+"""Mechanics of the simulated arm: joint positions by the clock."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -13,35 +13,35 @@ from cell.simulation.ur_controller.robot.event_log import EventLog
 from cell.simulation.ur_controller.robot.trajectories import REST, Braking, Joints, Motion
 
 HANDOVER_RAD_S2 = 15.0
-"""Deceleration of the leading joint where a new move replaces one under way, and where a program ends or pauses."""
+"""Deceleration of the leading joint when a new move replaces the current one, and when a program ends or pauses."""
 PROTECTIVE_RAD_S2 = 25.0
-"""The same when the safety system stops the arm. Real arms stop in about 0.1 s from a usual speed."""
+"""Deceleration of a stop by the safety system. Real arms stop in about 0.1 s from usual speeds."""
 
 
 class UnreachableGoalError(ValueError):
-    """The arm can't get to where it was sent."""
+    """The arm cannot reach the target."""
 
 
 @dataclass(frozen=True)
 class Goal:
-    """Where a move shall end."""
+    """Target of a move."""
 
     kind: str
-    """As "movej"."""
+    """Kind of the move, for example "movej"."""
     plan: Callable[[Joints], Motion]
-    """The motion from the given joint angles. Raises UnreachableGoalError."""
+    """Returns the motion from the given joint angles. It raises UnreachableGoalError."""
     details: dict[str, Any] = field(default_factory=dict)
-    """For the log."""
+    """Details for the log."""
 
 
 class Arm:
-    """Joints that move by the clock: how often `advance` is called changes nothing but the moments of looking."""
+    """Joints that move by the clock. The rate of `advance` affects only when the state is seen."""
 
     def __init__(self, model: ArmModelName, q_rad: Joints, time_factor: float, log: EventLog, now_s: float) -> None:
         self.model: ArmModelName = model
         self.q, self.qd = q_rad, REST
         self.speed_fraction = 1.0
-        """The speed slider; scales moves, not stops."""
+        """Speed slider, which scales moves and not stops."""
         self._factor, self._log, self._now_s = time_factor, log, now_s
         self._goal: Goal | None = None
         self._motion: Motion | None = None
@@ -51,23 +51,23 @@ class Arm:
 
     @property
     def busy(self) -> bool:
-        """It moves, or has somewhere to go."""
+        """Whether the arm moves, or has a target."""
         return self._goal is not None or self._motion is not None
 
     @property
     def still(self) -> bool:
-        """No joint turns."""
+        """Whether all joints stand still."""
         return self._motion is None
 
     @property
     def progress(self) -> float:
-        """Which share of the move under way is done, 0 to 1, by time; 0 if there is none."""
+        """Completed share of the current move by time, 0 to 1, or 0 without a move."""
         if self._motion is None or self._braking or self._motion.duration_s <= 0:
             return 0.0
         return min(1.0, self._t_s / self._motion.duration_s)
 
     def moment_of(self, share: float) -> float | None:
-        """When that share of the move under way will be done (now, if it is), at the present speed setting."""
+        """Return the time at which a share of the current move is completed at the present speed, or now if it is."""
         rate = self._factor * self.speed_fraction
         if self._motion is None or self._braking or rate <= 0:
             return None
@@ -75,13 +75,16 @@ class Arm:
 
     @property
     def T_base_flange(self) -> NDArray[np.float64]:
-        """The flange's pose now."""
+        """(4, 4) flange pose now."""
         if self._flange is None or self._flange[0] is not self.q:
             self._flange = self.q, ur_kinematics.forward(self.model, self.q)
         return self._flange[1]
 
     def go(self, goal: Goal) -> None:
-        """Moves to the goal; a move under way is stopped first. Raises UnreachableGoalError."""
+        """Move to the target.
+
+        A current move is stopped first. Raise UnreachableGoalError if the target is out of reach.
+        """
         if self._motion is not None and not self._braking:
             self._brake(HANDOVER_RAD_S2, "replaced")
         self._goal = goal
@@ -89,29 +92,29 @@ class Arm:
             self._begin(goal)
 
     def brake(self, deceleration_rad_s2: float, reason: str) -> None:
-        """Stops, and forgets where it was going."""
+        """Stop, and drop the target."""
         self._goal = None
         self._brake(deceleration_rad_s2, reason)
 
     def brake_tool(self, deceleration_m_s2: float, reason: str) -> None:
-        """Stops with the tool's deceleration given, and forgets where it was going."""
+        """Stop with a given deceleration of the tool, and drop the target."""
         speed = float(np.linalg.norm((ur_kinematics.jacobian(self.model, self.q) @ self.qd)[:3]))
         leading = float(np.abs(self.qd).max())
-        # A tool that only turns on the spot has no speed to go by.
+        # a tool that only rotates has no linear speed
         self.brake(leading * deceleration_m_s2 / speed if speed > 1e-3 * leading else HANDOVER_RAD_S2, reason)
 
     def pause(self, deceleration_rad_s2: float, reason: str) -> Goal | None:
-        """Stops; gives where it was going, so that it can be sent on."""
+        """Stop, and return the target so that the move can continue."""
         goal = self._goal
         self.brake(deceleration_rad_s2, reason)
         return goal
 
     def place(self, q_rad: Joints) -> None:
-        """Puts it somewhere else, at rest."""
+        """Put the arm to other joint angles, at rest."""
         self.q, self.qd, self._goal, self._motion, self._braking = q_rad, REST, None, None, False
 
     def advance(self, now_s: float) -> None:
-        """Brings the joints to where they are at `now_s`."""
+        """Move the joints to their state at `now_s`."""
         left_s = max(0.0, now_s - self._now_s)
         self._now_s = max(now_s, self._now_s)
         while self._motion is not None:
@@ -153,10 +156,10 @@ class Arm:
     def _brake(self, deceleration_rad_s2: float, reason: str) -> None:
         if self._motion is None:
             return
-        # In the arm's own time: what stops in 0.2 s stops in 0.2 s / factor, whatever the slider was.
+        # in the arm's own time, so that a stop of 0.2 s takes 0.2 s / factor at any slider position
         qd = self.qd / self._factor
         duration_s = float(np.abs(qd).max()) / max(deceleration_rad_s2, 1e-3)
         if self._braking and self._motion.duration_s - self._t_s <= duration_s:
-            return  # a stop never makes a stop gentler
+            return  # a stop never makes a running stop slower
         self._motion, self._t_s, self._braking = Braking(self.q, qd, duration_s), 0.0, True
         self._log.add("braking", self._now_s, reason=reason, q_rad=self.q.tolist(), duration_s=duration_s)

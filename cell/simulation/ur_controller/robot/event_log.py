@@ -1,4 +1,4 @@
-"""What happened in the virtual controller, and when."""
+"""Log of events of the virtual controller."""
 
 import time
 from collections import deque
@@ -7,22 +7,21 @@ from itertools import islice
 from typing import Any
 
 KEPT = 10_000
-"""Older events are forgotten: a controller may run for days, and its memory is to stay as it is."""
+"""Number of events that are kept, so that the memory of a controller stays constant over days."""
 
 
 @dataclass(frozen=True, slots=True)
 class Event:
-    """One thing that happened."""
+    """One event."""
 
     index: int
-    """Counts from 0; gaps only where old events were forgotten."""
+    """Number of the event, from 0. Gaps occur only where old events were dropped."""
     stamp_s: float
-    """Seconds of `time.monotonic()`: one clock for all processes of a Linux machine, so that a test's own stamps can
-    be compared with it."""
+    """Time, seconds of `time.monotonic()`, the clock of all processes of a Linux machine."""
     kind: str
-    """As "command", "motion_start", "dashboard"; the package's docstring lists them."""
+    """Kind, for example "command", "motion_start" or "dashboard". The docstring of the package lists all kinds."""
     details: dict[str, Any]
-    """Plain numbers, strings and lists."""
+    """Numbers, strings and lists."""
 
 
 class EventLog:
@@ -34,15 +33,15 @@ class EventLog:
 
     @property
     def count(self) -> int:
-        """How many there were: the next one's number."""
+        """Number of events so far, which is the number of the next one."""
         return self._next
 
     def add(self, kind: str, stamp_s: float | None = None, **details: Any) -> None:
-        """Notes an event, now unless told when."""
+        """Add an event, with the present time by default."""
         self._events.append(Event(self._next, time.monotonic() if stamp_s is None else stamp_s, kind, details))
         self._next += 1
 
     def since(self, index: int) -> list[dict[str, Any]]:
-        """The events from number `index` on, as plain data."""
+        """Return the events from number `index` on as plain data."""
         first = self._events[0].index if self._events else 0
         return [asdict(event) for event in islice(self._events, max(0, index - first), None)]

@@ -1,4 +1,4 @@
-"""Poses as UR writes them: x, y, z and a rotation vector; and paths between them."""
+"""Poses in the form of UR, x, y, z and a rotation vector, and tool paths between them."""
 
 import math
 from collections.abc import Sequence
@@ -12,16 +12,18 @@ from cell.kinematics import ur_kinematics
 from cell.simulation.ur_controller.robot.trajectories import Joints
 
 PATH_STEP_M = 0.02
-"""A straight line of the tool is followed exactly at points so far apart, and along joint lines between them."""
+"""Distance of the points at which a straight tool path is followed exactly. Between them, the joints move along lines.
+"""
 PATH_STEP_RAD = 0.1
 JUMP_RAD = 1.0
-"""A joint that would turn farther between two such points: the line passes a singularity."""
+"""Joint motion between two such points beyond which the line passes a singularity."""
 
 
 def pose_vector(T: NDArray[np.float64]) -> list[float]:
-    """The pose (4, 4) as x, y, z, rx, ry, rz.
+    """Return the pose (4, 4) as x, y, z, rx, ry, rz.
 
-    Done by hand since it runs at the rate of the stream, where scipy's Rotation takes most of the time.
+    It is computed by hand because it runs at the rate of the stream, where SciPy's Rotation would take most of the
+    time.
     """
     (r00, r01, r02, x), (r10, r11, r12, y), (r20, r21, r22, z) = T[:3].tolist()
     ax, ay, az = r21 - r12, r02 - r20, r10 - r01
@@ -32,7 +34,7 @@ def pose_vector(T: NDArray[np.float64]) -> list[float]:
         return [x, y, z, k * ax, k * ay, k * az]
     if cosine > 0:
         return [x, y, z, 0.5 * ax, 0.5 * ay, 0.5 * az]
-    # Half a turn: the axis is in the symmetric part, its sign is free.
+    # at half a turn, the axis is in the symmetric part and its sign is free
     axis = [math.sqrt(max(0.0, 0.5 * (r + 1.0))) for r in (r00, r11, r22)]
     k = axis.index(max(axis))
     row = ((r00, r01, r02), (r10, r11, r12), (r20, r21, r22))[k]
@@ -41,12 +43,12 @@ def pose_vector(T: NDArray[np.float64]) -> list[float]:
 
 
 def pose_matrix(pose: Sequence[float]) -> NDArray[np.float64]:
-    """The pose x, y, z, rx, ry, rz as a matrix (4, 4)."""
+    """Return the pose x, y, z, rx, ry, rz as a matrix (4, 4)."""
     return from_rotation_vector(pose[:3], pose[3:6])
 
 
 def twist(T_from: NDArray[np.float64], T_to: NDArray[np.float64], dt_s: float) -> list[float]:
-    """Linear and angular velocity (6,) that lead from one pose to the other, close by, in a short time."""
+    """Return the linear and angular velocity (6,) from one pose to a close one within a short time."""
     turn = (T_to[:3, :3] @ T_from[:3, :3].T).tolist()
     vx, vy, vz = (T_to[:3, 3] - T_from[:3, 3]).tolist()
     w = (turn[2][1] - turn[1][2], turn[0][2] - turn[2][0], turn[1][0] - turn[0][1])
@@ -54,7 +56,7 @@ def twist(T_from: NDArray[np.float64], T_to: NDArray[np.float64], dt_s: float) -
 
 
 def nearest_solution(model: ArmModelName, T_base_flange: NDArray[np.float64], q_near: Joints) -> Joints | None:
-    """The joint vector for the flange pose nearest to `q_near`, whole turns included; None out of reach."""
+    """Return the joint angles for a flange pose nearest to `q_near`, including full turns, or None out of reach."""
     found = ur_kinematics.inverse(model, T_base_flange)
     if not len(found):
         return None
@@ -67,9 +69,16 @@ def nearest_solution(model: ArmModelName, T_base_flange: NDArray[np.float64], q_
 def line_steps(
     model: ArmModelName, q_from: Joints, T_base_tool_to: NDArray[np.float64], T_flange_tool: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64] | None, float]:
-    """Joint vectors (N, 6) along the straight line of the tool to a pose, and its length in metres.
+    """Return joint angles (N, 6) along a straight line of the tool, and its length in metres.
 
-    None where the arm can't follow it. A turn on the spot counts as a short way, so that it takes time.
+    The joint angles are None if the arm cannot follow the line. A rotation without translation has a small length, so
+    that it takes time.
+
+    Args:
+        model: Model of the arm.
+        q_from: Joint angles (6,) at the start.
+        T_base_tool_to: Tool pose (4, 4) at the end.
+        T_flange_tool: Tool pose (4, 4) on the flange.
     """
     T_from = ur_kinematics.forward(model, q_from) @ T_flange_tool
     _, _, _, *turn = pose_vector(inverse(T_from) @ T_base_tool_to)

@@ -1,4 +1,4 @@
-"""The controller's states and what changes them: power, safety, remote control, the program."""
+"""States of the controller and their changes: power, safety, remote control and program."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -18,27 +18,27 @@ from cell.simulation.ur_controller.robot.urscript_program import ControlProgram,
 from cell.simulation.ur_controller.robot.watchdog import Watchdog
 
 UNLOCK_AFTER_S = 5.0
-"""A protective stop can't be unlocked earlier."""
+"""Time after a protective stop during which it cannot be unlocked."""
 POWER_STEP_S = 0.3
-"""From power off to idle, and from idle to running. Real arms take some seconds."""
+"""Time from power off to idle, and from idle to running. Real arms take some seconds."""
 START_S = 0.01
-"""From the upload of a program to its first cycle."""
+"""Time from the upload of a program to its first cycle."""
 
 
 @dataclass(frozen=True)
 class ForeignProgram:
-    """A program of somebody else's. It runs and does nothing until it is stopped."""
+    """Program of another client. It runs without effect until it is stopped."""
 
     name: str
 
     def run(self) -> Iterator[None]:
-        """One cycle after the other."""
+        """Yield at each cycle."""
         while True:
             yield
 
 
 class Robot:
-    """One robot: arm, registers and states. Time comes in with `advance`."""
+    """One robot with arm, registers and states. Its time is set by `advance`."""
 
     def __init__(
         self,
@@ -58,17 +58,17 @@ class Robot:
         self.started_s = self.now_s = now_s
         self.mode, self.safety, self.runtime = RobotMode.RUNNING, SafetyMode.NORMAL, RuntimeState.STOPPED
         self.remote = True
-        """Remote control: scripts and dashboard commands are obeyed."""
+        """Whether the robot is in remote control, in which scripts and dashboard commands are executed."""
         self.loaded: str | None = None
-        """The program that the pendant has loaded."""
+        """Program that is loaded at the pendant, or None."""
         self.program: ControlProgram | ForeignProgram | None = None
         self.payload_kg, self.payload_cog_m = 0.0, [0.0, 0.0, 0.0]
         self.digital_outputs = 0
-        """Bits 0-7 standard, 8-15 configurable, 16-17 tool."""
+        """Digital outputs: bits 0-7 standard, 8-15 configurable, 16-17 tool."""
         self.planned_stops_s: list[float] = []
-        """Moments at which the safety system will stop the arm."""
+        """Times at which the safety system will stop the arm."""
         self.planned_stop_shares: list[float] = []
-        """Shares of a move at which it will."""
+        """Shares of a move at which the safety system will stop the arm."""
         self._cycles: Iterator[None] | None = None
         self._program_start_s = 0.0
         self._paused_goal: Goal | None = None
@@ -82,7 +82,7 @@ class Robot:
         return int(powered) | (int(self.program is not None) << 1)
 
     def advance(self, now_s: float) -> None:
-        """Brings arm, safety and power to `now_s`."""
+        """Advance arm, safety and power to `now_s`."""
         if self.planned_stops_s or self.planned_stop_shares:
             self._make_planned_stops(now_s)
         self._advance(now_s)
@@ -114,7 +114,7 @@ class Robot:
             self._powering = None if self.mode is not RobotMode.POWER_ON else (now_s + POWER_STEP_S, RobotMode.IDLE)
 
     def cycle(self) -> None:
-        """One cycle of the running program."""
+        """Run one cycle of the program."""
         if self.runtime is not RuntimeState.PLAYING or self._cycles is None or self.now_s < self._program_start_s:
             return
         if self.watchdog.hungry(self.now_s):
@@ -132,12 +132,12 @@ class Robot:
             self.stop_program("script error")
 
     def arm_watchdog(self, hz: float) -> None:
-        """The program wants to be fed so often."""
+        """Start the watchdog for the program with this frequency."""
         self.watchdog.arm(hz, self.now_s)
         self.log.add("watchdog_armed", self.now_s, hz=hz)
 
     def why_no_program(self) -> str | None:
-        """What keeps a program from being started now; None if nothing does."""
+        """Return what prevents the start of a program now, or None."""
         if not self.remote:
             return "not in remote control"
         if self.mode is not RobotMode.RUNNING:
@@ -147,7 +147,7 @@ class Robot:
         return None
 
     def run_program(self, program: ControlProgram | ForeignProgram) -> None:
-        """Starts a program; one that runs is killed."""
+        """Start a program. A running program is killed."""
         if self.program is not None:
             self.log.add("program_killed", self.now_s, name=self.program.name, by=program.name)
             self.stop_program("killed by another program")
@@ -157,7 +157,7 @@ class Robot:
         self._set_runtime(RuntimeState.PLAYING)
 
     def stop_program(self, reason: str) -> bool:
-        """Ends the program; the arm brakes. False if there was none."""
+        """End the program; the arm brakes. Return False without a program."""
         if self.program is None:
             return False
         self.log.add("program_stopped", self.now_s, name=self.program.name, reason=reason)
@@ -168,7 +168,7 @@ class Robot:
         return True
 
     def pause_program(self, deceleration_rad_s2: float, reason: str) -> bool:
-        """Pauses the program and its move. False if none plays."""
+        """Pause the program and its move. Return False if none is playing."""
         playing = self.runtime is RuntimeState.PLAYING
         goal = self.arm.pause(deceleration_rad_s2, reason)
         if playing:
@@ -177,7 +177,7 @@ class Robot:
         return playing
 
     def play(self) -> bool:
-        """Goes on with a paused program *and its move*, or starts the loaded one. False if it can't."""
+        """Continue a paused program and its move, or start the loaded program. Return False if neither is possible."""
         if self.why_no_program() is not None:
             return False
         if self.runtime is RuntimeState.PAUSED:
@@ -196,7 +196,7 @@ class Robot:
         return False
 
     def protective_stop(self, cause: str) -> None:
-        """The safety system stops the arm and pauses the program."""
+        """Stop the arm by the safety system, and pause the program."""
         if self.safety is not SafetyMode.NORMAL:
             return
         self._protective_s = self.now_s
@@ -204,7 +204,7 @@ class Robot:
         self.pause_program(PROTECTIVE_RAD_S2, "protective stop")
 
     def unlock(self) -> bool:
-        """Ends a protective stop; the program stays paused. False if it is too early."""
+        """Unlock a protective stop; the program stays paused. Return False if it is too early."""
         if self.now_s - self._protective_s < UNLOCK_AFTER_S:
             return False
         if self.safety is SafetyMode.PROTECTIVE_STOP:
@@ -212,7 +212,7 @@ class Robot:
         return True
 
     def emergency_stop(self, pressed: bool) -> None:
-        """The red button. Released, the arm is still without power."""
+        """Press or release the emergency stop button. After the release, the arm is still without power."""
         if not pressed:
             if self.safety is SafetyMode.ROBOT_EMERGENCY_STOP:
                 self._set_safety(SafetyMode.NORMAL, "released")
@@ -223,24 +223,24 @@ class Robot:
         self.power_off()
 
     def power_off(self) -> None:
-        """The arm loses its power; it is braked."""
+        """Switch off the power of the arm, which brakes."""
         self.arm.brake(PROTECTIVE_RAD_S2, "power off")
         self.stop_program("power off")
         self._powering = None
         self._set_mode(RobotMode.POWER_OFF)
 
     def power_on(self) -> None:
-        """To idle, brakes still closed."""
+        """Switch on the power, to idle with closed brakes."""
         if self.mode is RobotMode.POWER_OFF and self.safety is SafetyMode.NORMAL:
             self._powering = (self.now_s + POWER_STEP_S, RobotMode.POWER_ON)
 
     def release_brakes(self) -> None:
-        """From idle to running; an arm without power is given it first."""
+        """Release the brakes, from idle to running. An arm without power gets it first."""
         if self.mode in (RobotMode.POWER_ON, RobotMode.IDLE) and self.safety is SafetyMode.NORMAL:
             self._powering = (self.now_s + POWER_STEP_S, RobotMode.RUNNING)
 
     def set_right(self, q_rad: Joints | None = None) -> None:
-        """As if a person had put everything right at the pendant: power, safety, remote control, no program."""
+        """Restore power, safety and remote control, and end the program, as a person at the pendant would."""
         self.stop_program("put right")
         self.arm.place(self.arm.q if q_rad is None else q_rad)
         self.arm.speed_fraction, self.digital_outputs = 1.0, 0

@@ -1,4 +1,4 @@
-"""What the simulated safety system allows."""
+"""Limits of the simulated safety system."""
 
 import math
 from dataclasses import dataclass
@@ -9,19 +9,19 @@ from cell.kinematics import ur_kinematics
 from cell.simulation.ur_controller.robot.trajectories import Joints
 
 JOINT_MARGIN_RAD = math.radians(3.0)
-"""The safety configuration as delivered lets each joint turn to 363 degrees."""
+"""Margin of the joint limits. The default safety configuration allows 363 degrees."""
 
 
 @dataclass(frozen=True)
 class SafetyLimits:
-    """Where the arm may be."""
+    """Allowed region of the arm."""
 
     table_z_m: float | None = None
-    """A safety plane: below it the flange must not come. None for no plane."""
+    """Height of a safety plane below which the flange must not go, or None."""
 
     def violation(self, model: ArmModelName, q: Joints) -> str | None:
-        """What is violated at the joint angles (6,), in words; None if nothing is."""
-        # Plain floats: this runs at the rate of the stream, where numpy's calls would take longer than the sums.
+        """Return a description of the violated limit at the joint angles (6,), or None."""
+        # plain floats, because numpy calls would dominate at the rate of the stream
         for k, (angle, limit) in enumerate(zip(q.tolist(), _limits(model), strict=True)):
             if not abs(angle) <= limit:
                 return f"joint {k + 1} at {math.degrees(angle):.1f} degrees is beyond its limit"

@@ -1,10 +1,10 @@
-"""The controller's numbers for its states, as on the wire."""
+"""Numbers of the controller's states, as on the wire."""
 
 from enum import IntEnum
 
 
 class RobotMode(IntEnum):
-    """RTDE's robot_mode."""
+    """Robot mode, RTDE's robot_mode."""
 
     NO_CONTROLLER = -1
     DISCONNECTED = 0
@@ -19,7 +19,7 @@ class RobotMode(IntEnum):
 
 
 class SafetyMode(IntEnum):
-    """RTDE's safety_mode."""
+    """Safety mode, RTDE's safety_mode."""
 
     NORMAL = 1
     REDUCED = 2
@@ -50,7 +50,7 @@ _BITS = {mode: _bits(mode) for mode in SafetyMode}
 
 
 class RuntimeState(IntEnum):
-    """RTDE's runtime_state: how the program stands."""
+    """State of the program, RTDE's runtime_state."""
 
     STOPPING = 0
     STOPPED = 1

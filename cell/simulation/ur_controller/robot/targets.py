@@ -1,4 +1,4 @@
-"""Where a program sends the arm."""
+"""Targets of the moves of a program."""
 
 import re
 
@@ -18,7 +18,7 @@ _PATH_MOVE = re.compile(
 
 
 def joint_goal(q_to: Joints, speed_rad_s: float, acceleration_rad_s2: float) -> Goal:
-    """A movej."""
+    """Return the target of a movej."""
 
     def plan(q: Joints) -> Motion:
         return JointMove(q, q_to, speed_rad_s, acceleration_rad_s2)
@@ -30,7 +30,7 @@ def joint_goal(q_to: Joints, speed_rad_s: float, acceleration_rad_s2: float) -> 
 def line_goal(
     model: ArmModelName, tool: Tool, T_base_tcp: NDArray[np.float64], speed_m_s: float, acceleration_m_s2: float
 ) -> Goal:
-    """A movel."""
+    """Return the target of a movel."""
 
     def plan(q: Joints) -> Motion:
         steps, length_m = line_steps(model, q, T_base_tcp, tool.T_flange_tcp)
@@ -43,7 +43,10 @@ def line_goal(
 
 
 def path_goals(model: ArmModelName, tool: Tool, text: str) -> list[Goal]:
-    """The moves of the path that ur_rtde wrote into its program; without blends: the arm stops at each point."""
+    """Return the moves of the path that ur_rtde wrote into its program.
+
+    Blends are ignored, so the arm stops at each point.
+    """
     goals = []
     for kind, pose, numbers, acceleration, speed in _PATH_MOVE.findall(text):
         target, v, a = [float(number) for number in numbers.split(",")], float(speed), float(acceleration)

@@ -1,4 +1,4 @@
-"""The arm as its clients see it: joints and tool centre point, worked out once a cycle for all of them."""
+"""Joints and tool centre point as the clients see them, computed once a cycle for all of them."""
 
 from dataclasses import dataclass
 
@@ -12,7 +12,7 @@ from cell.simulation.ur_controller.robot.poses import pose_vector, twist
 from cell.simulation.ur_controller.robot.trajectories import Joints
 
 DT_S = 1e-4
-"""Step of numeric derivatives."""
+"""Step of numerical derivatives."""
 
 
 @dataclass(eq=False)
@@ -28,33 +28,38 @@ class _View:
 
 
 class Tool:
-    """The tool on an arm's flange."""
+    """The tool on the flange of an arm."""
 
     def __init__(self, arm: Arm, error: KinematicError | None = None) -> None:
-        """`error`: of the reported pose; None: the pose by nominal kinematics is reported."""
+        """Create the tool.
+
+        Args:
+            arm: Arm with the flange.
+            error: Error of the reported pose. None reports the pose by nominal kinematics.
+        """
         self._arm, self._error = arm, error
         self._T_flange_tcp: NDArray[np.float64] | None = None
         self._last: _View | None = None
 
     @property
     def T_flange_tcp(self) -> NDArray[np.float64]:
-        """The TCP offset."""
+        """(4, 4) pose of the tool centre point on the flange."""
         return np.eye(4) if self._T_flange_tcp is None else self._T_flange_tcp
 
     @T_flange_tcp.setter
     def T_flange_tcp(self, T_flange_tcp: NDArray[np.float64]) -> None:
-        # None spares the product with the identity in each cycle.
+        # None avoids the product with the identity in each cycle
         self._T_flange_tcp = None if np.array_equal(T_flange_tcp, np.eye(4)) else T_flange_tcp.copy()
         self._last = None
 
     @property
     def T_base_tcp(self) -> NDArray[np.float64]:
-        """The tool centre point's pose now."""
+        """(4, 4) true pose of the tool centre point now."""
         T = self._arm.T_base_flange
         return T if self._T_flange_tcp is None else T @ self._T_flange_tcp
 
     def at(self, q: Joints) -> NDArray[np.float64]:
-        """The tool centre point's pose at joint angles (6,)."""
+        """Return the pose (4, 4) of the tool centre point at joint angles (6,)."""
         T = ur_kinematics.forward(self._arm.model, q)
         return T if self._T_flange_tcp is None else T @ self._T_flange_tcp
 
@@ -70,7 +75,7 @@ class Tool:
 
     @property
     def pose(self) -> list[float]:
-        """The tool centre point's x, y, z and rotation vector."""
+        """Reported pose of the tool centre point, x, y, z and rotation vector."""
         view = self._view()
         if view.pose is None:
             view.pose = pose_vector(self._reported())
@@ -78,7 +83,7 @@ class Tool:
 
     @property
     def speed(self) -> list[float]:
-        """The tool centre point's linear and angular velocity (6,)."""
+        """Linear and angular velocity (6,) of the tool centre point."""
         view = self._view()
         if view.speed is None:
             view.speed = [0.0] * 6

@@ -1,6 +1,7 @@
-"""Motions of the joints in time: pure functions of the seconds since they began.
+"""Motions of the joints over time, as pure functions of the seconds since their start.
 
-Time here is the arm's own: it stands still at speed slider 0 and runs faster with the simulation's time factor.
+The time is the arm's own time. It stands still at speed slider 0, and runs faster with the time factor of the
+simulation.
 """
 
 from dataclasses import dataclass
@@ -21,17 +22,20 @@ class Motion(Protocol):
 
     @property
     def duration_s(self) -> float:
-        """After which it is at rest."""
+        """Time after which the arm is at rest."""
         ...
 
     def at(self, t_s: float) -> tuple[Joints, Joints]:
-        """Angles (6,) in radians and speeds (6,) in rad/s."""
+        """Return joint angles (6,) and speeds (6,) at a time."""
         ...
 
 
 @dataclass(frozen=True)
 class Trapezoid:
-    """A path of a given length with constant acceleration, speed and deceleration; a triangle if it is short."""
+    """A path of a given length with constant acceleration, speed and deceleration.
+
+    A short path has no constant speed.
+    """
 
     length: float
     speed: float
@@ -39,16 +43,16 @@ class Trapezoid:
 
     @cached_property
     def ramp_s(self) -> float:
-        """How long it speeds up, and how long it slows down."""
+        """Duration of the acceleration, and of the deceleration."""
         return min(self.speed / self.acceleration, float(np.sqrt(self.length / self.acceleration)))
 
     @cached_property
     def duration_s(self) -> float:
-        """From rest to rest."""
+        """Duration from rest to rest."""
         return self.ramp_s + self.length / (self.acceleration * self.ramp_s) if self.length > 0 else 0.0
 
     def at(self, t_s: float) -> tuple[float, float]:
-        """Way done and speed."""
+        """Return the covered distance and the speed at a time."""
         ramp, left = self.ramp_s, self.duration_s - t_s
         if left <= 0:
             return self.length, 0.0
@@ -61,7 +65,10 @@ class Trapezoid:
 
 @dataclass(frozen=True, eq=False)
 class JointMove:
-    """Straight from one joint vector to another, all joints in step; the leading one keeps speed and acceleration."""
+    """A straight line in joint space with synchronous joints.
+
+    The leading joint has the given speed and acceleration.
+    """
 
     q_from: Joints
     q_to: Joints
@@ -78,11 +85,11 @@ class JointMove:
 
     @property
     def duration_s(self) -> float:
-        """From rest to rest."""
+        """Duration from rest to rest."""
         return self._way.duration_s
 
     def at(self, t_s: float) -> tuple[Joints, Joints]:
-        """Angles (6,) in radians and speeds (6,) in rad/s."""
+        """Return joint angles (6,) and speeds (6,) at a time."""
         if t_s >= self._way.duration_s:
             return self.q_to, REST
         done, speed = self._way.at(t_s)
@@ -91,7 +98,7 @@ class JointMove:
 
 @dataclass(frozen=True, eq=False)
 class LineMove:
-    """Along joint vectors (N, 6) that stand for equal steps of a straight line of the tool."""
+    """Motion along joint angles (N, 6), which are equal steps of a straight tool path."""
 
     q_steps: NDArray[np.float64]
     length_m: float
@@ -104,11 +111,11 @@ class LineMove:
 
     @property
     def duration_s(self) -> float:
-        """From rest to rest."""
+        """Duration from rest to rest."""
         return self._way.duration_s
 
     def at(self, t_s: float) -> tuple[Joints, Joints]:
-        """Angles (6,) in radians and speeds (6,) in rad/s."""
+        """Return joint angles (6,) and speeds (6,) at a time."""
         last = len(self.q_steps) - 1
         done, speed = self._way.at(t_s)
         if t_s >= self._way.duration_s or last < 1:
@@ -121,14 +128,14 @@ class LineMove:
 
 @dataclass(frozen=True, eq=False)
 class Braking:
-    """From the present speed to rest along the joint line, with constant deceleration."""
+    """Braking from the present speed to rest along the joint line, with constant deceleration."""
 
     q_from: Joints
     qd_from: Joints
     duration_s: float
 
     def at(self, t_s: float) -> tuple[Joints, Joints]:
-        """Angles (6,) in radians and speeds (6,) in rad/s."""
+        """Return joint angles (6,) and speeds (6,) at a time."""
         t = min(t_s, self.duration_s)
         if self.duration_s <= 0:
             return self.q_from, REST

@@ -36,10 +36,10 @@ NAMES = {
     63: "stop_contact_detection", 64: "read_contact_detection", 65: "set_target_payload", 99: "kick_watchdog",
     255: "stop_script",
 }  # fmt: skip
-"""The commands by their numbers. Those that the simulation does not know are answered as done, without effect."""
+"""Names of the commands by number. Commands that the simulation does not know are acknowledged without effect."""
 
 REALTIME = frozenset({6, 9, 10, 11, 24, 25, 26, 27, 38, 58, 66, 67, 68, 69, 70, 71})
-"""Commands that need no return to 0 before the next."""
+"""Commands that need no return to 0 before the next command."""
 READY, DONE = 1, 2
 KICK, STOP_SCRIPT = 99, 255
 STEADY_RAD_S = 1e-3
@@ -47,7 +47,7 @@ STEPTIME_S = 0.002
 
 
 class ProgrammedRobot(Protocol):
-    """What a program can do with its robot."""
+    """The robot, as a program uses it."""
 
     arm: Arm
     """Joints and their moves."""
@@ -74,27 +74,32 @@ class ProgrammedRobot(Protocol):
 
 
 class ScriptError(Exception):
-    """A runtime error: it ends the program."""
+    """A runtime error, which ends the program."""
 
 
 class ControlProgram:
-    """ur_rtde's control program. One `next` of `run` is one cycle of the controller."""
+    """The control program of ur_rtde. One `next` of `run` is one cycle of the controller."""
 
     name = "rtde_control"
 
     def __init__(self, robot: ProgrammedRobot, text: str) -> None:
-        """`text`: as it was uploaded; a path to be moved along is written into it."""
+        """Create the program.
+
+        Args:
+            robot: Robot that the program moves.
+            text: Uploaded script, which contains the path of a path move.
+        """
         self._robot, self._text = robot, text
         self._in, self._out = robot.registers.inputs, robot.registers.outputs
         self._writes = 0
         self._operation = 0
         self._asynchronous: str | None = None
-        """ "move" or "stop", while such a thread of the program runs."""
+        """Kind of a running thread of the program, "move" or "stop", or None."""
         self._stop_with_tool = False
         self._quick = self._quick_commands()
 
     def run(self) -> Iterator[None]:
-        """The main loop; ends when the program ends. Raises ScriptError."""
+        """Run the main loop until the program ends. Raise ScriptError on a runtime error."""
         executing = False
         self._asynchronous_status(-1)
         self._out.integers[0] = READY
@@ -116,7 +121,7 @@ class ControlProgram:
             yield
 
     def _asynchronous_status(self, value: int) -> None:
-        """The progress register: 0 begins an operation, -1 ends it."""
+        """Set the progress register. 0 starts an operation, and -1 ends it."""
         self._writes = (self._writes + 1) % 128
         if value == 0:
             self._operation = (self._operation + 1) % 128
@@ -164,7 +169,7 @@ class ControlProgram:
                 self._robot.log.add("command_without_effect", number=command, name=NAMES.get(command, "unknown"))
 
     def _quick_commands(self) -> dict[int, Callable[[], None]]:
-        """The commands that are done at once, by number."""
+        """Return the commands that are executed at once, by number."""
         robot, doubles = self._robot, self._in.doubles
         model = robot.arm.model
 
@@ -244,7 +249,10 @@ class ControlProgram:
             yield from self._until_still()
 
     def _go(self, goal: Goal) -> Iterator[None]:
-        """Sends the arm there. Where it can't go, the safety system pauses the program; resumed, it tries again."""
+        """Move the arm to a target.
+
+        If it is out of reach, the safety system pauses the program, which tries again when resumed.
+        """
         while True:
             try:
                 self._robot.arm.go(goal)
@@ -255,7 +263,7 @@ class ControlProgram:
                 return
 
     def _stop(self, asynchronous: bool, deceleration: float) -> Iterator[None]:
-        """As in the original, which kind of stop it is depends on earlier stops and not on the command."""
+        """Stop the arm. As in the original, the kind of the stop depends on earlier stops and not on the command."""
         self._kill_thread()
         if asynchronous:
             self._stop_with_tool = True
