@@ -9,7 +9,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import asdict
 from pathlib import Path
 
-from cell.self_test.check_result import Outcome, Step
+from cell.self_test.check_result import CheckResult, Outcome
 from cell.self_test.self_test import check_cell
 from service.config import ConfigError, ServiceConfig, load_config
 
@@ -38,22 +38,26 @@ def check(config_file: Path | None, as_json: bool) -> int:
     return 0 if passed else 1
 
 
-def data_folder(config: ServiceConfig) -> Step:
+def data_folder(config: ServiceConfig) -> CheckResult:
     """Recordings and results can be written, and there is room for them."""
     name, folder = "data folder", config.data_dir
     place = next(place for place in (folder, *folder.parents) if place.exists())
     if not place.is_dir() or not os.access(place, os.W_OK):
-        return Step(name, "failed", f"{place} cannot be written", "give it to the service's user, or set data_dir")
+        return CheckResult(
+            name, "failed", f"{place} cannot be written", "give it to the service's user, or set data_dir"
+        )
     free = shutil.disk_usage(place).free
     words = f"{folder}, {free / 2**30:.1f} GiB free"
     if free < LEAST_FREE_BYTES:
-        return Step(name, "failed", words, "free some space, or set data_dir to another disk")
+        return CheckResult(name, "failed", words, "free some space, or set data_dir to another disk")
     if free < LITTLE_FREE_BYTES:
-        return Step(name, "warning", words + ": that is little", "delete recordings, or set data_dir to another disk")
-    return Step(name, "ok", words)
+        return CheckResult(
+            name, "warning", words + ": that is little", "delete recordings, or set data_dir to another disk"
+        )
+    return CheckResult(name, "ok", words)
 
 
-def verdict(steps: Sequence[Step]) -> str:
+def verdict(steps: Sequence[CheckResult]) -> str:
     """All steps in one line."""
     counts = {outcome: sum(step.outcome == outcome for step in steps) for outcome in COLOURS}
     if counts["failed"]:
@@ -66,17 +70,17 @@ def verdict(steps: Sequence[Step]) -> str:
     return f"{told}: {counted}."
 
 
-def _steps(config_file: Path | None) -> Iterator[Step]:
+def _steps(config_file: Path | None) -> Iterator[CheckResult]:
     try:
         config = load_config(config_file)
     except ConfigError as error:
-        yield Step("configuration", "failed", str(error), "correct it: without it nothing else can be tested")
+        yield CheckResult("configuration", "failed", str(error), "correct it: without it nothing else can be tested")
         return
     yield from check_cell(config.cell)
     yield data_folder(config)
 
 
-def told_step(step: Step) -> str:
+def told_step(step: CheckResult) -> str:
     """A step for people: how it went, what it was, in words, and what to do."""
     outcome = f"{step.outcome:{OUTCOME_WIDTH}}"
     if sys.stdout.isatty() and "NO_COLOR" not in os.environ:

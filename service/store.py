@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from calibration.atomic_write import sync_folder
-from cell.recording.hashed_file import Written
+from cell.recording.hashed_file import WrittenRange
 from service.calibrations.store import CalibrationStore
 from service.data_folder import DataFolder
 from service.database import Database, now, update
@@ -147,7 +147,7 @@ class Store:
             raise
 
     def set_view(
-        self, scan_id: str, view: int, state: ViewState, reason: str | None = None, written: Written | None = None
+        self, scan_id: str, view: int, state: ViewState, reason: str | None = None, written: WrittenRange | None = None
     ) -> None:
         """Writes what became of a viewpoint, and which bytes of its recording it is; on return it is on the disk."""
         where = (None, None, None) if written is None else (written.offset_bytes, written.size_bytes, written.sha256)

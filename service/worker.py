@@ -14,7 +14,7 @@ from multiprocessing.process import BaseProcess
 from pathlib import Path
 
 from cell.devices import View
-from cell.process.logging import child_set_up
+from cell.process.logging import child_logging_setup
 from service.at_a_signal import ctrl_c_is_ours
 from service.problems import problem_document
 from service.worker_process import BrokenOff, LastView, PreviewEnded, Refused, Stage, Task, work
@@ -88,7 +88,9 @@ class RecognitionWorker:
         context = multiprocessing.get_context("spawn")
         try:
             self._pipe, theirs = context.Pipe()
-            process = context.Process(target=work, args=(theirs, child_set_up()), name="recognition", daemon=True)
+            process = context.Process(
+                target=work, args=(theirs, child_logging_setup()), name="recognition", daemon=True
+            )
             with theirs, self._starting, ctrl_c_is_ours():
                 process.start()
                 self._process, self._killed = process, False

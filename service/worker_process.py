@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from cell.devices import View
-from cell.process.logging import SetUp
+from cell.process.logging import LoggingSetup
 from cell.recording.header import RecordingHeader
 from cell.recording.writer import read_recording
 from recognition.grasping.gripper import Gripper
@@ -102,7 +102,7 @@ class Refused:
     detail: str
 
 
-def work(pipe: Connection, set_up_log: SetUp | None = None) -> None:
+def work(pipe: Connection, set_up_log: LoggingSetup | None = None) -> None:
     """The process's own loop."""
     if set_up_log is not None:
         set_up_log(multiprocessing.current_process().name)

@@ -23,12 +23,12 @@ from typing import Any, NoReturn
 import numpy as np
 
 from calibration.geometry.transforms import from_rotation_vector
-from cell.arm.arm_reading import STEADY_RAD_S, arm_state, fastest, silence
-from cell.arm.control_program import DASHBOARD_S, OurProgram
+from cell.arm.arm_state import STEADY_RAD_S, arm_state, lost_connection_error, max_joint_speed
+from cell.arm.control_program import DASHBOARD_S, ControlProgram
 from cell.arm.driver import ArmDriver
 from cell.arm.robot_modes import mode_error
 from cell.arm.rtde_driver import CONNECT_S, UrDriver
-from cell.arm.ur_reading import Reading
+from cell.arm.rtde_state import RtdeState
 from cell.config.arm_config import ArmSettings
 from cell.devices import ArmState
 from cell.errors import (
@@ -60,7 +60,7 @@ BEAT_S = 1.0
 NOT_CONNECTED = "the robot is not connected: connect first"
 
 
-class ArmLink:
+class ArmConnection:
     """The connection of one arm.
 
     All methods but `stop` belong to one thread at a time. `stop` and `latest` may be used from any thread.
@@ -74,7 +74,7 @@ class ArmLink:
         """Set by `stop`. Nothing moves until the connection is opened again."""
         self.child: Child | None = None
         """Process of the driver, or None."""
-        self.program: OurProgram | None = None
+        self.program: ControlProgram | None = None
         """Program that was last started on the controller."""
         self.move_sent = False
         """Whether a move was sent and has not been seen to end. Whatever moves the arm must then be stopped."""
@@ -98,11 +98,11 @@ class ArmLink:
             StoppedError: `stop` was called meanwhile.
         """
         # in this order, so that a stop that finds the child also finds the program
-        self.program = OurProgram(address, self._settings.watchdog_hz)
+        self.program = ControlProgram(address, self._settings.watchdog_hz)
         self.child = child = Child("arm", self._make_driver, address, self._settings.watchdog_hz)
         try:
             try:
-                state = self.seen(*child.call("at_rest", timeout_s=CONNECT_S + 1.0))
+                state = self.update_state(*child.call("at_rest", timeout_s=CONNECT_S + 1.0))
             finally:
                 self.program.there = True  # an earlier stop has not ended this program
         except (ChildLostError, CellError) as error:
@@ -115,7 +115,7 @@ class ArmLink:
                     f"connecting to the robot at {address} did not end ({error}): try again, then restart it"
                 )
             )
-        self.program.started()
+        self.program.mark_started()
         self._ended, self.protective_s = None, None
         self._closing = threading.Event()
         self._beat = threading.Thread(target=_beat, args=(child, self._closing), name="arm-beat", daemon=True)
@@ -132,7 +132,7 @@ class ArmLink:
         """
         child = self.child
         if child is None:
-            raise self.why_ended()
+            raise self.end_reason()
         try:
             return child.call(method, *arguments, timeout_s=ANSWER_S, unless=self.stopped if unless_stopped else None)
         except NotCalledError:
@@ -150,16 +150,16 @@ class ArmLink:
             raise
         except CellError as error:
             if method != "poll":
-                self.good_poll()  # the reason of the controller is more useful
+                self.poll_checked()  # the reason of the controller is more useful
             self._fail_lost(error)
 
-    def poll(self) -> Reading:
+    def poll(self) -> RtdeState:
         """Return what the controller reports, whether good or bad. Raise RobotLostError if the link broke."""
-        reading: Reading = self.call("poll")
-        self.seen(reading)
+        reading: RtdeState = self.call("poll")
+        self.update_state(reading)
         return reading
 
-    def good_poll(self) -> Reading:
+    def poll_checked(self) -> RtdeState:
         """Return what the controller reports if the arm can be moved. Anything else ends the connection and the motion.
 
         Raises:
@@ -172,22 +172,22 @@ class ArmLink:
         if self.stopped.is_set():
             self._end_stopped()
         reading = self.poll()
-        error = self._fault(reading)
+        error = self._find_fault(reading)
         if error is not None:
             self.fail(error)
         return reading
 
-    def ready(self) -> Reading:
-        """Return `good_poll`, but raise at once if the connection has ended."""
+    def require_ready(self) -> RtdeState:
+        """Return `poll_checked`, but raise at once if the connection has ended."""
         if self._ended is not None or self.stopped.is_set():
-            raise self.why_ended()
-        return self.good_poll()
+            raise self.end_reason()
+        return self.poll_checked()
 
     def at_rest(self) -> ArmState:
         """Return the state of an arm at rest, for which the tool on the flange is queried again."""
-        return self.seen(*self.call("at_rest"))
+        return self.update_state(*self.call("at_rest"))
 
-    def seen(self, reading: Reading, flange_tool: tuple[float, ...] | None = None) -> ArmState:
+    def update_state(self, reading: RtdeState, flange_tool: tuple[float, ...] | None = None) -> ArmState:
         """Convert a reading to a state and keep it in `latest`.
 
         Args:
@@ -215,7 +215,7 @@ class ArmLink:
             except BaseException:
                 child.kill()  # interrupted: without the child, the watchdog ends the motion
                 raise
-        self._end_program(DASHBOARD_S, whatever_plays=True)
+        self._end_program(DASHBOARD_S, including_foreign=True)
 
     def fail(self, error: CellError) -> NoReturn:
         """End connection, program and motion, and raise the error, now and at every later move."""
@@ -226,10 +226,10 @@ class ArmLink:
         child, self.child = self.child, None
         if child is not None:
             child.kill()
-        self._end_program(POLL_S, whatever_plays=self.move_sent)
+        self._end_program(POLL_S, including_foreign=self.move_sent)
         if child is not None:
             child.close()
-        raise self.why_ended()
+        raise self.end_reason()
 
     def _fail_lost(self, error: CellError, silent: bool = False) -> NoReturn:
         """Call `fail`, for a resting arm with the reason that the dashboard gives.
@@ -237,7 +237,7 @@ class ArmLink:
         When the program of another client has taken the arm, ur_rtde waits for seconds, and the `silent` child with it.
         """
         if not self.move_sent and self.program is not None:
-            state, name = self.program.seen()
+            state, name = self.program.update_state()
             if name is not None:
                 error = RobotNotReadyError(
                     f"another program ({name or 'without a name'}) was started on the robot: stop it at the pendant, "
@@ -248,7 +248,7 @@ class ArmLink:
                 error = self._program_ended("stopped")
         self.fail(error)
 
-    def why_ended(self) -> CellError:
+    def end_reason(self) -> CellError:
         """Return why nothing can be moved."""
         if self._ended is None:
             return StoppedError(STOPPED)
@@ -265,7 +265,7 @@ class ArmLink:
             except (ChildLostError, ChildBusyError, CellError) as error:
                 log.info("ending the program over the dashboard: %s", error)
             child.close()
-        self._end_program(DASHBOARD_S, whatever_plays=False)
+        self._end_program(DASHBOARD_S, including_foreign=False)
         if self.program is not None:
             self.program.wait()
         self.move_sent = False
@@ -274,11 +274,11 @@ class ArmLink:
             self._beat = None
         self._ended = RobotNotReadyError(NOT_CONNECTED)
 
-    def _fault(self, reading: Reading) -> CellError | None:
+    def _find_fault(self, reading: RtdeState) -> CellError | None:
         """Return why the arm must not or cannot continue, or None."""
         limit_s = time.monotonic() + REASON_S
         while True:
-            error = silence(reading) or mode_error(reading.robot_mode, reading.safety_mode)
+            error = lost_connection_error(reading) or mode_error(reading.robot_mode, reading.safety_mode)
             if error is not None or reading.program == "playing":
                 return error
             if time.monotonic() > limit_s:
@@ -296,25 +296,25 @@ class ArmLink:
         """Wait, in the thread that moved the arm, until it stands still. Then raise StoppedError."""
         reading = self.poll()
         limit_s = time.monotonic() + self._settings.flange_speed_m_s / self._settings.stop_deceleration_m_s2 + STILL_S
-        while fastest(reading) > STEADY_RAD_S:
-            if time.monotonic() > limit_s or silence(reading) is not None:
+        while max_joint_speed(reading) > STEADY_RAD_S:
+            if time.monotonic() > limit_s or lost_connection_error(reading) is not None:
                 self.fail(
                     RobotLostError("the robot was stopped, but it is unknown whether it stands still: inspect it")
                 )
             time.sleep(POLL_S)
             reading = self.poll()
         # A stop must not hide a fault. A paused program must not continue either, because no watchdog would end it.
-        error = self._fault(reading)
+        error = self._find_fault(reading)
         if error is not None:
             self.fail(StoppedError(STOPPED) if isinstance(error, RobotLostError) else error)
         self.move_sent = False
-        raise self.why_ended()
+        raise self.end_reason()
 
-    def _end_program(self, wait_s: float, whatever_plays: bool) -> None:
+    def _end_program(self, wait_s: float, including_foreign: bool) -> None:
         program = self.program
         if program is not None:
-            program.left_alone()
-            program.end(wait_s, whatever_plays)
+            program.abandon()
+            program.end(wait_s, including_foreign)
 
 
 def _beat(child: Child, closing: threading.Event) -> None:

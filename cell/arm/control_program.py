@@ -18,11 +18,11 @@ DASHBOARD_S = 1.0
 """Timeout for ending the program over the dashboard."""
 ASK_S = 0.3
 """Timeout for querying the program over the dashboard."""
-STARVED_S = 1.0
+WATCHDOG_MARGIN_S = 1.0
 """Time after the watchdog's end of our program, after which a running program is that of another client."""
 
 
-class OurProgram:
+class ControlProgram:
     """Our program on one controller. `end` may be called from any thread."""
 
     def __init__(self, address: str, watchdog_hz: float) -> None:
@@ -32,20 +32,20 @@ class OurProgram:
         """Whether the program may be on the controller."""
         self._watchdog_s = 1.0 / watchdog_hz
         self._name: str | None = None
-        self._alone_s: float | None = None
-        self._endings: list[threading.Thread] = []
+        self._abandoned_s: float | None = None
+        self._end_threads: list[threading.Thread] = []
 
-    def started(self) -> None:
+    def mark_started(self) -> None:
         """Record that the program runs, and query its name, by which other programs are recognised."""
         with contextlib.suppress(RobotUnreachableError):
-            state, name = _program_on(self.address)
+            state, name = _query_program(self.address)
             self._name = name if state == "PLAYING" else None
 
-    def left_alone(self) -> None:
+    def abandon(self) -> None:
         """Record that nothing keeps the program's watchdog alive from now on."""
-        self._alone_s = self._alone_s or time.monotonic()
+        self._abandoned_s = self._abandoned_s or time.monotonic()
 
-    def seen(self) -> tuple[str | None, str | None]:
+    def update_state(self) -> tuple[str | None, str | None]:
         """Query the program on the controller.
 
         Returns:
@@ -53,36 +53,39 @@ class OurProgram:
             client has started instead of ours, or None.
         """
         try:
-            state, name = _program_on(self.address)
+            state, name = _query_program(self.address)
         except RobotUnreachableError:
             return None, None
         if self._name is None or state == "STOPPED":
             return state, None
-        starved = self._alone_s is not None and time.monotonic() > self._alone_s + self._watchdog_s + STARVED_S
-        return state, name if name != self._name or (starved and state == "PLAYING") else None
+        watchdog_expired = (
+            self._abandoned_s is not None
+            and time.monotonic() > self._abandoned_s + self._watchdog_s + WATCHDOG_MARGIN_S
+        )
+        return state, name if name != self._name or (watchdog_expired and state == "PLAYING") else None
 
-    def end(self, wait_s: float, whatever_plays: bool) -> None:
+    def end(self, wait_s: float, including_foreign: bool) -> None:
         """End the program, and its motion with it.
 
         Args:
             wait_s: Time after which the method returns; the attempt continues in a thread.
-            whatever_plays: Whether the program of another client is ended too.
+            including_foreign: Whether the program of another client is ended too.
         """
         if not self.there:
             return
-        thread = threading.Thread(target=self._end, args=(whatever_plays,), name="arm-end-program", daemon=True)
+        thread = threading.Thread(target=self._end, args=(including_foreign,), name="arm-end-program", daemon=True)
         thread.start()
-        self._endings.append(thread)  # after the start, because another thread may join it at once
+        self._end_threads.append(thread)  # after the start, because another thread may join it at once
         thread.join(wait_s)
 
     def wait(self) -> None:
         """Wait for the end of all attempts. A late attempt would end the next program."""
-        while self._endings:
-            self._endings.pop().join()
+        while self._end_threads:
+            self._end_threads.pop().join()
 
-    def _end(self, whatever_plays: bool) -> None:
+    def _end(self, including_foreign: bool) -> None:
         try:
-            if not whatever_plays and (name := self.seen()[1]) is not None:
+            if not including_foreign and (name := self.update_state()[1]) is not None:
                 log.warning("the program %s on the robot is not ours and is left alone", name)
             else:
                 answer = stop_program(self.address, DASHBOARD_S)
@@ -94,7 +97,7 @@ class OurProgram:
             log.warning("the program was not ended, its watchdog will do it: %s", error)
 
 
-def _program_on(address: str) -> tuple[str, str]:
+def _query_program(address: str) -> tuple[str, str]:
     """Return state and name of the controller's program. Raise RobotUnreachableError without an answer."""
     with Dashboard(address, time.monotonic() + ASK_S) as dashboard:
         state, _, name = dashboard.ask("programState").partition(" ")

@@ -2,7 +2,7 @@
 
 from typing import Protocol
 
-from cell.arm.ur_reading import Reading
+from cell.arm.rtde_state import RtdeState
 
 
 class ArmDriver(Protocol):
@@ -12,7 +12,7 @@ class ArmDriver(Protocol):
     Their arguments, results and errors must be picklable. A driver never connects again and never repeats a move.
     """
 
-    def poll(self) -> Reading:
+    def poll(self) -> RtdeState:
         """Return what the controller reports now, and keep the watchdog of a moving arm alive.
 
         Raises:
@@ -54,7 +54,7 @@ class ArmDriver(Protocol):
         """
         ...
 
-    def at_rest(self) -> tuple[Reading, tuple[float, ...]]:
+    def at_rest(self) -> tuple[RtdeState, tuple[float, ...]]:
         """Return what the controller reports of an arm at rest, and the pose of the tool (6,) on the flange.
 
         The tool's pose is its position in metres, followed by its rotation vector in radians.

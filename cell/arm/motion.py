@@ -5,8 +5,8 @@ import time
 import numpy as np
 from numpy.typing import NDArray
 
-from cell.arm.arm_reading import STEADY_RAD_S
-from cell.arm.connection import POLL_S, ArmLink
+from cell.arm.arm_state import STEADY_RAD_S
+from cell.arm.connection import POLL_S, ArmConnection
 from cell.arm.speed_cap import capped_speed
 from cell.config.arm_config import ArmSettings
 from cell.errors import MotionError
@@ -15,11 +15,11 @@ START_S = 1.0
 """Longest time from the acceptance of a move to its start."""
 STALL_S = 5.0
 """Longest standstill of the arm during a move."""
-LINE_RAD = 0.05
+MAX_DEVIATION_RAD = 0.05
 """Largest distance of a joint from the straight line of a joint move. Beyond it, something else moves the arm."""
 ARRIVED_RAD = 2e-3
 """Largest joint error at the end of a move, which is 2 mm at a distance of 1 m. Real arms have a tenth of it."""
-NEWS_S = 0.05
+NEW_DATA_S = 0.05
 """Time of the controller's clock after which its data are newer than its last answer."""
 STEADY_S = 0.05
 """Time without motion, by the controller's clock, after which the arm is at rest."""
@@ -27,7 +27,7 @@ SETTLE_S = 1.0
 """Longest time from the end of a move to rest."""
 
 
-def watched_move(link: ArmLink, settings: ArmSettings, q_to: NDArray[np.float64]) -> None:
+def execute_move(link: ArmConnection, settings: ArmSettings, q_to: NDArray[np.float64]) -> None:
     """Move the arm to the joint angles (6,) and wait until it is at rest there.
 
     Args:
@@ -38,39 +38,39 @@ def watched_move(link: ArmLink, settings: ArmSettings, q_to: NDArray[np.float64]
     Raises:
         MotionError: The controller rejects the angles, or the arm does not move as sent. After rejected angles, nothing
             has moved and the connection stays usable.
-        CellError: As `ArmLink.good_poll`.
+        CellError: As `ArmConnection.poll_checked`.
     """
-    q_from = np.array(link.ready().q_rad)
+    q_from = np.array(link.require_ready().q_rad)
     speed = capped_speed(settings.model, q_from, q_to, settings.speed_rad_s, settings.flange_speed_m_s)
     target = tuple(q_to.tolist())
     if not link.call("allows", target):
-        _still_well(link)
+        _recheck_state(link)
         raise MotionError(
             f"the robot refuses the joint angles {np.round(np.degrees(q_to), 1).tolist()} degrees: they are outside "
             "the safety limits of its installation"
         )
     link.move_sent = True
     before = link.call("start_move", target, float(speed), settings.acceleration_rad_s2, unless_stopped=True)
-    _until_ended(link, before, q_from, q_to)
-    _until_at_rest(link, q_to)
+    _wait_for_end(link, before, q_from, q_to)
+    _wait_for_rest(link, q_to)
     link.move_sent = False
 
 
-def _still_well(link: ArmLink) -> None:
+def _recheck_state(link: ArmConnection) -> None:
     """Check newer data of the controller: a program that has just ended rejects all angles."""
-    asked_s = link.good_poll().controller_s
-    while link.good_poll().controller_s < asked_s + NEWS_S:
+    asked_s = link.poll_checked().controller_s
+    while link.poll_checked().controller_s < asked_s + NEW_DATA_S:
         link.stopped.wait(POLL_S)
 
 
-def _until_ended(link: ArmLink, before: int, q_from: NDArray[np.float64], q_to: NDArray[np.float64]) -> None:
+def _wait_for_end(link: ArmConnection, before: int, q_from: NDArray[np.float64], q_to: NDArray[np.float64]) -> None:
     """Wait for the end of the move on the controller."""
     started_s = moved_s = time.monotonic()
     moved_from = q_from
     while True:
-        reading = link.good_poll()
+        reading = link.poll_checked()
         now_s, q = time.monotonic(), np.array(reading.q_rad)
-        if off_line(q, q_from, q_to) > LINE_RAD:
+        if distance_from_line(q, q_from, q_to) > MAX_DEVIATION_RAD:
             link.fail(MotionError("the arm left the path that it was sent: something else moves it"))
         begun = reading.operation != before
         if begun and not reading.operating:
@@ -89,12 +89,12 @@ def _until_ended(link: ArmLink, before: int, q_from: NDArray[np.float64], q_to: 
         link.stopped.wait(POLL_S)
 
 
-def _until_at_rest(link: ArmLink, q_to: NDArray[np.float64]) -> None:
+def _wait_for_rest(link: ArmConnection, q_to: NDArray[np.float64]) -> None:
     """Wait until the arm is at rest, and check that it is at the target."""
     limit_s = time.monotonic() + SETTLE_S
     steady_since: float | None = None
     while True:
-        reading = link.good_poll()
+        reading = link.poll_checked()
         if np.abs(reading.qd_rad_s).max() > STEADY_RAD_S:
             steady_since = None
         elif steady_since is None:
@@ -114,7 +114,7 @@ def _until_at_rest(link: ArmLink, q_to: NDArray[np.float64]) -> None:
         )
 
 
-def off_line(q: NDArray[np.float64], q_from: NDArray[np.float64], q_to: NDArray[np.float64]) -> float:
+def distance_from_line(q: NDArray[np.float64], q_from: NDArray[np.float64], q_to: NDArray[np.float64]) -> float:
     """Return the distance of joint angles (6,) from the straight line between two others, in the farthest joint."""
     turn = q_to - q_from
     share = np.clip((q - q_from) @ turn / max(float(turn @ turn), 1e-12), 0.0, 1.0)

@@ -44,13 +44,13 @@ def probe(address: str, model: ArmModelName, ending_s: float = 0.0) -> ArmInfo:
     _answers_rtde(address, until_s)
     connected(address, SCRIPT_PORT, until_s).close()
     with Dashboard(address, until_s) as dashboard:
-        info = introduced(dashboard)
-        for error in against_driving(dashboard, info, model, ending_s):
+        info = read_identity(dashboard)
+        for error in find_driving_errors(dashboard, info, model, ending_s):
             raise error
     return info
 
 
-def introduced(dashboard: Dashboard) -> ArmInfo:
+def read_identity(dashboard: Dashboard) -> ArmInfo:
     """Query the identity of the robot. Raise RobotUnreachableError without an answer."""
     return ArmInfo(
         model=dashboard.ask("get robot model"),
@@ -59,7 +59,7 @@ def introduced(dashboard: Dashboard) -> ArmInfo:
     )
 
 
-def against_driving(
+def find_driving_errors(
     dashboard: Dashboard, info: ArmInfo, model: ArmModelName, ending_s: float = 0.0
 ) -> Iterator[CellError]:
     """Yield each reason why the robot must not or cannot be driven, checking one after the other.
@@ -92,7 +92,7 @@ def against_driving(
         time.sleep(0.02)
 
 
-def resolved(host: str, timeout_s: float = 0.8) -> str:
+def resolve_host(host: str, timeout_s: float = 0.8) -> str:
     """Return the IP address of a host. A resolver that hangs is abandoned in its thread.
 
     Raises:

@@ -21,7 +21,7 @@ import time
 from collections.abc import Callable
 from typing import Concatenate, ParamSpec, TypeVar
 
-from cell.arm.ur_reading import PROGRAMS, ROBOT_MODES, Reading, safety
+from cell.arm.rtde_state import PROGRAMS, ROBOT_MODES, RtdeState, decode_safety_mode
 from cell.errors import STOPPED, CellError, RobotLostError, RobotNotReadyError, RobotUnreachableError, StoppedError
 
 CONNECT_S = 6.0
@@ -106,7 +106,7 @@ class UrDriver:
             raise RobotNotReadyError("the robot did not accept the watchdog's frequency: connect again")
 
     @_raises_when_lost
-    def poll(self) -> Reading:
+    def poll(self) -> RtdeState:
         """Return what the controller reports now, and keep the watchdog alive."""
         reading = self._reading()
         if self._moving and not reading.operating and reading.operation != self._operation_before:
@@ -138,7 +138,7 @@ class UrDriver:
         self._control.stopJ(deceleration_m_s2, True)
 
     @_raises_when_lost
-    def at_rest(self) -> tuple[Reading, tuple[float, ...]]:
+    def at_rest(self) -> tuple[RtdeState, tuple[float, ...]]:
         """Return what the controller reports of an arm at rest, and the tool's pose (6,) on the flange.
 
         `getActualToolFlangePose` is not used: ur_rtde does not wait for its answer and returns the previous one.
@@ -173,19 +173,19 @@ class UrDriver:
     def close(self) -> None:
         """Do nothing: the process is ended."""
 
-    def _kick(self, reading: Reading) -> None:
+    def _kick(self, reading: RtdeState) -> None:
         now_s = time.monotonic()
         if not self._stopped and reading.program == "playing" and now_s - self._last_kick_s >= 0.5 * self.IDLE_S:
             self._last_kick_s = now_s
             self._control.kickWatchdog()
 
-    def _reading(self) -> Reading:
+    def _reading(self) -> RtdeState:
         receive = self._receive
         operation = self._control.getAsyncOperationProgressEx()
         clock_s, now_s = receive.getTimestamp(), time.monotonic()
         if clock_s != self._clock_s:
             self._clock_s, self._clock_moved_s = clock_s, now_s
-        return Reading(
+        return RtdeState(
             q_rad=tuple(receive.getActualQ()),
             qd_rad_s=tuple(receive.getActualQd()),
             base_tcp=tuple(receive.getActualTCPPose()),
@@ -193,7 +193,7 @@ class UrDriver:
             age_s=now_s - self._clock_moved_s,
             connected=receive.isConnected() and self._control.isConnected(),
             robot_mode=ROBOT_MODES.get(receive.getRobotMode(), "no_controller"),
-            safety_mode=safety(receive.getSafetyMode(), receive.getSafetyStatusBits()),
+            safety_mode=decode_safety_mode(receive.getSafetyMode(), receive.getSafetyStatusBits()),
             program=PROGRAMS.get(receive.getRuntimeState(), "stopped"),
             operation=operation.operationId(),
             operating=operation.isAsyncOperationRunning(),

@@ -35,11 +35,11 @@ def capped_speed(
     if furthest == 0.0:
         return float(min(speed_rad_s, joint_speeds(model).min()))
     by_joints = float((joint_speeds(model) / (np.abs(turn) / furthest).clip(min=1e-12)).min())
-    by_flange = flange_speed_m_s * furthest / greatest_shift(model, q_from, q_to)
+    by_flange = flange_speed_m_s * furthest / max_flange_travel(model, q_from, q_to)
     return min(speed_rad_s, by_joints, by_flange)
 
 
-def greatest_shift(model: ArmModelName, q_from: ArrayLike, q_to: ArrayLike) -> float:
+def max_flange_travel(model: ArmModelName, q_from: ArrayLike, q_to: ArrayLike) -> float:
     """Return an upper bound of the flange's speed for a move of unit duration along the straight joint line, metres.
 
     The bound is close to the true maximum.

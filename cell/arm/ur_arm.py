@@ -5,13 +5,13 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cell.arm.arm_reading import silence
-from cell.arm.connection import ArmLink
+from cell.arm.arm_state import lost_connection_error
+from cell.arm.connection import ArmConnection
 from cell.arm.control_program import DASHBOARD_S
 from cell.arm.driver import ArmDriver
 from cell.arm.fault_recovery import acknowledge_protective_stop
-from cell.arm.motion import watched_move
-from cell.arm.preflight import probe, resolved
+from cell.arm.motion import execute_move
+from cell.arm.preflight import probe, resolve_host
 from cell.arm.rtde_driver import UrDriver
 from cell.config.arm_config import ArmSettings
 from cell.devices import ArmInfo, ArmState
@@ -39,7 +39,7 @@ class UrArm:
             make_driver: Makes the driver in its child process, from the IP address and the watchdog frequency.
         """
         self.settings, self.host = settings, host
-        self._link = ArmLink(settings, make_driver)
+        self._link = ArmConnection(settings, make_driver)
 
     @property
     def latest(self) -> ArmState | None:
@@ -61,7 +61,7 @@ class UrArm:
         link.stopped.clear()  # first: a `stop` from now on holds for this connection too
         ended_ours = link.program is not None and link.program.there
         link.release()
-        address = resolved(self.host)
+        address = resolve_host(self.host)
         info = probe(address, self.settings.model, ending_s=DASHBOARD_S if ended_ours else 0.0)
         self._check_model(link.open(address))
         if link.stopped.is_set():
@@ -70,7 +70,7 @@ class UrArm:
 
     def check_ready(self) -> None:
         """Return if the arm can be moved now. Raise the errors of `move` otherwise; the connection is then over."""
-        self._link.ready()
+        self._link.require_ready()
 
     def state(self) -> ArmState:
         """Return the arm's present state. The flange pose is that of the controller, whatever tool is set.
@@ -82,14 +82,14 @@ class UrArm:
         """
         link = self._link
         if link.child is None:
-            raise link.why_ended()
+            raise link.end_reason()
         reading = link.poll()
-        error = silence(reading)
+        error = lost_connection_error(reading)
         if error is not None:
             link.fail(error)
         if reading.program == "playing" and not reading.operating and not link.stopped.is_set():
             return link.at_rest()
-        return link.seen(reading)
+        return link.update_state(reading)
 
     def move(self, q_rad: NDArray[np.float64]) -> ArmState:
         """Move to the joint angles (6,) and return the state at rest there.
@@ -104,7 +104,7 @@ class UrArm:
             EmergencyStopError: An emergency stop is pressed.
             StoppedError: `stop` was called.
         """
-        watched_move(self._link, self.settings, _joints(q_rad))
+        execute_move(self._link, self.settings, _joints(q_rad))
         return self.state()
 
     def stop(self) -> None:
@@ -121,7 +121,7 @@ class UrArm:
         """
         link = self._link
         program = link.program
-        address = resolved(self.host) if program is None else program.address
+        address = resolve_host(self.host) if program is None else program.address
         link.release()
         acknowledge_protective_stop(address, link.protective_s, program is not None and program.there)
         link.protective_s, link.program = None, None

@@ -44,7 +44,7 @@ class Bag:
         connections = [connection for connection in self._reader.connections if connection.topic in topics]
         if not connections:  # `rosbags` would return all messages
             return
-        with _telling(self._path):
+        with _describe_error(self._path):
             for connection, _, data in self._reader.messages(connections):
                 yield connection.topic, self._reader.deserialize(data, connection.msgtype)
 
@@ -67,7 +67,7 @@ def open_bag(path: Path) -> Iterator[Bag]:
             "reading bags needs the extra `bag`: install the package with it, as 'WHEEL[bag]' in place of WHEEL"
         ) from error
     with ExitStack() as stack:
-        with _telling(path):
+        with _describe_error(path):
             # only since Iron do bags contain the types, and the types here are the same in all versions
             reader = AnyReader([_storage(path)], default_typestore=get_typestore(Stores.ROS2_HUMBLE))
             stack.enter_context(reader)
@@ -95,7 +95,7 @@ def _storage(path: Path) -> Path:
 
 
 @contextmanager
-def _telling(path: Path) -> Iterator[None]:
+def _describe_error(path: Path) -> Iterator[None]:
     """Turn errors of `rosbags` into BagError."""
     try:
         yield

@@ -12,7 +12,7 @@ from cell.recording.limits import DEFAULT_LIMITS
 
 COUNTS, METRES = ("16UC1", "mono16"), ("32FC1",)
 ENCODINGS = (*COUNTS, *METRES)
-SURELY_DEPTH = ("16UC1", "32FC1")
+DEPTH_ONLY_ENCODINGS = ("16UC1", "32FC1")
 """Encodings of depth images only. Infrared images are mono16 as well."""
 MILLIMETRE_M = 0.001
 """Unit of 16UC1 by REP 118."""
@@ -21,7 +21,7 @@ FINE_M = 0.0001
 
 
 @dataclass(frozen=True, eq=False)
-class Lens:
+class Intrinsics:
     """Camera matrix and size of the images of a CameraInfo."""
 
     K: NDArray[np.float64]
@@ -32,10 +32,10 @@ class Lens:
     """Optical frame, or an empty text."""
 
 
-def depth_unit(encoding: str, told_m: float | None) -> float:
+def depth_unit(encoding: str, given_m: float | None) -> float:
     """Return the metres per count of the recording, which are the given ones or those of the encoding."""
-    if told_m is not None:
-        return told_m
+    if given_m is not None:
+        return given_m
     return FINE_M if encoding in METRES else MILLIMETRE_M
 
 
@@ -75,7 +75,7 @@ def depth_counts(image: Any, unit_m: float, where: str) -> NDArray[np.uint16]:
         return np.where((counts >= 1) & (counts <= np.iinfo(np.uint16).max), counts, 0).astype(np.uint16)
 
 
-def lens_of(info: Any, rectified: bool, where: str) -> Lens:
+def intrinsics_of(info: Any, rectified: bool, where: str) -> Intrinsics:
     """Return the camera matrix of a sensor_msgs/CameraInfo.
 
     It is P for a rectified image, if P is set, and K for an image without distortion.
@@ -109,8 +109,8 @@ def lens_of(info: Any, rectified: bool, where: str) -> Lens:
                 "rectified, by the nearest pixel (image_proc, interpolation 0), and name that topic; or say "
                 "--rectified if they are"
             )
-        raise BagError(f"{where}: the images are rectified, but P, which tells their lens, is not told (0)")
-    return Lens(K, int(info.width), int(info.height), str(info.header.frame_id).removeprefix("/"))
+        raise BagError(f"{where}: the images are rectified, but their camera matrix P is 0: name another --info-topic")
+    return Intrinsics(K, int(info.width), int(info.height), str(info.header.frame_id).removeprefix("/"))
 
 
 def is_rectified(topic: str) -> bool:

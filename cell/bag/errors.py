@@ -4,7 +4,7 @@ from collections.abc import Iterable
 
 from cell.recording.errors import RecordingError, shown
 
-MOST_NAMES = 30
+MAX_NAMES = 30
 
 
 class BagError(RecordingError):
@@ -18,5 +18,5 @@ def listed(names: Iterable[object]) -> str:
     ordered = sorted({shown(name) for name in names})
     if not ordered:
         return "none"
-    more = f" and {len(ordered) - MOST_NAMES} more" if len(ordered) > MOST_NAMES else ""
-    return ", ".join(ordered[:MOST_NAMES]) + more
+    more = f" and {len(ordered) - MAX_NAMES} more" if len(ordered) > MAX_NAMES else ""
+    return ", ".join(ordered[:MAX_NAMES]) + more

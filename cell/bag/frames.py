@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cell.bag.errors import BagError, listed
-from cell.bag.tf_tree import LOOSE_M, LOOSE_RAD, UNKNOWN, TransformsTree
+from cell.bag.tf_tree import LOOSE_M, LOOSE_RAD, UNKNOWN, TransformTree
 from cell.recording.errors import shown
 
 BASES = ("base", "base_link")
@@ -25,7 +25,7 @@ class Frames:
     camera: str
 
 
-def find_frames(tree: TransformsTree, base: str | None, flange: str | None, camera: str) -> Frames:
+def find_frames(tree: TransformTree, base: str | None, flange: str | None, camera: str) -> Frames:
     """Return the given frames, or those with the usual names.
 
     Args:
@@ -44,7 +44,7 @@ def find_frames(tree: TransformsTree, base: str | None, flange: str | None, came
     )
 
 
-def fixed_camera(tree: TransformsTree, frames: Frames, stamps_ns: NDArray[np.int64]) -> NDArray[np.float64]:
+def fixed_camera(tree: TransformTree, frames: Frames, stamps_ns: NDArray[np.int64]) -> NDArray[np.float64]:
     """Return `T_flange_camera` (4, 4), which must be constant.
 
     Args:
@@ -59,12 +59,12 @@ def fixed_camera(tree: TransformsTree, frames: Frames, stamps_ns: NDArray[np.int
         poses, known = tree.chain(frames.flange, frames.camera).at(stamps_ns)
     except BagError as error:
         raise BagError(
-            f"where the camera sits on the flange is not told: {error}; name a file by --hand-eye"
+            f"the pose of the camera on the flange is unknown: {error}; name a file by --hand-eye"
         ) from error
     if (known == UNKNOWN).any():
         raise BagError(
-            f"where {shown(frames.camera)!r} is in {shown(frames.flange)!r} is not told at all times: name a file by "
-            "--hand-eye"
+            f"the pose of {shown(frames.camera)!r} in {shown(frames.flange)!r} is not known at all times: "
+            "name a file by --hand-eye"
         )
     moved_m, turned_rad = poses.distance(0, poses)
     if moved_m > LOOSE_M or turned_rad > LOOSE_RAD:
@@ -76,7 +76,7 @@ def fixed_camera(tree: TransformsTree, frames: Frames, stamps_ns: NDArray[np.int
     return poses.matrix(0)
 
 
-def _known(tree: TransformsTree, names: tuple[str, ...], what: str, option: str) -> str:
+def _known(tree: TransformTree, names: tuple[str, ...], what: str, option: str) -> str:
     found = next((name for name in names if name in tree.frames), None)
     if found is None:
         raise BagError(

@@ -11,12 +11,12 @@ from cell.bag.tf_tree import ALONE, KNOWN, SAME_M, SAME_RAD, Chain
 WINDOW_S = 0.25
 """Time before and after an image during which the pose of a resting arm stays the same. At less than 2 mm/s, the motion
 during one view is below the noise of depth."""
-MOST_FRAMES = 5
+MAX_FRAMES = 5
 """Largest number of images of one view, as in a live scan."""
 
 
 @dataclass(frozen=True, eq=False)
-class Place:
+class StationaryPose:
     """A position at which the arm stood still, with its images."""
 
     frames: tuple[int, ...]
@@ -28,10 +28,10 @@ class Place:
 
 
 @dataclass(frozen=True, eq=False)
-class Rest:
-    """Result of `find_rest`."""
+class StationaryPoses:
+    """Result of `find_stationary_poses`."""
 
-    places: tuple[Place, ...]
+    poses: tuple[StationaryPose, ...]
     """Positions in the order of time."""
     moving: int
     """Number of images that were taken while the arm moved."""
@@ -41,7 +41,7 @@ class Rest:
     """Whether poses are too far apart in time to tell whether the arm moved, and every image has its own pose."""
 
 
-def find_rest(chain: Chain, stamps_ns: NDArray[np.int64]) -> Rest:
+def find_stationary_poses(chain: Chain, stamps_ns: NDArray[np.int64]) -> StationaryPoses:
     """Return the positions at which the arm stood still while images were taken.
 
     Consecutive images with the same pose belong to one position. Where /tf has gaps, one pose beside an image is enough
@@ -55,50 +55,54 @@ def find_rest(chain: Chain, stamps_ns: NDArray[np.int64]) -> Rest:
         BagError: The pose of the arm is known for no image.
     """
     poses, known = chain.at(stamps_ns)
-    told_ns = chain.stamps_ns
-    if len(told_ns) and not known.any():
-        apart_s = max(stamps_ns[0] - told_ns[-1], told_ns[0] - stamps_ns[-1], 0) / 1e9
+    pose_stamps_ns = chain.stamps_ns
+    if len(pose_stamps_ns) and not known.any():
+        apart_s = max(stamps_ns[0] - pose_stamps_ns[-1], pose_stamps_ns[0] - stamps_ns[-1], 0) / 1e9
         raise BagError(
-            f"of none of the {len(stamps_ns)} depth images it is told where the flange was"
-            + (f": the times in /tf lie {apart_s:.1f} s beside the images' (two clocks?)" if apart_s else "")
+            f"/tf has no flange pose for any of the {len(stamps_ns)} depth images"
+            + (f": its stamps differ from those of the images by {apart_s:.1f} s; two clocks?" if apart_s else "")
         )
-    within = (stamps_ns >= told_ns[0]) & (stamps_ns <= told_ns[-1]) if len(told_ns) else np.ones(len(known), bool)
+    within = (
+        (stamps_ns >= pose_stamps_ns[0]) & (stamps_ns <= pose_stamps_ns[-1])
+        if len(pose_stamps_ns)
+        else np.ones(len(known), bool)
+    )
     usable = known == KNOWN
     if (known[within] >= ALONE).all():
         usable |= known == ALONE
-    told, _ = chain.at(told_ns)
+    known_poses, _ = chain.at(pose_stamps_ns)
     window_ns = round(WINDOW_S * 1e9)
     first, last = (
-        np.searchsorted(told_ns, stamps_ns - window_ns),
-        np.searchsorted(told_ns, stamps_ns + window_ns, "right"),
+        np.searchsorted(pose_stamps_ns, stamps_ns - window_ns),
+        np.searchsorted(pose_stamps_ns, stamps_ns + window_ns, "right"),
     )
     groups: list[list[int]] = []
     moving = 0
-    gone = True
+    has_left = True
     """Whether the arm has left the position of the last group."""
     for k in np.flatnonzero(usable).tolist():
-        if not _same(poses.distance(k, told[first[k] : last[k]])):
-            moving, gone = moving + 1, True
+        if not _is_same_pose(poses.distance(k, known_poses[first[k] : last[k]])):
+            moving, has_left = moving + 1, True
             continue
-        if gone or not _same(poses.distance(groups[-1][0], poses[k : k + 1])):
+        if has_left or not _is_same_pose(poses.distance(groups[-1][0], poses[k : k + 1])):
             groups.append([])
-        gone = False
+        has_left = False
         groups[-1].append(k)
     places = []
     for group in groups:
-        frames = _middle(group)
+        frames = _middle_frames(group)
         at = frames[len(frames) // 2]
-        places.append(Place(tuple(frames), poses.matrix(at), int(stamps_ns[at])))
+        places.append(StationaryPose(tuple(frames), poses.matrix(at), int(stamps_ns[at])))
     taken = [frame for place in places for frame in place.frames]
     single = bool((known[taken] == ALONE).any())
-    return Rest(tuple(places), moving, int(np.count_nonzero(~usable)), single)
+    return StationaryPoses(tuple(places), moving, int(np.count_nonzero(~usable)), single)
 
 
-def _same(distance: tuple[float, float]) -> bool:
+def _is_same_pose(distance: tuple[float, float]) -> bool:
     return distance[0] <= SAME_M and distance[1] <= SAME_RAD
 
 
-def _middle(frames: list[int]) -> list[int]:
+def _middle_frames(frames: list[int]) -> list[int]:
     """Return the middle images. During the first one the arm may still shake, and during the last one it may move."""
-    skip = max(len(frames) - MOST_FRAMES, 0) // 2
-    return frames[skip : skip + MOST_FRAMES]
+    skip = max(len(frames) - MAX_FRAMES, 0) // 2
+    return frames[skip : skip + MAX_FRAMES]

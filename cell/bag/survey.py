@@ -6,9 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cell.bag.bag_file import CAMERA_INFO, COMPRESSED_IMAGE, IMAGE, TRANSFORMS, Bag
-from cell.bag.depth_image import SURELY_DEPTH, Lens, lens_of
+from cell.bag.depth_image import DEPTH_ONLY_ENCODINGS, Intrinsics, intrinsics_of
 from cell.bag.errors import BagError, listed
-from cell.bag.tf_tree import TransformsTree, frame_name, nanoseconds
+from cell.bag.tf_tree import TransformTree, frame_name, nanoseconds
 from cell.recording.errors import shown
 
 STATIC = "tf_static"
@@ -26,8 +26,8 @@ class Topics:
 class Survey:
     """Content of a bag without the pixels."""
 
-    tree: TransformsTree
-    lens: Lens
+    tree: TransformTree
+    intrinsics: Intrinsics
     stamps_ns: NDArray[np.int64]
     """Stamps (N,) of the depth images, increasing, nanoseconds."""
     camera_frame: str
@@ -77,7 +77,7 @@ def survey(bag: Bag, topics: Topics, rectified: bool) -> Survey:
     Raises:
         BagError: There are no images, the camera matrix cannot be used, or a constant value changes.
     """
-    tree, lenses, stamps_ns = TransformsTree(), [], []
+    tree, lenses, stamps_ns = TransformTree(), [], []
     heads: set[tuple[str, str, int, int]] = set()
     transforms = bag.topics_of(*TRANSFORMS)
     if not transforms:
@@ -88,9 +88,9 @@ def survey(bag: Bag, topics: Topics, rectified: bool) -> Survey:
         if topic in transforms:
             tree.add(message, topic.endswith(STATIC))
         elif topic == topics.info:
-            lens = lens_of(message, rectified, shown(topic))
-            if not any(_same_lens(lens, known) for known in lenses):
-                lenses.append(lens)
+            intrinsics = intrinsics_of(message, rectified, shown(topic))
+            if not any(_same_intrinsics(intrinsics, known) for known in lenses):
+                lenses.append(intrinsics)
         else:
             stamps_ns.append(nanoseconds(message.header.stamp))
             heads.add((frame_name(message.header.frame_id), message.encoding, message.width, message.height))
@@ -100,28 +100,29 @@ def survey(bag: Bag, topics: Topics, rectified: bool) -> Survey:
     if not lenses or not heads:
         raise BagError(f"the bag has no messages on {shown(topics.depth)} or {shown(topics.info)}")
     ((frame, encoding, width, height),) = heads
-    (lens,) = lenses
-    if (lens.width, lens.height) != (width, height):
+    (intrinsics,) = lenses
+    if (intrinsics.width, intrinsics.height) != (width, height):
+        size = f"{intrinsics.width}x{intrinsics.height}"
         raise BagError(
-            f"{shown(topics.info)} is of {lens.width}x{lens.height} pixels, the images on {shown(topics.depth)} are "
-            f"{width}x{height}: name the CameraInfo that belongs to them by --info-topic"
+            f"{shown(topics.info)} is of {size} pixels, the images on {shown(topics.depth)} are {width}x{height}: "
+            "name the CameraInfo that belongs to them by --info-topic"
         )
-    if lens.frame not in ("", frame):
+    if intrinsics.frame not in ("", frame):
         raise BagError(
-            f"{shown(topics.info)} is of the frame {shown(lens.frame)!r}, the images on {shown(topics.depth)} of "
+            f"{shown(topics.info)} is of the frame {shown(intrinsics.frame)!r}, the images on {shown(topics.depth)} of "
             f"{shown(frame)!r}: name the CameraInfo that belongs to them by --info-topic"
         )
     if min(stamps_ns) <= 0:
         raise BagError(
             f"{shown(topics.depth)}: images have no stamp (0), so that /tf cannot tell where they were taken"
         )
-    return Survey(tree, lens, np.unique(np.array(stamps_ns, dtype=np.int64)), frame, encoding)
+    return Survey(tree, intrinsics, np.unique(np.array(stamps_ns, dtype=np.int64)), frame, encoding)
 
 
 def _only_depth(bag: Bag) -> str:
     """Return the only topic whose first image is a depth image. Raise BagError otherwise."""
     images = bag.topics_of(IMAGE)
-    found = [topic for topic in images if _first_encoding(bag, topic) in SURELY_DEPTH]
+    found = [topic for topic in images if _first_encoding(bag, topic) in DEPTH_ONLY_ENCODINGS]
     if len(found) == 1:
         return found[0]
     if found:
@@ -146,5 +147,5 @@ def _no_such(bag: Bag, topic: str, kind: str, option: str) -> BagError:
     return BagError(f"there is no topic {shown(topic)} of type {name}; {option} may be: {listed(bag.topics_of(kind))}")
 
 
-def _same_lens(a: Lens, b: Lens) -> bool:
+def _same_intrinsics(a: Intrinsics, b: Intrinsics) -> bool:
     return (a.width, a.height, a.frame) == (b.width, b.height, b.frame) and np.array_equal(a.K, b.K)

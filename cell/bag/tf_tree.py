@@ -14,9 +14,9 @@ from cell.bag.errors import BagError, listed
 from cell.bag.pose_batch import Poses
 from cell.recording.errors import shown
 
-MOST_M = 1e6
+MAX_DISTANCE_M = 1e6
 """Largest distance of a frame from its parent. The origin of a map may be far away."""
-MOST_SAMPLES = 5_000_000
+MAX_SAMPLES = 5_000_000
 """Largest number of samples. Ten minutes of ten joints at 500 Hz are 3 million, which take 60 bytes each."""
 GAP_S = 0.2
 """Largest time between samples of a moving arm. Across a longer gap, poses are interpolated only if both ends agree ...
@@ -76,8 +76,8 @@ class Edge:
         self, stamps_ns: NDArray[np.int64], nearest: NDArray[np.int64], between: NDArray[np.bool_]
     ) -> Poses:
         """Return the nearest sample, or the interpolation between two. A sample at the very time stays unchanged."""
-        told = self.poses[nearest]
-        translation, quaternion = told.translation.copy(), told.rotation.as_quat()
+        contents = self.poses[nearest]
+        translation, quaternion = contents.translation.copy(), contents.rotation.as_quat()
         if between.any():
             # seconds since the first sample, because a double of seconds since the epoch is rounded to 200 ns
             known_s = (self.stamps_ns - self.stamps_ns[0]) / 1e9
@@ -88,7 +88,7 @@ class Edge:
         return Poses(translation, Rotation.from_quat(quaternion))
 
 
-class TransformsTree:
+class TransformTree:
     """All frames of a bag. It is filled by `add` and then queried."""
 
     def __init__(self) -> None:
@@ -101,8 +101,8 @@ class TransformsTree:
         """Add a TFMessage. Raise BagError for too many samples."""
         for transform in message.transforms:
             self._count += 1
-            if self._count > MOST_SAMPLES:
-                raise BagError(f"the bag has more than {MOST_SAMPLES} transforms: cut it, or leave out other robots'")
+            if self._count > MAX_SAMPLES:
+                raise BagError(f"the bag has more than {MAX_SAMPLES} transforms: cut it, or leave out other robots'")
             stamp, pose = transform.header.stamp, transform.transform
             t, q = pose.translation, pose.rotation
             key = (frame_name(transform.child_frame_id), frame_name(transform.header.frame_id), static)
@@ -222,7 +222,7 @@ def _edge(samples: _Samples, static: bool, where: str) -> Edge:
 def _poses(samples: _Samples, where: str) -> Poses:
     """Return the transforms in the order of the samples."""
     values = np.frombuffer(samples.values, dtype=np.float64).reshape(-1, 7)
-    if not np.abs(values).max() <= MOST_M:  # also true for NaN
+    if not np.abs(values).max() <= MAX_DISTANCE_M:  # also true for NaN
         raise BagError(
             f"/tf: the pose of {where} holds {np.abs(values).max():g}; metres, and unit quaternions, are needed"
         )

@@ -20,7 +20,7 @@ SINGULAR = "the arm would be stretched, or its wrist straight, near a singular p
 
 
 @dataclass(frozen=True, eq=False)
-class Postures:
+class IkSolutions:
     """Joint angles that reach flange poses, and why some poses have none."""
 
     q_rad: NDArray[np.float64]
@@ -35,7 +35,7 @@ class Postures:
         return self.q_rad[self.which == pose]
 
 
-def find_postures(collisions: CollisionModel, T_base_flange: NDArray[np.float64]) -> Postures:
+def find_ik_solutions(collisions: CollisionModel, T_base_flange: NDArray[np.float64]) -> IkSolutions:
     """Return all joint angles for flange poses that are far from singularities and keep all clearances.
 
     Args:
@@ -56,10 +56,10 @@ def find_postures(collisions: CollisionModel, T_base_flange: NDArray[np.float64]
         best = np.flatnonzero(which == pose)[worst[which == pose].argmax()]
         reasons[pose] = None if worst[best] >= 0 else collisions.contacts[short[best].argmin()]
     free = worst >= 0
-    return Postures(q[free], which[free], tuple(reasons))
+    return IkSolutions(q[free], which[free], tuple(reasons))
 
 
-def with_turns(q_rad: NDArray[np.float64], reference_rad: NDArray[np.float64]) -> NDArray[np.float64]:
+def with_full_turns(q_rad: NDArray[np.float64], reference_rad: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return joint angles with every joint in the turn nearest to a reference, and the last joint in all turns.
 
     Args:

@@ -16,9 +16,9 @@ from calibration.target.board import Board
 from cell.config.cell_config import CellSettings
 from cell.config.strict_model import Range
 from cell.errors import ViewpointsError
-from cell.planning.candidate_poses import Sight, tries
+from cell.planning.candidate_poses import ViewTarget, candidate_levels
 from cell.planning.look_at import Bearing
-from cell.planning.viewpoints import ViewpointPlan, plan_through, told_missing
+from cell.planning.viewpoints import ViewpointPlan, describe_missing, plan_through
 
 POSES, HELD_OUT = 15, 2
 """Number of poses to solve from, and number of further poses for the verification."""
@@ -26,7 +26,7 @@ MIN_POSES = 10
 """Smallest number of reachable poses to solve from."""
 OFF_MIDDLE_M = 0.03
 """Largest distance of the board's middle from the middle of the workspace."""
-IN_FOCUS_M = 0.25
+FOCUS_MARGIN_M = 0.25
 """Smallest distance from the board's middle, unless camera.working_m is smaller."""
 MIN_RATIO, MAX_RATIO = 1.25, 1.75
 """Limits of the ratio between the far and the near distance. A larger ratio adds little and is hard to reach."""
@@ -44,10 +44,10 @@ _CIRCLE = 16
 
 
 @dataclass(frozen=True)
-class _Wanted:
+class _Direction:
     bearing: Bearing
     distance_m: float
-    within_m: Range
+    range_m: Range
 
 
 @dataclass(frozen=True)
@@ -88,29 +88,32 @@ def plan_calibration(
     Raises:
         ViewpointsError: Fewer than `MIN_POSES` (or `poses`) are reachable. The message names the others.
     """
-    sight = board_sight(settings, board, T_flange_camera)
-    distances = _distances(sight)
-    wanted = [*_to_solve_from(distances, poses), *_to_hold_out(distances, poses, held_out)]
-    plan = _plan(settings, sight, wanted, q_now_rad)
+    view_target = board_target(settings, board, T_flange_camera)
+    distances = _distances(view_target)
+    preferred = [*_solving_directions(distances, poses), *_held_out_directions(distances, poses, held_out)]
+    plan = _plan(settings, view_target, preferred, q_now_rad)
     solved_from = [v for v in plan.viewpoints[:poses] if v.q_rad is not None]
     least = min(MIN_POSES, poses)
     if len(solved_from) < least:
         smaller = (
             f"take a smaller board, as the camera sees all of this one from {distances.near_m:.2f} m on only, or "
-            if distances.near_m > sight.optics.working_m[1]
+            if distances.near_m > view_target.optics.working_m[1]
             else ""
         )
         raise ViewpointsError(
             f"only {len(solved_from)} of {poses} calibration poses can be reached, {least} are needed: {smaller}change "
-            f"x_m or y_m in [workspace] so that the arm reaches round its middle. Not reached are {told_missing(plan)}"
+            f"x_m or y_m in [workspace] so that the arm reaches round its middle. Not reached are "
+            f"{describe_missing(plan)}"
         )
-    held, warnings = tuple(range(poses, poses + held_out)), ()
-    if held and all(v.q_rad is None for v in plan.viewpoints[poses:]):
+    reached, warnings = tuple(range(poses, poses + held_out)), ()
+    if reached and all(v.q_rad is None for v in plan.viewpoints[poses:]):
         if len(solved_from) > least:
-            held = (solved_from.pop().index, *held)
+            reached = (solved_from.pop().index, *reached)
         else:
             warnings = (UNVERIFIED,)
-    return replace(plan, held_out=held, warnings=warnings + _too_alike([v.distance_m for v in solved_from], distances))
+    return replace(
+        plan, held_out=reached, warnings=warnings + _too_similar([v.distance_m for v in solved_from], distances)
+    )
 
 
 def plan_verification(
@@ -127,29 +130,29 @@ def plan_verification(
     Raises:
         ViewpointsError: One of the two poses is not reachable.
     """
-    sight = board_sight(settings, board, T_flange_camera)
-    distances = _distances(sight)
+    view_target = board_target(settings, board, T_flange_camera)
+    distances = _distances(view_target)
     # beside the line from the arm to the board, because the far side may be out of reach
-    across = float(np.arctan2(sight.target[1], sight.target[0])) + np.pi / 2
-    wanted = [
-        _Wanted(Bearing(across, _NEAR_ELEVATION_RAD, _FAR_ROLL_RAD), distances.near_m, distances.range_m),
-        _Wanted(Bearing(across + np.pi, _NEAR_ELEVATION_RAD, -_FAR_ROLL_RAD), distances.near_m, distances.range_m),
+    across = float(np.arctan2(view_target.centre[1], view_target.centre[0])) + np.pi / 2
+    preferred = [
+        _Direction(Bearing(across, _NEAR_ELEVATION_RAD, _FAR_ROLL_RAD), distances.near_m, distances.range_m),
+        _Direction(Bearing(across + np.pi, _NEAR_ELEVATION_RAD, -_FAR_ROLL_RAD), distances.near_m, distances.range_m),
     ]
-    plan = _plan(settings, sight, wanted, q_now_rad)
-    if plan.reached < len(wanted):
+    plan = _plan(settings, view_target, preferred, q_now_rad)
+    if plan.reached < len(preferred):
         raise ViewpointsError(
             "a calibration is verified from two sides of the board, and the arm does not reach both: change x_m or "
-            f"y_m in [workspace]. Not reached are {told_missing(plan)}"
+            f"y_m in [workspace]. Not reached are {describe_missing(plan)}"
         )
     return replace(plan, held_out=(0, 1))
 
 
-def board_sight(settings: CellSettings, board: Board, T_flange_camera: NDArray[np.float64]) -> Sight:
-    """Return the sight of a board near the middle of a cell's workspace."""
+def board_target(settings: CellSettings, board: Board, T_flange_camera: NDArray[np.float64]) -> ViewTarget:
+    """Return the view target of a board near the middle of a cell's workspace."""
     optics = settings.camera.optics
     # the smallest distance for depth does not matter for images
-    working_m = settings.camera.working_m or (min(IN_FOCUS_M, optics.working_m[0]), optics.working_m[1])
-    floor = Sight.of(settings, replace(optics, near_m=0.0, working_m=working_m), T_flange_camera)
+    working_m = settings.camera.working_m or (min(FOCUS_MARGIN_M, optics.working_m[0]), optics.working_m[1])
+    floor = ViewTarget.of(settings, replace(optics, near_m=0.0, working_m=working_m), T_flange_camera)
     # each corner of a ChArUco board is detected by itself; every other board must be in the image with its margin
     size = np.ptp(board.points, axis=0)[:2] if board.kind == "charuco" else np.array(board.size_m)
     radius = float(np.linalg.norm(size)) / 2 + OFF_MIDDLE_M
@@ -158,29 +161,29 @@ def board_sight(settings: CellSettings, board: Board, T_flange_camera: NDArray[n
     return replace(floor, corners=rim)
 
 
-def _distances(sight: Sight) -> _Distances:
+def _distances(view_target: ViewTarget) -> _Distances:
     """Return the near distance, where the board fills the image, and the far one, up to the working range."""
     steepest = [Bearing(0.0, _NEAR_ELEVATION_RAD, roll) for roll in np.linspace(0.0, np.pi / 2, 7)]
-    nearest, farthest = sight.optics.working_m
-    near = max(nearest, *(sight.least_distance(bearing) for bearing in steepest))
+    nearest, farthest = view_target.optics.working_m
+    near = max(nearest, *(view_target.min_distance(bearing) for bearing in steepest))
     return _Distances(near, float(np.clip(farthest, MIN_RATIO * near, MAX_RATIO * near)))
 
 
-def _to_solve_from(distances: _Distances, poses: int) -> list[_Wanted]:
-    wanted = []
+def _solving_directions(distances: _Distances, poses: int) -> list[_Direction]:
+    preferred = []
     for k in range(poses):
         if k % 3 == 2:
             elevation, roll, distance = _FAR_ELEVATION_RAD, (-1) ** k * _FAR_ROLL_RAD, distances.far_m
         else:
             elevation, roll, distance = _NEAR_ELEVATION_RAD, (-1) ** (k % 3) * _NEAR_ROLL_RAD, distances.near_m
-        wanted.append(_Wanted(Bearing(2 * np.pi * k / poses, elevation, roll), distance, distances.range_m))
-    return wanted
+        preferred.append(_Direction(Bearing(2 * np.pi * k / poses, elevation, roll), distance, distances.range_m))
+    return preferred
 
 
-def _to_hold_out(distances: _Distances, poses: int, held_out: int) -> list[_Wanted]:
+def _held_out_directions(distances: _Distances, poses: int, held_out: int) -> list[_Direction]:
     """Return poses between the others in azimuth, elevation, roll and distance."""
     return [
-        _Wanted(
+        _Direction(
             Bearing(2 * np.pi * (k / held_out + 0.5 / poses), _HELD_ELEVATION_RAD, float((-1) ** k * _HELD_ROLL_RAD)),
             distances.middle_m,
             distances.range_m,
@@ -190,13 +193,13 @@ def _to_hold_out(distances: _Distances, poses: int, held_out: int) -> list[_Want
 
 
 def _plan(
-    settings: CellSettings, sight: Sight, wanted: Sequence[_Wanted], q_now_rad: ArrayLike | None
+    settings: CellSettings, view_target: ViewTarget, preferred: Sequence[_Direction], q_now_rad: ArrayLike | None
 ) -> ViewpointPlan:
-    poses = [tries(sight, each.bearing, each.distance_m, each.within_m) for each in wanted]
-    return plan_through(settings, sight, poses, q_now_rad)
+    poses = [candidate_levels(view_target, each.bearing, each.distance_m, each.range_m) for each in preferred]
+    return plan_through(settings, view_target, poses, q_now_rad)
 
 
-def _too_alike(reached_m: list[float], distances: _Distances) -> tuple[str, ...]:
+def _too_similar(reached_m: list[float], distances: _Distances) -> tuple[str, ...]:
     """Return a warning if too few of the reachable poses are near, or far."""
     far = sum(distance > distances.middle_m for distance in reached_m)
     near = len(reached_m) - far

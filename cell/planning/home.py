@@ -7,7 +7,7 @@ from calibration.geometry.transforms import inverse
 from cell.config.camera_optics import CameraOptics
 from cell.errors import ViewpointsError
 from cell.kinematics.collision import CollisionModel
-from cell.kinematics.ik_branches import find_postures
+from cell.kinematics.ik_branches import find_ik_solutions
 from cell.kinematics.ur_kinematics import jacobian, link_frames
 from cell.planning.look_at import look_at
 
@@ -42,7 +42,7 @@ def find_home(
                     look_at(target, to_base + aside, elevation, optics.working_m[1] + farther, roll) @ T_camera_flange
                     for roll in _ROLLS_RAD
                 ]
-                q = find_postures(collisions, np.array(poses)).q_rad
+                q = find_ik_solutions(collisions, np.array(poses)).q_rad
                 if not len(q):
                     continue
                 # the posture farthest from a singularity, from which all viewpoints are near

@@ -60,7 +60,7 @@ def two_rings(views: int) -> list[Bearing]:
     ]
 
 
-def least_distance(
+def min_distance(
     points: NDArray[np.float64], K: NDArray[np.float64], size: tuple[int, int], near_m: float, bearing: Bearing
 ) -> float:
     """Return the smallest distance from the origin at which a camera that looks at it sees all points.

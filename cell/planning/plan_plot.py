@@ -67,8 +67,8 @@ def draw_plan(plan: ViewpointPlan, settings: CellSettings) -> bytes:
     optics = settings.camera.optics
     for panel in (_Panel(space, 3), _Panel(flat, 2)):
         _draw_room(panel, settings)
-        _draw_unseen(panel, plan, settings.mounting.table_z_m)
-        _draw_way(panel, plan, settings)
+        _draw_unobserved(panel, plan, settings.mounting.table_z_m)
+        _draw_path(panel, plan, settings)
         _draw_arm(panel, parts, plan.home_q_rad, "0.4", 5.0)
         for viewpoint in plan.viewpoints:
             place = order.index(viewpoint.index) if viewpoint.index in order else None
@@ -104,7 +104,7 @@ def _draw_room(panel: _Panel, settings: CellSettings) -> None:
     panel.text(np.array([0.0, -0.09, 0.0]), "base", fontsize=9, ha="center", va="top")
 
 
-def _draw_unseen(panel: _Panel, plan: ViewpointPlan, table_z_m: float) -> None:
+def _draw_unobserved(panel: _Panel, plan: ViewpointPlan, table_z_m: float) -> None:
     """Hatch the part of the table that too few views show."""
     if plan.unseen is None:
         return
@@ -140,13 +140,13 @@ def _draw_arm(panel: _Panel, parts: CollisionModel, q_rad: NDArray[np.float64], 
     panel.line(np.array(line), color=colour, linewidth=width, alpha=0.75, solid_joinstyle="round")
 
 
-def _draw_way(panel: _Panel, plan: ViewpointPlan, settings: CellSettings) -> None:
-    place, way = plan.start_q_rad, []
+def _draw_path(panel: _Panel, plan: ViewpointPlan, settings: CellSettings) -> None:
+    place, path = plan.start_q_rad, []
     for leg in plan.legs:
         for q in leg.waypoints_rad:
-            way += [forward(settings.arm.model, place + share * (q - place)) for share in np.linspace(0, 1, _STEPS)]
+            path += [forward(settings.arm.model, place + share * (q - place)) for share in np.linspace(0, 1, _STEPS)]
             place = q
-    panel.line(np.array(way)[:, :3, 3], color="0.55", linewidth=0.9, linestyle=":")
+    panel.line(np.array(path)[:, :3, 3], color="0.55", linewidth=0.9, linestyle=":")
 
 
 def _draw_camera(panel: _Panel, viewpoint: Viewpoint, optics: CameraOptics, colour: Any, place: int | None) -> None:

@@ -11,17 +11,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cell.kinematics.collision import CollisionModel
-from cell.kinematics.ik_branches import OUT_OF_REACH, TOO_NEAR, find_postures, with_turns
-from cell.kinematics.joint_paths import JointPaths
-from cell.planning.candidate_poses import PoseToTry
+from cell.kinematics.ik_branches import OUT_OF_REACH, TOO_NEAR, find_ik_solutions, with_full_turns
+from cell.kinematics.joint_paths import PathFinder
+from cell.planning.candidate_poses import CandidatePose
 
-MAX_POSTURES = 12
-"""Number of postures of each viewpoint, nearest to home, that enter the search for the best route."""
-POSES_TRIED = 4
+MAX_SOLUTIONS = 12
+"""Number of postures of each viewpoint, nearest to home, that enter the search for the best tour."""
+POSES_CHECKED_FOR_PATH = 4
 """Number of equally good poses that are checked for a path home."""
-POSES_HELD = 100
+MAX_POSES_IN_REACH = 100
 """Number of poses within reach that are checked for each viewpoint, on average. It is half if none is found at all."""
-LIFTED_POSTURES = 2
+LIFTED_SOLUTIONS = 2
 """Number of postures of a viewpoint without a straight path that are checked with a lifted flange, which takes long."""
 NO_FREE_PATH = "no free path leads there from home, straight or by a lifted flange"
 
@@ -30,7 +30,7 @@ NO_FREE_PATH = "no free path leads there from home, straight or by a lifted flan
 class PoseChoice:
     """Selected pose of a viewpoint."""
 
-    pose: PoseToTry
+    pose: CandidatePose
     """Selected pose, or the preferred one if none is reachable."""
     postures: NDArray[np.float64]
     """Joint angles (K, 6) with a path home."""
@@ -42,17 +42,17 @@ class PoseChoice:
 class _Search:
     """Search state of a viewpoint without a pose."""
 
-    tries: Iterator[list[PoseToTry]]
-    wanted: PoseToTry | None = None
+    candidates: Iterator[list[CandidatePose]]
+    preferred: CandidatePose | None = None
     reason: str = ""
-    held: list[tuple[PoseToTry, NDArray[np.float64]]] = field(default_factory=list)
+    in_reach: list[tuple[CandidatePose, NDArray[np.float64]]] = field(default_factory=list)
     """Poses without a straight path, with their joint angles (K, 6), nearest to home first."""
 
 
 def choose_poses(
-    tries: Sequence[Iterator[list[PoseToTry]]],
+    candidates: Sequence[Iterator[list[CandidatePose]]],
     collisions: CollisionModel,
-    paths: JointPaths,
+    path_finder: PathFinder,
     home: NDArray[np.float64],
 ) -> list[PoseChoice]:
     """Return for each viewpoint its first usable pose, or the preferred pose with the reason why none is usable.
@@ -60,59 +60,59 @@ def choose_poses(
     Poses with a straight path home are preferred to poses with a detour.
 
     Args:
-        tries: Candidate poses of each viewpoint, as `cell.planning.candidate_poses.poses_to_try` gives them.
+        candidates: Candidate poses of each viewpoint, as `cell.planning.candidate_poses.scan_candidates` gives them.
         collisions: Collision model of the cell.
-        paths: Finder of joint paths.
+        path_finder: Finder of joint paths.
         home: Joint angles (6,) of the home posture.
     """
-    searches = dict(enumerate(map(_Search, tries)))
+    searches = dict(enumerate(map(_Search, candidates)))
     chosen: dict[int, PoseChoice] = {}
-    most, held, going_on = POSES_HELD * len(tries), 0, True
+    most, in_reach, going_on = MAX_POSES_IN_REACH * len(candidates), 0, True
     # in turn, so that the limited effort is the same for each viewpoint
-    while going_on and held < (most if chosen else most / 2):
+    while going_on and in_reach < (most if chosen else most / 2):
         going_on = False
         for index, search in searches.items():
-            if index in chosen or (level := next(search.tries, None)) is None:
+            if index in chosen or (level := next(search.candidates, None)) is None:
                 continue
             going_on = True
-            choice, within_reach = _straight(search, level, collisions, paths, home)
-            held += within_reach
+            choice, within_reach = _straight(search, level, collisions, path_finder, home)
+            in_reach += within_reach
             if choice is not None:
                 chosen[index] = choice
     for index, search in searches.items():
         if index not in chosen:
-            assert search.wanted is not None
-            none = PoseChoice(search.wanted, np.zeros((0, 6)), search.reason)
-            chosen[index] = _lifted(search, paths) or none
+            assert search.preferred is not None
+            none = PoseChoice(search.preferred, np.zeros((0, 6)), search.reason)
+            chosen[index] = _lifted(search, path_finder) or none
     return [chosen[index] for index in searches]
 
 
 def _straight(
     search: _Search,
-    level: list[PoseToTry],
+    level: list[CandidatePose],
     collisions: CollisionModel,
-    paths: JointPaths,
+    path_finder: PathFinder,
     home: NDArray[np.float64],
 ) -> tuple[PoseChoice | None, int]:
     """Return the first pose of the level with a straight path home, and the number of poses within reach."""
-    postures = find_postures(collisions, np.array([pose.T_base_flange for pose in level]))
-    held = sum(reason not in (OUT_OF_REACH, TOO_NEAR) for reason in postures.reasons)
-    if search.wanted is None:
-        search.wanted, search.reason = level[0], postures.reasons[0] or NO_FREE_PATH
-    for pose in np.unique(postures.which)[:POSES_TRIED]:
-        q = with_turns(postures.of(pose), home)
-        nearest = q[np.abs(q - home).max(axis=1).argsort(kind="stable")[:MAX_POSTURES]]
-        direct = nearest[paths.free_each(home, nearest)]
+    solutions = find_ik_solutions(collisions, np.array([pose.T_base_flange for pose in level]))
+    in_reach = sum(reason not in (OUT_OF_REACH, TOO_NEAR) for reason in solutions.reasons)
+    if search.preferred is None:
+        search.preferred, search.reason = level[0], solutions.reasons[0] or NO_FREE_PATH
+    for pose in np.unique(solutions.which)[:POSES_CHECKED_FOR_PATH]:
+        q = with_full_turns(solutions.of(pose), home)
+        nearest = q[np.abs(q - home).max(axis=1).argsort(kind="stable")[:MAX_SOLUTIONS]]
+        direct = nearest[path_finder.are_free(home, nearest)]
         if len(direct):
-            return PoseChoice(level[pose], direct, None), held
-        search.held.append((level[pose], nearest))
+            return PoseChoice(level[pose], direct, None), in_reach
+        search.in_reach.append((level[pose], nearest))
         search.reason = NO_FREE_PATH
-    return None, held
+    return None, in_reach
 
 
-def _lifted(search: _Search, paths: JointPaths) -> PoseChoice | None:
-    for pose, nearest in search.held[:1]:
-        linked = paths.linked(nearest[:LIFTED_POSTURES])
-        if len(linked):
-            return PoseChoice(pose, linked, None)
+def _lifted(search: _Search, path_finder: PathFinder) -> PoseChoice | None:
+    for pose, nearest in search.in_reach[:1]:
+        usable = path_finder.with_path_home(nearest[:LIFTED_SOLUTIONS])
+        if len(usable):
+            return PoseChoice(pose, usable, None)
     return None

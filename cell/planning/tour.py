@@ -10,23 +10,23 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from cell.kinematics.joint_paths import JointPaths, Way, travel_rad
+from cell.kinematics.joint_paths import JointPath, PathFinder, travel_rad
 
 EXACT_VIEWS = 10
 """Largest number of viewpoints that are ordered exactly. The number of sets doubles with each viewpoint."""
 MOVED_BY = 6
 """Number of positions by which the local search moves a short part of the tour."""
-ROUNDS = 40
+MAX_ROUNDS = 40
 """Largest number of searches. A new search follows when a line of the tour is not free."""
 
 
 @dataclass(frozen=True, eq=False)
-class Route:
+class Tour:
     """A tour through all viewpoints."""
 
     stops: tuple[tuple[int, int], ...]
     """Viewpoint and posture of each stop, in order."""
-    ways: tuple[Way, ...]
+    paths: tuple[JointPath, ...]
     """Joint path to each stop, then home."""
 
 
@@ -38,7 +38,7 @@ class _Costs:
         start: NDArray[np.float64],
         home: NDArray[np.float64],
         groups: list[NDArray[np.float64]],
-        paths: JointPaths,
+        path_finder: PathFinder,
         start_clearances: NDArray[np.float64],
     ) -> None:
         self.q = np.concatenate(groups)
@@ -46,26 +46,28 @@ class _Costs:
         self.between = np.abs(self.q[:, None] - self.q[None]).max(axis=2)
         self.from_start = np.abs(self.q - start).max(axis=1)
         self.to_home = np.abs(self.q - home).max(axis=1)
-        self._start, self._paths, self._start_clearances = start, paths, start_clearances
-        if paths.way_home(start, start_clearances) is None:
-            self.from_start[~paths.free_each(start, self.q, start_clearances)] = np.inf
+        self._start, self._path_finder, self._start_clearances = start, path_finder, start_clearances
+        if path_finder.path_home(start, start_clearances) is None:
+            self.from_start[~path_finder.are_free(start, self.q, start_clearances)] = np.inf
 
-    def start_way(self, node: int) -> Way | None:
-        if self._paths.free(self._start, self.q[node], self._start_clearances):
+    def start_way(self, node: int) -> JointPath | None:
+        if self._path_finder.is_free(self._start, self.q[node], self._start_clearances):
             return (self.q[node],)
-        return self._paths.by_home(self._paths.way_home(self._start, self._start_clearances), self.q[node])
+        return self._path_finder.path_via_home(
+            self._path_finder.path_home(self._start, self._start_clearances), self.q[node]
+        )
 
-    def look_along(self, nodes: list[int]) -> bool:
+    def check_lines(self, nodes: list[int]) -> bool:
         """Check the lines along these postures and correct their costs. Return whether all costs stayed the same."""
         before = self.of(nodes)
         first, last = nodes[0], nodes[-1]
-        way = self.start_way(first)
-        self.from_start[first] = np.inf if way is None else travel_rad(self._start, way)
+        path = self.start_way(first)
+        self.from_start[first] = np.inf if path is None else travel_rad(self._start, path)
         for a, b in itertools.pairwise(nodes):
-            way = self._paths.way(self.q[a], self.q[b])
-            self.between[a, b] = self.between[b, a] = np.inf if way is None else travel_rad(self.q[a], way)
-        way = self._paths.way_home(self.q[last])
-        self.to_home[last] = np.inf if way is None else travel_rad(self.q[last], way)
+            path = self._path_finder.path_between(self.q[a], self.q[b])
+            self.between[a, b] = self.between[b, a] = np.inf if path is None else travel_rad(self.q[a], path)
+        path = self._path_finder.path_home(self.q[last])
+        self.to_home[last] = np.inf if path is None else travel_rad(self.q[last], path)
         return self.of(nodes) <= before + 1e-9
 
     def of(self, nodes: list[int]) -> float:
@@ -73,13 +75,13 @@ class _Costs:
         return float(self.from_start[nodes[0]] + inner + self.to_home[nodes[-1]])
 
 
-def best_route(
+def find_tour(
     start: NDArray[np.float64],
     home: NDArray[np.float64],
     groups: list[NDArray[np.float64]],
-    paths: JointPaths,
+    path_finder: PathFinder,
     start_clearances: NDArray[np.float64],
-) -> Route | None:
+) -> Tour | None:
     """Return the tour with the least joint motion, or None if no path leads from the start.
 
     Lines that are not free are replaced by a path through the home posture.
@@ -88,21 +90,21 @@ def best_route(
         start: Joint angles (6,) at the start.
         home: Joint angles (6,) of the home posture, to which a path leads from each posture.
         groups: Joint angles (K, 6) of the postures of each viewpoint, one of which is visited.
-        paths: Finder of joint paths.
-        start_clearances: Clearances (C,) on the line from the start, as in `JointPaths.free`.
+        path_finder: Finder of joint paths.
+        start_clearances: Clearances (C,) on the line from the start, as in `PathFinder.is_free`.
     """
     if not groups:
-        way = paths.way_home(start, start_clearances)
-        return None if way is None else Route((), (way,))
-    costs = _Costs(start, home, groups, paths, start_clearances)
+        path = path_finder.path_home(start, start_clearances)
+        return None if path is None else Tour((), (path,))
+    costs = _Costs(start, home, groups, path_finder, start_clearances)
     best: list[int] = []
     order: list[int] = list(range(len(groups)))
-    for _ in range(ROUNDS):
+    for _ in range(MAX_ROUNDS):
         if len(groups) <= EXACT_VIEWS:
             nodes = _exact(costs, len(groups))
         else:
             nodes, order = _exchanged(costs, order)
-        settled = costs.look_along(nodes)
+        settled = costs.check_lines(nodes)
         if not np.isfinite(costs.of(nodes)):
             return None
         if not best or costs.of(nodes) < costs.of(best):
@@ -111,10 +113,10 @@ def best_route(
             break
     first_of = np.searchsorted(costs.group, np.arange(len(groups)))
     stops = tuple((int(costs.group[n]), int(n - first_of[costs.group[n]])) for n in best)
-    ways = [costs.start_way(best[0])]
-    ways += [paths.way(costs.q[a], costs.q[b]) for a, b in itertools.pairwise(best)]
-    ways.append(paths.way_home(costs.q[best[-1]]))
-    return Route(stops, tuple(way for way in ways if way is not None))
+    paths = [costs.start_way(best[0])]
+    paths += [path_finder.path_between(costs.q[a], costs.q[b]) for a, b in itertools.pairwise(best)]
+    paths.append(path_finder.path_home(costs.q[best[-1]]))
+    return Tour(stops, tuple(path for path in paths if path is not None))
 
 
 def _exact(costs: _Costs, groups: int) -> list[int]:

@@ -11,11 +11,11 @@ from numpy.typing import ArrayLike, NDArray
 from cell.config.cell_config import CellSettings
 from cell.errors import ViewpointsError
 from cell.kinematics.collision import CollisionModel, collision_model
-from cell.kinematics.joint_paths import JointPaths, travel_rad
-from cell.planning.candidate_poses import PoseToTry, Sight, poses_to_try
+from cell.kinematics.joint_paths import PathFinder, travel_rad
+from cell.planning.candidate_poses import CandidatePose, ViewTarget, scan_candidates
 from cell.planning.home import find_home
 from cell.planning.pose_selection import PoseChoice, choose_poses
-from cell.planning.tour import Route, best_route
+from cell.planning.tour import Tour, find_tour
 from recognition.preprocessing.coverage import CameraFrustum, Coverage, coverage_message, table_coverage
 
 OVERLAP_M = 0.01
@@ -150,42 +150,45 @@ def plan_viewpoints(
     Raises:
         ViewpointsError: No home posture is free, or no path leads from the start.
     """
-    sight = Sight.of(settings, settings.camera.optics, T_flange_camera)
-    return plan_through(settings, sight, poses_to_try(sight, settings.scan.views), q_now_rad)
+    view_target = ViewTarget.of(settings, settings.camera.optics, T_flange_camera)
+    return plan_through(settings, view_target, scan_candidates(view_target, settings.scan.views), q_now_rad)
 
 
 def plan_through(
-    settings: CellSettings, sight: Sight, tries: Sequence[Iterator[list[PoseToTry]]], q_now_rad: ArrayLike | None
+    settings: CellSettings,
+    view_target: ViewTarget,
+    candidates: Sequence[Iterator[list[CandidatePose]]],
+    q_now_rad: ArrayLike | None,
 ) -> ViewpointPlan:
     """Plan a path through any viewpoints.
 
     Args:
         settings: Settings of the cell.
-        sight: Target and camera.
-        tries: For each viewpoint, its candidate poses, as `cell.planning.candidate_poses.tries` gives them.
+        view_target: Target and camera.
+        candidates: Candidate poses of each viewpoint, as `cell.planning.candidate_poses.candidate_levels` gives them.
         q_now_rad: Joint angles (6,) at the start. None means home.
 
     Raises:
         ViewpointsError: No home posture is free, or no path leads from the start.
     """
     began = time.perf_counter()
-    collisions = collision_model(settings, sight.T_flange_camera)
-    home = _home(settings, collisions, sight)
+    collisions = collision_model(settings, view_target.T_flange_camera)
+    home = _home(settings, collisions, view_target)
     start = home if q_now_rad is None else np.array(q_now_rad, dtype=np.float64)
     start_clearances = _clearances_from(collisions, start)
 
-    paths = JointPaths(collisions, home)
-    chosen = choose_poses(tries, collisions, paths, home)
+    path_finder = PathFinder(collisions, home)
+    chosen = choose_poses(candidates, collisions, path_finder, home)
     groups = {index: choice.postures for index, choice in enumerate(chosen) if choice.reason is None}
-    route = best_route(start, home, list(groups.values()), paths, start_clearances)
-    if route is None:
+    tour = find_tour(start, home, list(groups.values()), path_finder, start_clearances)
+    if tour is None:
         raise ViewpointsError(
             "no free path leads from where the arm stands to home or to a viewpoint: move it by hand (freedrive) to "
             "above the workspace, clear of the table and obstacles"
         )
-    viewpoints, legs = _taken(chosen, list(groups), list(groups.values()), route, start)
+    viewpoints, legs = _taken(chosen, list(groups), list(groups.values()), tour, start)
     travel = sum(leg.travel_rad for leg in legs)
-    coverage = _coverage(viewpoints, sight)
+    coverage = _coverage(viewpoints, view_target)
     return ViewpointPlan(viewpoints, legs, start, home, travel, coverage, time.perf_counter() - began)
 
 
@@ -196,7 +199,7 @@ def home_posture(settings: CellSettings, T_flange_camera: NDArray[np.float64]) -
         ViewpointsError: The configured posture is not free, or no free posture is found.
     """
     collisions = collision_model(settings, T_flange_camera)
-    return _home(settings, collisions, Sight.of(settings, settings.camera.optics, T_flange_camera))
+    return _home(settings, collisions, ViewTarget.of(settings, settings.camera.optics, T_flange_camera))
 
 
 def require_enough(plan: ViewpointPlan, min_views: int) -> None:
@@ -209,18 +212,18 @@ def require_enough(plan: ViewpointPlan, min_views: int) -> None:
         raise ViewpointsError(
             f"only {plan.reached} of {len(plan.viewpoints)} viewpoints can be reached, {min_views} are needed: "
             "change x_m, y_m or top_m in [workspace] so that the arm reaches round it, or lower min_views in [scan]. "
-            f"Not reached are {told_missing(plan)}"
+            f"Not reached are {describe_missing(plan)}"
         )
 
 
-def told_missing(plan: ViewpointPlan) -> str:
+def describe_missing(plan: ViewpointPlan) -> str:
     """Return the skipped viewpoints with their reasons, for a message."""
     return "; ".join(f"{v.index}: {v.reason}" for v in plan.viewpoints if v.reason is not None)
 
 
-def _home(settings: CellSettings, collisions: CollisionModel, sight: Sight) -> NDArray[np.float64]:
+def _home(settings: CellSettings, collisions: CollisionModel, view_target: ViewTarget) -> NDArray[np.float64]:
     if settings.arm.home_q_rad is None:
-        return find_home(collisions, sight.target, sight.optics, sight.T_flange_camera)
+        return find_home(collisions, view_target.centre, view_target.optics, view_target.T_flange_camera)
     home = np.array(settings.arm.home_q_rad)
     short = collisions.gaps(home[None])[0] - collisions.clearances
     if short.min() < 0:
@@ -244,24 +247,27 @@ def _clearances_from(collisions: CollisionModel, start: NDArray[np.float64]) -> 
     return np.minimum(collisions.clearances, gaps - APPROACH_M)
 
 
-def _coverage(viewpoints: tuple[Viewpoint, ...], sight: Sight) -> Coverage:
-    optics, (low, high) = sight.optics, (sight.target + [sight.corners.min(axis=0), sight.corners.max(axis=0)])
+def _coverage(viewpoints: tuple[Viewpoint, ...], view_target: ViewTarget) -> Coverage:
+    optics, (low, high) = (
+        view_target.optics,
+        (view_target.centre + [view_target.corners.min(axis=0), view_target.corners.max(axis=0)]),
+    )
     frustums = [
         CameraFrustum(optics.K, optics.width, optics.height, v.T_base_camera) for v in viewpoints if v.q_rad is not None
     ]
     x_m, y_m = ((float(low[axis]), float(high[axis])) for axis in range(2))
-    return table_coverage(frustums, x_m, y_m, float(sight.target[2]))
+    return table_coverage(frustums, x_m, y_m, float(view_target.centre[2]))
 
 
 def _taken(
     chosen: list[PoseChoice],
     indices: list[int],
     groups: list[NDArray[np.float64]],
-    route: Route,
+    tour: Tour,
     start: NDArray[np.float64],
 ) -> tuple[tuple[Viewpoint, ...], tuple[Leg, ...]]:
-    """Return all viewpoints, and the legs of the route through those in `groups`, whose indices are `indices`."""
-    taken = {indices[group]: groups[group][posture] for group, posture in route.stops}
+    """Return all viewpoints, and the legs of the tour through those in `groups`, whose indices are `indices`."""
+    taken = {indices[group]: groups[group][posture] for group, posture in tour.stops}
     viewpoints = tuple(
         Viewpoint(
             index=index,
@@ -277,12 +283,12 @@ def _taken(
         )
         for index, choice in enumerate(chosen)
     )
-    ends = [*(indices[group] for group, _ in route.stops), None]
+    ends = [*(indices[group] for group, _ in tour.stops), None]
     legs, place = [], start
-    for view, way in zip(ends, route.ways, strict=True):
+    for view, path in zip(ends, tour.paths, strict=True):
         passed = [
-            q for q, before in zip(way, (place, *way), strict=False) if q is way[-1] or not np.array_equal(q, before)
+            q for q, before in zip(path, (place, *path), strict=False) if q is path[-1] or not np.array_equal(q, before)
         ]
-        legs.append(Leg(view, np.array(passed), travel_rad(place, way)))
-        place = way[-1]
+        legs.append(Leg(view, np.array(passed), travel_rad(place, path)))
+        place = path[-1]
     return viewpoints, tuple(legs)

@@ -27,7 +27,7 @@ from pathlib import Path
 from typing import Any
 
 from cell.errors import CellError
-from cell.process.logging import child_set_up
+from cell.process.logging import child_logging_setup
 
 log = logging.getLogger(__name__)
 
@@ -69,7 +69,7 @@ class Child:
             make_driver: Class or function that makes the driver. It must be picklable, so not defined in a script.
             *arguments: Arguments of `make_driver`, which must be picklable.
         """
-        first = pickle.dumps((child_set_up(), name, make_driver, arguments))
+        first = pickle.dumps((child_logging_setup(), name, make_driver, arguments))
         self.name = name
         self._turn = threading.Lock()
         self._pipe, theirs = Pipe()

@@ -7,7 +7,7 @@ from pathlib import Path
 
 
 @dataclass(frozen=True)
-class Written:
+class WrittenRange:
     """A range of bytes that was written to a file."""
 
     offset_bytes: int
@@ -47,11 +47,11 @@ class HashedFile:
         """Pass all data to the operating system."""
         self._file.flush()
 
-    def sync(self) -> Written:
+    def sync(self) -> WrittenRange:
         """End the current piece and sync it to the disk. Return its range and hash."""
         self._file.flush()
         os.fsync(self._file.fileno())
-        piece = Written(self._begin, self._end - self._begin, self._digest.hexdigest())
+        piece = WrittenRange(self._begin, self._end - self._begin, self._digest.hexdigest())
         self._begin, self._digest = self._end, hashlib.sha256()
         return piece
 

@@ -31,7 +31,7 @@ from cell.recording.errors import (
     RecordingTooLargeError,
     RecordingUnreadableError,
 )
-from cell.recording.hashed_file import HashedFile, Written
+from cell.recording.hashed_file import HashedFile, WrittenRange
 from cell.recording.header import HAND_EYE, METADATA, RecordingHeader, to_hand_eye, to_metadata
 from cell.recording.limits import DEFAULT_LIMITS, MIB, Limits
 from cell.recording.mcap_channels import register_channel
@@ -86,7 +86,7 @@ class RecordingWriter:
         path = Path(path)
         self._path, self._header = path, header
         self._channels: dict[str, int] = {}
-        self._written: dict[int, Written] = {}
+        self._written: dict[int, WrittenRange] = {}
         """Range of bytes of each view, by its index."""
         self._content_bytes = 0
         self._log_time_ns = 0
@@ -154,7 +154,7 @@ class RecordingWriter:
         assert T_base_flange is not None
         return replace(view, T_base_flange=T_base_flange)
 
-    def written(self, index: int) -> Written:
+    def written(self, index: int) -> WrittenRange:
         """Return the range of bytes that a view added to the file.
 
         Args:
@@ -242,7 +242,7 @@ class RecordingWriter:
         if self._content_bytes + content_bytes > DEFAULT_LIMITS.content_bytes - MIB:
             raise RecordingTooLargeError(f"{where}: the recording is full, it holds {self._content_bytes} bytes")
 
-    def _sync(self) -> Written:
+    def _sync(self) -> WrittenRange:
         """End the chunk and sync it. Return the range of bytes that it added."""
         self._writer.flush()
         return self._file.sync()

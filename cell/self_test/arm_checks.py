@@ -9,7 +9,7 @@ from cell.arm import dashboard, preflight
 from cell.config.arm_config import SimulatedArm
 from cell.errors import RobotLostError, RobotUnreachableError
 from cell.kinematics.ur_kinematics import forward
-from cell.self_test.check_result import Grounds, Step, failed, ok
+from cell.self_test.check_result import CheckContext, CheckResult, failed, ok
 
 PORTS = {
     preflight.RTDE_PORT: "RTDE, which reports the joint angles",
@@ -30,11 +30,11 @@ OTHER_ARM_M, OTHER_ARM_RAD = 0.02, 0.05
 """Largest difference for an arm of this model at all."""
 
 
-def controller(grounds: Grounds) -> Step:
+def controller(context: CheckContext) -> CheckResult:
     """Check that the address of the controller is known and its ports answer. A simulated controller is started."""
     name = "controller"
-    arm = grounds.settings.arm
-    address = grounds.equipment.arm.host if isinstance(arm, SimulatedArm) else preflight.resolved(arm.host)
+    arm = context.settings.arm
+    address = context.equipment.arm.host if isinstance(arm, SimulatedArm) else preflight.resolve_host(arm.host)
     errors: dict[int, RobotUnreachableError] = {}
     for port in PORTS:
         try:
@@ -45,34 +45,34 @@ def controller(grounds: Grounds) -> Step:
         return failed(name, list(errors.values())[:1])
     if errors:
         silent = " and ".join(f"{port} ({PORTS[port]})" for port in errors)
-        return Step(
+        return CheckResult(
             name,
             "failed",
             f"{address} answers, but not on port {silent}",
             "enable it at the pendant under Settings, Security, Services, and let the firewall pass it",
         )
-    grounds.address = address
+    context.address = address
     return ok(name, f"{address} answers on ports {', '.join(map(str, sorted(PORTS)))}")
 
 
-def robot(grounds: Grounds) -> Step:
+def robot(context: CheckContext) -> CheckResult:
     """Check by the dashboard which robot it is and whether it may be driven now."""
     name = "robot"
-    assert grounds.address is not None
-    with dashboard.Dashboard(grounds.address, time.monotonic() + preflight.PROBE_S) as link:
-        info = preflight.introduced(link)
-        against = list(preflight.against_driving(link, info, grounds.settings.arm.model))
+    assert context.address is not None
+    with dashboard.Dashboard(context.address, time.monotonic() + preflight.PROBE_S) as link:
+        info = preflight.read_identity(link)
+        against = list(preflight.find_driving_errors(link, info, context.settings.arm.model))
         modes = f"{preflight.robot_mode(link)}, safety {preflight.safety_mode(link)}".replace("_", " ")
     words = f"{info.model}, serial number {info.serial}, software {info.software}, {modes}"
     if against:
         return failed(name, against, words)
-    grounds.arm = info
+    context.arm = info
     return ok(name, words + ", in remote control, no program", _software_warnings(info.software))
 
 
-def connection(grounds: Grounds) -> Step:
+def connection(context: CheckContext) -> CheckResult:
     """Check that the real-time connection delivers fresh joint angles."""
-    arm = grounds.equipment.arm
+    arm = context.equipment.arm
     arm.connect()
     before = arm.state()
     time.sleep(APART_S)
@@ -82,17 +82,17 @@ def connection(grounds: Grounds) -> Step:
             f"the joint angles are {state.age_s:.2f} s old and do not change: check the network cable and switch, and "
             "that the controller is not overloaded"
         )
-    grounds.state = state
+    context.state = state
     degrees = ", ".join(f"{angle:.1f}" for angle in np.rad2deg(state.q_rad))
     reduced = "the robot is in reduced mode: expect slower moves, or leave the zone that reduces it"
     warnings = [reduced] if state.safety_mode == "reduced" else []
     return ok("connection", f"joint angles {1000 * state.age_s:.0f} ms old: {degrees} degrees", warnings)
 
 
-def kinematics(grounds: Grounds) -> Step:
+def kinematics(context: CheckContext) -> CheckResult:
     """Check that the reported flange pose is that of the configured arm model."""
     name = "arm model"
-    state, model = grounds.state, grounds.settings.arm.model
+    state, model = context.state, context.settings.arm.model
     assert state is not None
     apart = inverse(forward(model, state.q_rad)) @ state.T_base_flange
     far_m, turned_rad = float(np.linalg.norm(apart[:3, 3])), rotation_angle(apart)
@@ -100,10 +100,10 @@ def kinematics(grounds: Grounds) -> Step:
         f"the flange is {1000 * far_m:.2f} mm and {np.rad2deg(turned_rad):.2f} degrees from that of a nominal {model}"
     )
     if far_m > OTHER_ARM_M or turned_rad > OTHER_ARM_RAD:
-        return Step(name, "failed", words, "set arm.model to the arm that stands there")
+        return CheckResult(name, "failed", words, "set arm.model to the arm that stands there")
     if far_m > CALIBRATED_M or turned_rad > CALIBRATED_RAD:
         advice = "viewpoints are planned with the nominal arm: leave more room in mounting.clearance_m"
-        return Step(name, "warning", words + ", more than calibration usually makes", advice)
+        return CheckResult(name, "warning", words + ", more than calibration usually makes", advice)
     return ok(name, words)
 
 

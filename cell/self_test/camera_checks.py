@@ -8,7 +8,7 @@ from cell.camera.frame_averaging import NoFramesError
 from cell.config.camera_optics import CameraOptics
 from cell.devices import CameraInfo, Frame
 from cell.errors import BadFrameError
-from cell.self_test.check_result import Grounds, Step, failed, ok
+from cell.self_test.check_result import CheckContext, CheckResult, failed, ok
 from cell.self_test.table_check import share_in_view
 
 HOT_C = 85.0
@@ -17,7 +17,7 @@ MIN_MEASURED_SHARE = 0.3
 """Smallest share of measured pixels for a table in front of the camera."""
 MIN_SHARE_IN_VIEW = 0.2
 """Smallest share of the workspace in the image for a camera that looks at the table."""
-AS_IT_STANDS = "from where the arm stands"
+AT_THIS_POSE = "from where the arm stands"
 TURN_IT = "to have that tested, move the arm by hand (freedrive) so that the camera looks at the workspace"
 OLDEST_S, CLOCK_S = 2.0, 0.1
 """Largest age of a new frame, with its exposures and their median, and largest lead of its clock."""
@@ -26,13 +26,13 @@ OTHER_LENS_SHARE = 0.1
 DEPTH_IMAGE = "depth image"
 
 
-def camera(grounds: Grounds) -> Step:
+def camera(context: CheckContext) -> CheckResult:
     """Check that the camera is found and sends images."""
-    grounds.camera = grounds.equipment.camera.connect()
-    return camera_found(grounds.camera)
+    context.camera = context.equipment.camera.connect()
+    return camera_found(context.camera)
 
 
-def camera_found(info: CameraInfo) -> Step:
+def camera_found(info: CameraInfo) -> CheckResult:
     """Return the result for what a camera reports about itself."""
     words = f"{info.product} {info.device_id}, {info.width}x{info.height}, {info.connection}"
     warnings = list(info.warnings)
@@ -43,25 +43,27 @@ def camera_found(info: CameraInfo) -> Step:
     return ok("camera", words, warnings)
 
 
-def frame(grounds: Grounds) -> Step:
+def frame(context: CheckContext) -> CheckResult:
     """Check that one capture gives a plausible and new depth image."""
-    aside = _looks_aside(grounds)
+    aside = _looks_elsewhere(context)
     began_s = time.monotonic()
     try:
-        got = grounds.equipment.camera.capture(began_s)
+        got = context.equipment.camera.capture(began_s)
     except NoFramesError:
         raise
     except BadFrameError as error:
         if not aside:
             raise
-        return Step(DEPTH_IMAGE, "warning", f"{error}, but {AS_IT_STANDS} it does not look at the workspace", TURN_IT)
-    step = depth_image(got, time.time() - got.stamp_s, grounds.settings.camera.optics, aside)
+        return CheckResult(
+            DEPTH_IMAGE, "warning", f"{error}, but {AT_THIS_POSE} it does not look at the workspace", TURN_IT
+        )
+    step = depth_image(got, time.time() - got.stamp_s, context.settings.camera.optics, aside)
     if step.outcome != "failed":
-        grounds.frame = got
+        context.frame = got
     return step
 
 
-def depth_image(got: Frame, age_s: float, optics: CameraOptics, aside: bool) -> Step:
+def depth_image(got: Frame, age_s: float, optics: CameraOptics, aside: bool) -> CheckResult:
     """Return the result for one frame.
 
     Args:
@@ -100,11 +102,11 @@ def depth_image(got: Frame, age_s: float, optics: CameraOptics, aside: bool) -> 
     return ok(DEPTH_IMAGE, words, warnings)
 
 
-def _looks_aside(grounds: Grounds) -> bool:
+def _looks_elsewhere(context: CheckContext) -> bool:
     """Return whether the camera is known not to look at the workspace now."""
-    if grounds.state is None or grounds.hand_eye is None:
+    if context.state is None or context.hand_eye is None:
         return False
-    optics = grounds.settings.camera.optics
-    T_base_camera = grounds.state.T_base_flange @ grounds.hand_eye.T_flange_camera
+    optics = context.settings.camera.optics
+    T_base_camera = context.state.T_base_flange @ context.hand_eye.T_flange_camera
     size = optics.width, optics.height
-    return share_in_view(T_base_camera, optics.K, size, grounds.settings) < MIN_SHARE_IN_VIEW
+    return share_in_view(T_base_camera, optics.K, size, context.settings) < MIN_SHARE_IN_VIEW

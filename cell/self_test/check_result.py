@@ -13,7 +13,7 @@ Outcome = Literal["ok", "warning", "failed", "skipped"]
 
 
 @dataclass(frozen=True)
-class Step:
+class CheckResult:
     """Result of one check."""
 
     name: str
@@ -27,7 +27,7 @@ class Step:
 
 
 @dataclass
-class Grounds:
+class CheckContext:
     """What the checks have found. None means not found, or not checked yet."""
 
     settings: CellSettings
@@ -48,21 +48,21 @@ class Grounds:
     """Active calibration."""
 
 
-def ok(name: str, words: str, warnings: Sequence[str] = ()) -> Step:
+def ok(name: str, words: str, warnings: Sequence[str] = ()) -> CheckResult:
     """Return the result of a passed check. Each warning says what is wrong and, after a colon, what to do."""
     if not warnings:
-        return Step(name, "ok", words)
-    told, advice = _apart(warnings)
-    return Step(name, "warning", f"{words}; but {told}", advice)
+        return CheckResult(name, "ok", words)
+    told, advice = _split_messages(warnings)
+    return CheckResult(name, "warning", f"{words}; but {told}", advice)
 
 
-def failed(name: str, errors: Sequence[Exception], words: str = "") -> Step:
+def failed(name: str, errors: Sequence[Exception], words: str = "") -> CheckResult:
     """Return the result of a failed check. Each error says what is wrong and, after a colon, what to do."""
-    told, advice = _apart([str(error) for error in errors])
-    return Step(name, "failed", f"{words}; but {told}" if words else told, advice)
+    told, advice = _split_messages([str(error) for error in errors])
+    return CheckResult(name, "failed", f"{words}; but {told}" if words else told, advice)
 
 
-def _apart(messages: Sequence[str]) -> tuple[str, str | None]:
+def _split_messages(messages: Sequence[str]) -> tuple[str, str | None]:
     """Split messages into what is wrong and what to do."""
     parts = [message.partition(": ") for message in messages]
     advice = "; ".join(dict.fromkeys(what_to_do for _, _, what_to_do in parts if what_to_do))

@@ -8,7 +8,7 @@ from cell.control.equipment import Equipment
 from cell.devices import InvalidViewError
 from cell.errors import CellError
 from cell.self_test import arm_checks, camera_checks, setup_checks
-from cell.self_test.check_result import Grounds, Step, failed, ok
+from cell.self_test.check_result import CheckContext, CheckResult, failed, ok
 
 REDUCED_M_S = 0.25
 """Largest flange speed near people, which safety standards call reduced speed."""
@@ -21,17 +21,17 @@ NEEDS = {
     "frame": "a depth image",
     "hand_eye": "the hand-eye calibration",
 }
-"""Descriptions of what a later step may need, by the name in `Grounds`."""
+"""Descriptions of what a later step may need, by the name in `CheckContext`."""
 
 
-def check_cell(settings: CellSettings) -> Iterator[Step]:
+def check_cell(settings: CellSettings) -> Iterator[CheckResult]:
     """Yield the result of each check when it is done. A check without its preconditions is skipped.
 
     The arm is connected and released, which ends no program of another client. The arm does not move. A simulated cell
     is started for the test.
     """
-    grounds = Grounds(settings, Equipment(settings))
-    steps: list[tuple[str, tuple[str, ...], Callable[[Grounds], Step]]] = [
+    context = CheckContext(settings, Equipment(settings))
+    steps: list[tuple[str, tuple[str, ...], Callable[[CheckContext], CheckResult]]] = [
         ("configuration", (), _configuration),
         ("controller", (), arm_checks.controller),
         ("robot", ("address",), arm_checks.robot),
@@ -45,21 +45,21 @@ def check_cell(settings: CellSettings) -> Iterator[Step]:
     ]
     try:
         for name, needs, test in steps:
-            missing = [NEEDS[need] for need in needs if getattr(grounds, need) is None]
+            missing = [NEEDS[need] for need in needs if getattr(context, need) is None]
             if missing:
-                yield Step(name, "skipped", f"it needs {' and '.join(missing)}")
+                yield CheckResult(name, "skipped", f"it needs {' and '.join(missing)}")
                 continue
             try:
-                step = test(grounds)
+                step = test(context)
             except (CellError, InvalidViewError) as error:
                 step = failed(name, [error])
             yield step
     finally:
-        grounds.equipment.close()
+        context.equipment.close()
 
 
-def _configuration(grounds: Grounds) -> Step:
-    settings = grounds.settings
+def _configuration(context: CheckContext) -> CheckResult:
+    settings = context.settings
     arm, camera, scan = settings.arm, settings.camera, settings.scan
     words = [
         f"{'simulated ' if isinstance(arm, SimulatedArm) else ''}{arm.model}"

@@ -10,9 +10,9 @@ from cell.control.active_calibration import file_in_use, hand_eye_in_use
 from cell.devices import View
 from cell.errors import CalibrationError
 from cell.planning.viewpoints import plan_viewpoints
-from cell.self_test.camera_checks import AS_IT_STANDS, MIN_SHARE_IN_VIEW, TURN_IT
-from cell.self_test.check_result import Grounds, Step, failed, ok
-from cell.self_test.table_check import share_in_view, table_seen
+from cell.self_test.camera_checks import AT_THIS_POSE, MIN_SHARE_IN_VIEW, TURN_IT
+from cell.self_test.check_result import CheckContext, CheckResult, failed, ok
+from cell.self_test.table_check import fit_table, share_in_view
 from recognition.preprocessing.table_plane import MAX_HEIGHT_ERROR_M, MAX_TILT_RAD
 
 MIN_TABLE_SHARE = 0.5
@@ -25,24 +25,24 @@ MISPLACED = 3.0
 """Factor on what recognition corrects, beyond which the table is not where the configuration has it."""
 
 
-def calibration(grounds: Grounds) -> Step:
+def calibration(context: CheckContext) -> CheckResult:
     """Check that there is a calibration of this camera and robot that is not too old."""
     name = "calibration"
-    settings = grounds.settings.hand_eye
+    settings = context.settings.hand_eye
     try:
-        hand_eye = hand_eye_in_use(settings, grounds.equipment.nominal_hand_eye)
+        hand_eye = hand_eye_in_use(settings, context.equipment.nominal_hand_eye)
         require_match(
             hand_eye,
-            None if grounds.camera is None else grounds.camera.device_id,
-            None if grounds.arm is None else grounds.arm.serial,
+            None if context.camera is None else context.camera.device_id,
+            None if context.arm is None else context.arm.serial,
         )
     except (CalibrationError, HandEyeError) as error:
         return failed(name, [error])
     file, now = file_in_use(settings), datetime.now(UTC)
     if file is None:
-        grounds.hand_eye = hand_eye
+        context.hand_eye = hand_eye
         return ok(name, "that of the simulated cell")
-    grounds.hand_eye = hand_eye
+    context.hand_eye = hand_eye
     T = hand_eye.T_flange_camera
     words = f"{file}: the camera is {1000 * np.linalg.norm(T[:3, 3]):.0f} mm from the flange"
     if hand_eye.created is not None:
@@ -50,10 +50,10 @@ def calibration(grounds: Grounds) -> Step:
     return ok(name, words, hand_eye.warnings)
 
 
-def table(grounds: Grounds) -> Step:
+def table(context: CheckContext) -> CheckResult:
     """Check that the table is seen where the configuration has it, from where the arm stands."""
-    name, settings = "table", grounds.settings
-    frame, state, hand_eye = grounds.frame, grounds.state, grounds.hand_eye
+    name, settings = "table", context.settings
+    frame, state, hand_eye = context.frame, context.state, context.hand_eye
     assert frame is not None
     assert state is not None
     assert hand_eye is not None
@@ -61,10 +61,12 @@ def table(grounds: Grounds) -> Step:
     height, width = frame.depth.shape
     share = share_in_view(view.T_base_camera, frame.K, (width, height), settings)
     if share < MIN_SHARE_IN_VIEW:
-        return Step(name, "skipped", f"the camera sees {100 * share:.0f} % of the workspace, {AS_IT_STANDS}", TURN_IT)
-    seen = table_seen(view, settings)
+        return CheckResult(
+            name, "skipped", f"the camera sees {100 * share:.0f} % of the workspace, {AT_THIS_POSE}", TURN_IT
+        )
+    seen = fit_table(view, settings)
     if seen is None or seen.share < MIN_TABLE_SHARE:
-        return Step(
+        return CheckResult(
             name,
             "failed",
             f"no plane is seen within 10 cm of mounting.table_z_m, {settings.mounting.table_z_m:g} m",
@@ -75,23 +77,25 @@ def table(grounds: Grounds) -> Step:
     words = f"seen {1000 * seen.height_m:+.1f} mm from mounting.table_z_m and tilted by {tilt}"
     off = max(abs(seen.height_m) / MAX_HEIGHT_ERROR_M, seen.tilt_rad / MAX_TILT_RAD)
     if off > MISPLACED:
-        return Step(name, "failed", words, "correct mounting.table_z_m; if it is right, calibrate the cell again")
+        return CheckResult(
+            name, "failed", words, "correct mounting.table_z_m; if it is right, calibrate the cell again"
+        )
     if off > 1.0:
         advice = "measure mounting.table_z_m again; if it is right, calibrate the cell again"
         return ok(name, words, [f"that is more than recognition corrects in a view: {advice}"])
     return ok(name, words)
 
 
-def viewpoints(grounds: Grounds) -> Step:
+def viewpoints(context: CheckContext) -> CheckResult:
     """Check that enough viewpoints are reachable from where the arm stands, or from home if that is unknown."""
-    name, least = "viewpoints", grounds.settings.scan.min_views
-    assert grounds.hand_eye is not None
-    T_flange_camera = grounds.hand_eye.T_flange_camera
+    name, least = "viewpoints", context.settings.scan.min_views
+    assert context.hand_eye is not None
+    T_flange_camera = context.hand_eye.T_flange_camera
     if T_flange_camera[2, 2] <= HIDDEN_COSINE:  # the planner does not check whether the arm is in the image
         message = f"{camera_faces_arm_message(T_flange_camera)}, so that the arm itself hides the workspace"
-        return Step(name, "failed", message, CHECK_ROTATION)
-    q_rad = None if grounds.state is None else grounds.state.q_rad
-    plan = plan_viewpoints(grounds.settings, T_flange_camera, q_rad)
+        return CheckResult(name, "failed", message, CHECK_ROTATION)
+    q_rad = None if context.state is None else context.state.q_rad
+    plan = plan_viewpoints(context.settings, T_flange_camera, q_rad)
     skipped = {viewpoint.index: viewpoint.reason for viewpoint in plan.viewpoints if viewpoint.reason is not None}
     start = "home" if q_rad is None else "where the arm stands"
     words = f"{plan.reached} of {len(plan.viewpoints)} reached from {start}, planned in {plan.planning_s:.1f} s"
@@ -104,7 +108,7 @@ def viewpoints(grounds: Grounds) -> Step:
         "plan.png` shows it"
     )
     if plan.reached < least:
-        return Step(name, "failed", f"{words}; scan.min_views is {least}", advice)
+        return CheckResult(name, "failed", f"{words}; scan.min_views is {least}", advice)
     if plan.unseen is not None:
         words, advice = f"{words}; {plan.unseen}", f"{advice}; {SHOW_IT_ALL}"
-    return Step(name, "warning", words, advice)
+    return CheckResult(name, "warning", words, advice)

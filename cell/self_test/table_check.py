@@ -25,7 +25,7 @@ MIN_POINTS = 200
 
 
 @dataclass(frozen=True)
-class TableSeen:
+class TableFit:
     """Plane of the table in the base frame, measured in one view."""
 
     height_m: float
@@ -56,7 +56,7 @@ def share_in_view(
     return float(inside.sum() / len(points))
 
 
-def table_seen(view: View, settings: CellSettings) -> TableSeen | None:
+def fit_table(view: View, settings: CellSettings) -> TableFit | None:
     """Return the plane of most points in the workspace, or None if too few points are near the table."""
     points = _near_table(view, settings)
     if len(points) < MIN_POINTS:
@@ -74,7 +74,7 @@ def table_seen(view: View, settings: CellSettings) -> TableSeen | None:
         if on_plane.sum() < MIN_POINTS / 2:
             return None
         plane = np.linalg.lstsq(A[on_plane], height[on_plane], rcond=None)[0]
-    return TableSeen(
+    return TableFit(
         height_m=float(plane[2] - settings.mounting.table_z_m),
         tilt_rad=float(np.arctan(np.hypot(plane[0], plane[1]))),
         share=float(on_plane.mean()),

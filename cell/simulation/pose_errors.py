@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.geometry.transforms import from_rotation_vector, inverse
-from cell.planning.look_at import least_distance, look_at, two_rings
+from cell.planning.look_at import look_at, min_distance, two_rings
 from cell.simulation.kinematic_error import KinematicError
 
 T_FLANGE_CAMERA = from_rotation_vector((0.03, -0.06, 0.05), (0.1, 0.05, 0.4))
@@ -61,7 +61,7 @@ def viewpoints(
         views: Number of viewpoints.
     """
     bearings = two_rings(views)
-    needed = max(least_distance(points, K, size, near_m, bearing) for bearing in bearings)
+    needed = max(min_distance(points, K, size, near_m, bearing) for bearing in bearings)
     distance = min(max(working_m[0], needed), working_m[1])
     return [look_at(np.zeros(3), b.azimuth_rad, b.elevation_rad, distance, b.roll_rad) for b in bearings]
 

@@ -6,7 +6,7 @@ import sys
 from dataclasses import asdict
 from pathlib import Path
 
-from cell.self_test.check_result import Step
+from cell.self_test.check_result import CheckResult
 from service.check import told_step
 from service.config import ConfigError, load_config
 from service.data_folder import DataFolderError
@@ -60,11 +60,11 @@ def _told(found: Examination) -> str:
             lines += [told_step(_step(finding)) for finding in of_group[:MOST_TOLD]]
             if len(of_group) > MOST_TOLD:
                 more = f"and {len(of_group) - MOST_TOLD} more; --json tells all"
-                lines.append(told_step(Step(group, "failed", more)))
+                lines.append(told_step(CheckResult(group, "failed", more)))
         elif group in found.looked_at:
-            lines.append(told_step(Step(group, "ok", found.looked_at[group])))
+            lines.append(told_step(CheckResult(group, "ok", found.looked_at[group])))
         else:
-            lines.append(told_step(Step(group, "skipped", "not looked at")))
+            lines.append(told_step(CheckResult(group, "skipped", "not looked at")))
     if not found.findings and "recordings" not in found.looked_at:
         lines.append("Nothing is wrong, but no service has used this folder yet: is it the one?")
     elif not found.findings:
@@ -75,5 +75,5 @@ def _told(found: Examination) -> str:
     return "\n".join(lines)
 
 
-def _step(finding: Finding) -> Step:
-    return Step(finding.group, "failed", f"{finding.where}: {finding.what} ({finding.code})", finding.what_to_do)
+def _step(finding: Finding) -> CheckResult:
+    return CheckResult(finding.group, "failed", f"{finding.where}: {finding.what} ({finding.code})", finding.what_to_do)

@@ -5,7 +5,7 @@ import sys
 from pathlib import Path
 
 from calibration.errors import HandEyeError
-from cell.bag.import_bag import Imported, Wanted, import_bag
+from cell.bag.import_bag import BagRequest, ImportedBag, import_bag
 from cell.recording.errors import shown
 from service.interchange.scene_options import given_box, given_hand_eye, given_radius
 from service.problems import INPUT_ERRORS
@@ -27,9 +27,9 @@ def import_recording(options: argparse.Namespace) -> int:
     return 0
 
 
-def _wanted(options: argparse.Namespace) -> Wanted:
+def _wanted(options: argparse.Namespace) -> BagRequest:
     hand_eye = given_hand_eye(options, COMMAND)
-    return Wanted(
+    return BagRequest(
         depth_topic=options.depth_topic,
         info_topic=options.info_topic,
         base_frame=options.base_frame,
@@ -44,17 +44,17 @@ def _wanted(options: argparse.Namespace) -> Wanted:
     )
 
 
-def _tell(imported: Imported, out: Path) -> None:
-    topics, frames, rest = imported.topics, imported.frames, imported.rest
-    counts = sorted({len(place.frames) for place in rest.places})
+def _tell(imported: ImportedBag, out: Path) -> None:
+    topics, frames, stationary = imported.topics, imported.frames, imported.stationary
+    counts = sorted({len(pose.frames) for pose in stationary.poses})
     images = f"{counts[0]}" if len(counts) == 1 else f"{counts[0]} to {counts[-1]}"
     lines = [
         f"depth images of {shown(topics.depth)}, lens of {shown(topics.info)}",
         f"frames {shown(frames.base)} (base), {shown(frames.flange)} (flange), {shown(frames.camera)} (camera)",
-        f"{len(rest.places)} views of {images} images each; left out were {rest.moving} images taken in motion and "
-        f"{rest.unknown} whose pose is not known",
+        f"{len(stationary.poses)} views of {images} images each; excluded are {stationary.moving} images taken in "
+        f"motion and {stationary.unknown} without a known pose",
     ]
-    if rest.single:
+    if stationary.single:
         lines.append("poses are too far apart in time to tell whether the arm stood still: each image's own was taken")
     if frames.base == "base_link":
         lines.append("with a UR, base_link is turned by 180 degrees about z from the controller's base")

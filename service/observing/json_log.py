@@ -16,7 +16,7 @@ from datetime import UTC, datetime
 from functools import partial
 from typing import Any, Literal
 
-from cell.process.logging import in_every_child
+from cell.process.logging import configure_child_logging
 from service.observing.log_writer import LogWriter
 from service.wall_clock import stamp
 
@@ -104,7 +104,7 @@ def start_log(form: Format, level: Level) -> Literal["json", "text"]:
         logger.propagate = name != "uvicorn.access"
     logging.captureWarnings(True)
     threading.excepthook = _log_end_of_thread
-    in_every_child(partial(start_child_log, form, level))
+    configure_child_logging(partial(start_child_log, form, level))
     return form
 
 

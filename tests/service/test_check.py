@@ -9,7 +9,7 @@ import pytest
 
 from calibration.geometry.transforms import from_rotation_vector
 from calibration.storage.hand_eye_file import write_hand_eye
-from cell.self_test.check_result import Outcome, Step
+from cell.self_test.check_result import CheckResult, Outcome
 from service import check
 from service.cli import main
 from service.config import ServiceConfig
@@ -99,7 +99,7 @@ def test_the_data_folder_is_looked_at_and_not_made(tmp_path: Path, monkeypatch: 
     ],
 )
 def test_the_verdict_follows_from_the_steps(outcomes: tuple[Outcome, Outcome], told: str) -> None:
-    assert check.verdict([Step("one", outcome, "words") for outcome in outcomes]) == told
+    assert check.verdict([CheckResult("one", outcome, "words") for outcome in outcomes]) == told
 
 
 def test_viewpoints_are_listed_and_drawn_without_asking_a_device(

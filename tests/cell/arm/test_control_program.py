@@ -2,7 +2,7 @@
 
 import pytest
 
-from cell.arm.control_program import OurProgram
+from cell.arm.control_program import ControlProgram
 from cell.arm.dashboard import Command, Dashboard, stop_program
 from cell.arm.fault_recovery import acknowledge_protective_stop
 from cell.errors import RobotNotReadyError
@@ -12,12 +12,12 @@ from tests.cell.arm.virtual_arm import dashboard_commands, fresh, until
 pytestmark = pytest.mark.xdist_group("cell")  # one at a time: each is several busy processes
 
 
-def paused_program(controller: RunningController) -> OurProgram:
+def paused_program(controller: RunningController) -> ControlProgram:
     """A program that stands for ours; paused, since one that plays would be ended by its watchdog."""
     fresh(controller)
-    program = OurProgram(controller.host, watchdog_hz=2.5)
+    program = ControlProgram(controller.host, watchdog_hz=2.5)
     controller.admin.foreign_program("rtde_control")
-    program.started()
+    program.mark_started()
     controller.admin.protective_stop()
     until(lambda: controller.admin.state().program_state == "PAUSED", 5.0)
     return program
@@ -26,12 +26,12 @@ def paused_program(controller: RunningController) -> OurProgram:
 def test_a_robot_that_refuses_to_end_it_is_asked_again(controller: RunningController):
     program = paused_program(controller)
     controller.admin.local_mode()
-    program.end(5.0, whatever_plays=True)
+    program.end(5.0, including_foreign=True)
     program.wait()
     assert program.there
     assert controller.admin.state().program_state == "PAUSED"
     controller.admin.clear()
-    program.end(5.0, whatever_plays=False)
+    program.end(5.0, including_foreign=False)
     program.wait()
     assert not program.there
     assert controller.admin.state().program_state == "STOPPED"
@@ -42,7 +42,7 @@ def test_one_that_is_gone_is_not_looked_for_again(controller: RunningController)
     assert stop_program(controller.host, 5.0) == "Stopped"
     begin = controller.admin.state().events
     for _ in range(2):
-        program.end(5.0, whatever_plays=True)
+        program.end(5.0, including_foreign=True)
         program.wait()
     assert not program.there
     assert dashboard_commands(controller.admin.log(begin)) == ["stop"]

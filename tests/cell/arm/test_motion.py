@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cell.arm.motion import off_line
+from cell.arm.motion import distance_from_line
 from cell.arm.ur_arm import UrArm
 from cell.errors import MotionError, StoppedError
 from cell.process.child import Child
@@ -19,12 +19,12 @@ pytestmark = pytest.mark.xdist_group("cell")  # one at a time: each is several b
 
 def test_the_distance_from_the_joint_line():
     q_from, q_to = np.zeros(6), np.array([1.0, 2.0, 0.0, 0.0, 0.0, 0.0])
-    assert off_line(q_from, q_from, q_to) == 0.0
-    assert off_line(np.array([0.5, 1.0, 0.0, 0.0, 0.0, 0.0]), q_from, q_to) == pytest.approx(0.0, abs=1e-12)
-    assert off_line(np.array([0.5, 1.0, 0.0, -0.2, 0.0, 0.1]), q_from, q_to) == pytest.approx(0.2)
+    assert distance_from_line(q_from, q_from, q_to) == 0.0
+    assert distance_from_line(np.array([0.5, 1.0, 0.0, 0.0, 0.0, 0.0]), q_from, q_to) == pytest.approx(0.0, abs=1e-12)
+    assert distance_from_line(np.array([0.5, 1.0, 0.0, -0.2, 0.0, 0.1]), q_from, q_to) == pytest.approx(0.2)
     # Beyond an end counts from the end; a move of no length is a point.
-    assert off_line(np.array([1.0, 2.3, 0.0, 0.0, 0.0, 0.0]), q_from, q_to) == pytest.approx(0.3)
-    assert off_line(np.full(6, 0.1), q_from, q_from) == pytest.approx(0.1)
+    assert distance_from_line(np.array([1.0, 2.3, 0.0, 0.0, 0.0, 0.0]), q_from, q_to) == pytest.approx(0.3)
+    assert distance_from_line(np.full(6, 0.1), q_from, q_from) == pytest.approx(0.1)
 
 
 def test_a_move_does_not_leave_once_a_stop_was_asked_for(

@@ -6,7 +6,7 @@ import time
 
 import pytest
 
-from cell.arm.preflight import RTDE_PORT, probe, resolved, software_version
+from cell.arm.preflight import RTDE_PORT, probe, resolve_host, software_version
 from cell.devices import ArmInfo
 from cell.errors import CellError, EmergencyStopError, ProtectiveStopError, RobotNotReadyError, RobotUnreachableError
 from cell.simulation.ur_controller.launcher import RunningController
@@ -46,10 +46,10 @@ def test_it_only_asks_and_tells_who_answered(controller: RunningController):
 def test_what_keeps_it_from_being_driven(controller: RunningController, fault: str, error: type[CellError], words: str):
     begin = fresh(controller)
     getattr(controller.admin, fault)()
-    started = time.monotonic()
+    mark_started = time.monotonic()
     with pytest.raises(error, match=words):
         probe(controller.host, "ur5e")
-    assert time.monotonic() - started < 3.0  # what is promised to who waits for it
+    assert time.monotonic() - mark_started < 3.0  # what is promised to who waits for it
     controller.admin.clear()
     assert not kinds(controller.admin.log(begin), "script_upload", "command")
 
@@ -91,14 +91,14 @@ def test_names_are_looked_up():
         socket.gethostbyname("localhost")
     except OSError:
         pytest.skip("this machine knows no name, not even its own: /etc/hosts is missing")
-    assert resolved("localhost") == "127.0.0.1"
+    assert resolve_host("localhost") == "127.0.0.1"
 
 
 def test_addresses_are_taken_and_bad_names_told():
-    assert resolved("127.0.0.9") == "127.0.0.9"
+    assert resolve_host("127.0.0.9") == "127.0.0.9"
     # A label longer than DNS has: refused without asking anybody.
     with pytest.raises(RobotUnreachableError, match=r"is not known .*check arm\.host"):
-        resolved("x" * 70 + ".invalid")
+        resolve_host("x" * 70 + ".invalid")
 
 
 def test_versions_are_read_out_of_what_the_robot_says():

@@ -12,7 +12,7 @@ import pytest
 from calibration.geometry.transforms import from_rotation_vector
 from cell.arm.preflight import RTDE_PORT
 from cell.arm.rtde_driver import UrDriver, _not_connected, same_pose
-from cell.arm.ur_reading import Reading, safety
+from cell.arm.rtde_state import RtdeState, decode_safety_mode
 from cell.errors import RobotLostError, RobotNotReadyError, RobotUnreachableError, StoppedError
 from cell.process.child import Child, ChildLostError
 from cell.simulation.ur_controller.launcher import RunningController
@@ -37,14 +37,14 @@ def driver(controller: RunningController) -> Iterator[Child]:
 
 
 def test_it_reads_what_the_controller_says(controller: RunningController, driver: Child):
-    reading: Reading = driver.call("poll", timeout_s=ANSWER_S)
+    reading: RtdeState = driver.call("poll", timeout_s=ANSWER_S)
     assert (reading.robot_mode, reading.safety_mode, reading.program) == ("running", "normal", "playing")
     assert reading.connected
     assert not reading.operating
     assert reading.speed_fraction == 1.0
     np.testing.assert_allclose(reading.q_rad, HOME, atol=1e-9)
     time.sleep(0.1)
-    later: Reading = driver.call("poll", timeout_s=ANSWER_S)
+    later: RtdeState = driver.call("poll", timeout_s=ANSWER_S)
     # The controller's clock runs on, and is fresh: it comes 125 times a second.
     assert later.controller_s > reading.controller_s + 0.05
     assert later.age_s < 0.1
@@ -72,15 +72,15 @@ def test_a_tool_set_at_the_pendant_is_told_with_its_pose(controller: RunningCont
 def test_a_move_runs_while_other_calls_are_answered(controller: RunningController, driver: Child):
     begin = controller.admin.state().events
     before = driver.call("start_move", tuple(far(0.3).tolist()), 1.0, 2.0, timeout_s=ANSWER_S)
-    seen: list[Reading] = []
+    update_state: list[RtdeState] = []
 
     def ended() -> bool:
-        seen.append(driver.call("poll", timeout_s=ANSWER_S))
-        return seen[-1].operation != before and not seen[-1].operating
+        update_state.append(driver.call("poll", timeout_s=ANSWER_S))
+        return update_state[-1].operation != before and not update_state[-1].operating
 
     until(ended, 10.0)
-    assert any(reading.operating and 0.05 < reading.q_rad[0] < 0.25 for reading in seen)
-    np.testing.assert_allclose(seen[-1].q_rad, far(0.3), atol=1e-3)
+    assert any(reading.operating and 0.05 < reading.q_rad[0] < 0.25 for reading in update_state)
+    np.testing.assert_allclose(update_state[-1].q_rad, far(0.3), atol=1e-3)
     (command,) = motion_commands(controller.admin.log(begin))
     assert command["details"]["asynchronous"]
     assert (command["details"]["speed"], command["details"]["acceleration"]) == (1.0, 2.0)
@@ -164,13 +164,13 @@ def test_two_cannot_drive_one_robot(controller: RunningController, driver: Child
 
 
 def test_bits_know_of_stops_that_the_mode_does_not_tell_yet():
-    assert safety(1, 0b1) == "normal"
-    assert safety(2, 0b10) == "reduced"
-    assert safety(1, 0b101) == "protective_stop"
-    assert safety(1, 1 << 6 | 1 << 7) == "robot_emergency_stop"
-    assert safety(3, 0b1) == "protective_stop"
-    assert safety(99, 0) == "undefined"
-    assert {safety(kind, 0) for kind in (5, 12, 13, 14)} == {"safeguard_stop"}
+    assert decode_safety_mode(1, 0b1) == "normal"
+    assert decode_safety_mode(2, 0b10) == "reduced"
+    assert decode_safety_mode(1, 0b101) == "protective_stop"
+    assert decode_safety_mode(1, 1 << 6 | 1 << 7) == "robot_emergency_stop"
+    assert decode_safety_mode(3, 0b1) == "protective_stop"
+    assert decode_safety_mode(99, 0) == "undefined"
+    assert {decode_safety_mode(kind, 0) for kind in (5, 12, 13, 14)} == {"safeguard_stop"}
 
 
 def test_poses_are_the_same_whichever_way_half_a_turn_is_written():

@@ -4,7 +4,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from cell.arm.speed_cap import capped_speed, greatest_shift
+from cell.arm.speed_cap import capped_speed, max_flange_travel
 from cell.config.arm_config import ArmModelName
 from cell.kinematics.ur_kinematics import joint_speeds, link_frames
 
@@ -41,7 +41,7 @@ def test_turning_the_base_of_a_stretched_arm() -> None:
     turned = np.array([1.0, 0, 0, 0, 0, 0])
     # The flange goes round on a circle whose radius is known from the table.
     radius = np.hypot(0.8172, 0.2329)
-    assert greatest_shift("ur5e", stretched, turned) == pytest.approx(radius, rel=1e-3)
+    assert max_flange_travel("ur5e", stretched, turned) == pytest.approx(radius, rel=1e-3)
     assert capped_speed("ur5e", stretched, turned, 3.0, 0.25) == pytest.approx(0.25 / radius, rel=1e-3)
     # Far below its limit, what was asked for is given.
     assert capped_speed("ur5e", stretched, turned, 0.1, 0.25) == 0.1

@@ -129,9 +129,9 @@ class Recorded:
         static = {("tool0", self.frame): view.T_flange_camera} if self.static is None else self.static
         if static:
             yield Moment(TF_STATIC, START_NS, lambda ros: ros.tf(START_NS, static))
-        yield self.lens(view, START_NS)
+        yield self.intrinsics(view, START_NS)
 
-    def lens(self, view: View, at_ns: int) -> Moment:
+    def intrinsics(self, view: View, at_ns: int) -> Moment:
         height, width = view.depth.shape
         return Moment(INFO, at_ns, lambda ros: ros.info(at_ns, view.K, (width, height), self.frame, self.info))
 

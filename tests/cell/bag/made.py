@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from calibration.geometry.transforms import from_rotation_vector
-from cell.bag.import_bag import Imported, Wanted, import_bag
+from cell.bag.import_bag import BagRequest, ImportedBag, import_bag
 from cell.devices import View
 from cell.recording.writer import Recording, read_recording
 from tests.cell.bag.bags import START_NS, Kind, Moment, write_bag
@@ -14,7 +14,7 @@ from tests.cell.bag.bags import START_NS, Kind, Moment, write_bag
 T_FLANGE_CAMERA = from_rotation_vector((0.03, -0.06, 0.05), (0.1, 0.05, 0.4))
 
 
-FINE = Wanted(depth_unit_m=1e-4)
+FINE = BagRequest(depth_unit_m=1e-4)
 
 
 def made_views(count: int) -> list[View]:
@@ -35,18 +35,18 @@ def made_views(count: int) -> list[View]:
 
 
 def imported(
-    folder: Path, moments: Iterable[Moment], wanted: Wanted = FINE, kind: Kind = "mcap"
-) -> tuple[Imported, Recording]:
+    folder: Path, moments: Iterable[Moment], request: BagRequest = FINE, kind: Kind = "mcap"
+) -> tuple[ImportedBag, Recording]:
     bag = write_bag(folder / ("scan.bag" if kind == "ros1" else "scan"), kind, moments)
     out = folder / "scan.mcap"
-    told = import_bag(bag, out, wanted)
+    contents = import_bag(bag, out, request)
     assert {path.name for path in folder.iterdir()} == {bag.name, out.name}, "nothing else is left"
-    return told, read_recording(out)
+    return contents, read_recording(out)
 
 
-def assert_same_views(got: Recording, wanted: list[View]) -> None:
-    assert len(got.views) == len(wanted)
-    for a, b in zip(got.views, wanted, strict=True):
+def assert_same_views(got: Recording, request: list[View]) -> None:
+    assert len(got.views) == len(request)
+    for a, b in zip(got.views, request, strict=True):
         np.testing.assert_array_equal(a.depth, b.depth)
         np.testing.assert_array_equal(a.K, b.K)
         # Through quaternions and a chain of frames: roundings of doubles.

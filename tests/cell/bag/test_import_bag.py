@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from calibration.geometry.transforms import from_rotation_vector
-from cell.bag.import_bag import Wanted, import_bag
+from cell.bag.import_bag import BagRequest, import_bag
 from cell.recording.writer import read_recording
 from tests.cell.bag.bags import (
     CAMERA,
@@ -31,11 +31,11 @@ from tests.cell.bag.made import FINE, assert_same_views, imported, made_views
 @pytest.mark.parametrize("encoding", ["16UC1", "32FC1"])
 def test_one_image_for_each_pose(tmp_path: Path, kind: Kind, encoding: str) -> None:
     views = made_views(4)
-    told, got = imported(tmp_path, one_image_each(views, Recorded(encoding)), FINE, kind)
+    contents, got = imported(tmp_path, one_image_each(views, Recorded(encoding)), FINE, kind)
     assert_same_views(got, views)
     assert [view.stamp_s for view in got.views] == [view.stamp_s for view in views]
     assert got.header.depth_unit_m == 1e-4
-    assert told.rest.single
+    assert contents.stationary.single
     assert got.header.provenance == {
         "source": f"ROS {1 if kind == 'ros1' else 2} bag",
         "bag": "scan.bag" if kind == "ros1" else "scan",
@@ -52,7 +52,7 @@ def test_one_image_for_each_pose(tmp_path: Path, kind: Kind, encoding: str) -> N
 
 def test_counts_are_millimetres_unless_told(tmp_path: Path) -> None:
     _, got = imported(
-        tmp_path, one_image_each(made_views(2), Recorded()), Wanted(string_radius_m=0.004, table_z_m=-0.1)
+        tmp_path, one_image_each(made_views(2), Recorded()), BagRequest(string_radius_m=0.004, table_z_m=-0.1)
     )
     assert (got.header.depth_unit_m, got.header.string_radius_m, got.header.table_z_m) == (1e-3, 0.004, -0.1)
 
@@ -89,10 +89,10 @@ def test_big_endian_and_padded_rows(tmp_path: Path) -> None:
 
 def test_hand_eye_that_is_told_goes_before_tf(tmp_path: Path) -> None:
     views = made_views(2)
-    told = from_rotation_vector((0.0, 0.1, 0.0), (0.0, 0.0, 1.0))
-    wanted = replace(FINE, T_flange_camera=told, hand_eye="mine.json abc")
-    _, got = imported(tmp_path, one_image_each(views, Recorded(static={})), wanted)
-    np.testing.assert_array_equal(got.header.T_flange_camera, told)
+    contents = from_rotation_vector((0.0, 0.1, 0.0), (0.0, 0.0, 1.0))
+    request = replace(FINE, T_flange_camera=contents, hand_eye="mine.json abc")
+    _, got = imported(tmp_path, one_image_each(views, Recorded(static={})), request)
+    np.testing.assert_array_equal(got.header.T_flange_camera, contents)
     assert got.header.provenance["hand_eye"] == "mine.json abc"
 
 
@@ -113,9 +113,9 @@ def test_a_place_told_twice_alike_is_one_and_a_file_goes_before_two_that_differ(
         yield Moment(TF_STATIC, START_NS, lambda ros: ros.tf(START_NS, {("tool0", CAMERA): T}))
         yield from one_image_each(views, Recorded())
 
-    for name, T, wanted in (("a", again, FINE), ("b", off, replace(FINE, T_flange_camera=views[0].T_flange_camera))):
+    for name, T, request in (("a", again, FINE), ("b", off, replace(FINE, T_flange_camera=views[0].T_flange_camera))):
         (tmp_path / name).mkdir()
-        _, got = imported(tmp_path / name, moments(T), wanted)
+        _, got = imported(tmp_path / name, moments(T), request)
         assert_same_views(got, views)
 
 
@@ -136,8 +136,8 @@ def test_of_several_camera_infos_the_one_beside_the_images(tmp_path: Path) -> No
         yield Moment("/other/image", START_NS, lambda ros: ros.image(START_NS, colour, "mono8", "other", {}))
         yield from one_image_each(views, Recorded())
 
-    told, got = imported(tmp_path, moments())
-    assert (told.topics.depth, told.topics.info) == (DEPTH, INFO)
+    contents, got = imported(tmp_path, moments())
+    assert (contents.topics.depth, contents.topics.info) == (DEPTH, INFO)
     assert_same_views(got, views)
 
 

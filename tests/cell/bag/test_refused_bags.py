@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from cell.bag.errors import BagError
-from cell.bag.import_bag import Wanted, import_bag
+from cell.bag.import_bag import BagRequest, import_bag
 from cell.recording.writer import RecordingError, RecordingExistsError
 from tests.cell.bag.bags import (
     CAMERA,
@@ -39,74 +39,106 @@ NOWHERE[0, 3] = np.nan
 
 
 @pytest.mark.parametrize(
-    ("how", "wanted", "said"),
+    ("how", "bag_request", "said"),
     [
         (
             Recorded(),
-            Wanted(depth_topic="/nope"),
+            BagRequest(depth_topic="/nope"),
             r"no topic /nope of type Image; --depth-topic may be: /camera/depth/im",
         ),
-        (Recorded(), Wanted(info_topic=DEPTH), r"of type CameraInfo; --info-topic may be: /camera/depth/camera_info"),
-        (Recorded(), Wanted(base_frame="ur_base"), r"no.* frame 'ur_base'; its frames: base, camera_depth.*, tool0"),
-        (Recorded(edges=lambda T: {("a", "b"): T}), Wanted(), r"no frame base or base_link: name the base by --base-f"),
-        (Recorded(edges=lambda T: {("base", "b"): T}, static={}), Wanted(), r"no frame tool0 or flange: name the flan"),
-        (Recorded(static={}), Wanted(), r"camera sits on the flange is not told: .*its frames: base, tool0; name a f"),
+        (
+            Recorded(),
+            BagRequest(info_topic=DEPTH),
+            r"of type CameraInfo; --info-topic may be: /camera/depth/camera_info",
+        ),
+        (
+            Recorded(),
+            BagRequest(base_frame="ur_base"),
+            r"no.* frame 'ur_base'; its frames: base, camera_depth.*, tool0",
+        ),
+        (
+            Recorded(edges=lambda T: {("a", "b"): T}),
+            BagRequest(),
+            r"no frame base or base_link: name the base by --base-f",
+        ),
+        (
+            Recorded(edges=lambda T: {("base", "b"): T}, static={}),
+            BagRequest(),
+            r"no frame tool0 or flange: name the flan",
+        ),
+        (
+            Recorded(static={}),
+            BagRequest(),
+            r"pose of the camera on the flange is unknown: .*its frames: base, tool0; name a f",
+        ),
         (
             Recorded(static={("mount", CAMERA): T_FLANGE_CAMERA}),
-            Wanted(),
+            BagRequest(),
             r"does not connect the frames 'tool0' and 'camera_.*first is below 'base', the second below 'mount'",
         ),
         (
             Recorded(edges=camera_that_hangs, static={}),
-            Wanted(),
+            BagRequest(),
             r"not fixed to 'tool0': it moves by up to 1\d+\.\d mm",
         ),
         (
             Recorded(edges=lambda T: {("base", "tool0"): T, ("world", "tool0"): T}),
-            Wanted(),
+            BagRequest(),
             r"frame 'tool0' below base, world: a frame has one parent",
         ),
-        (Recorded(edges=lambda T: {("base", "tool0"): T, ("tool0", "base"): T}), Wanted(), r"'\w+' below itself"),
-        (Recorded(edges=lambda T: {("base", "tool0"): T + NOWHERE}), Wanted(), r"'tool0' in 'base' holds nan; metres"),
-        (Recorded(image={"encoding": "8UC1"}), Wanted(), r"no topic of depth images .*of other images: /camera/depth"),
+        (Recorded(edges=lambda T: {("base", "tool0"): T, ("tool0", "base"): T}), BagRequest(), r"'\w+' below itself"),
+        (
+            Recorded(edges=lambda T: {("base", "tool0"): T + NOWHERE}),
+            BagRequest(),
+            r"'tool0' in 'base' holds nan; metres",
+        ),
+        (
+            Recorded(image={"encoding": "8UC1"}),
+            BagRequest(),
+            r"no topic of depth images .*of other images: /camera/depth",
+        ),
         (
             Recorded(image={"encoding": "rgb8"}),
-            Wanted(depth_topic=DEPTH),
+            BagRequest(depth_topic=DEPTH),
             r"images are 'rgb8'; depth as 16UC1 or 32FC1",
         ),
-        (Recorded(image={"step": 31}), Wanted(), r"image of 16x12 pixels with 31 bytes a row has 384 bytes"),
-        (Recorded(image={"width": 8}), Wanted(), r"camera_info is of 16x12 pixels, the images .* are 8x12"),
-        (Recorded(image={"width": 1 << 31, "height": 12}), Wanted(), r"camera_info is of 16x12 pixels, the images"),
+        (Recorded(image={"step": 31}), BagRequest(), r"image of 16x12 pixels with 31 bytes a row has 384 bytes"),
+        (Recorded(image={"width": 8}), BagRequest(), r"camera_info is of 16x12 pixels, the images .* are 8x12"),
+        (Recorded(image={"width": 1 << 31, "height": 12}), BagRequest(), r"camera_info is of 16x12 pixels, the images"),
         (
             Recorded(info={"D": np.full(5, 0.1)}),
-            Wanted(depth_topic="/camera/depth/image"),
+            BagRequest(depth_topic="/camera/depth/image"),
             r"no topic /camera/depth/im",
         ),
         (
             Recorded(info={"D": np.full(5, 0.1), "R": np.full(9, 0.1)}),
-            Wanted(),
+            BagRequest(),
             r"rectification turned or shifted the camera",
         ),
-        (Recorded(info={"D": np.full(5, 0.1), "P": np.zeros(12)}), Wanted(), r"are rectified, but P.* is not told"),
+        (
+            Recorded(info={"D": np.full(5, 0.1), "P": np.zeros(12)}),
+            BagRequest(),
+            r"are rectified, but their camera matrix P is 0",
+        ),
         (
             # Without distortion too: a pair of cameras that were turned to be parallel.
             Recorded(info={"P": np.array([20.0, 0, 7.5, -1.5, 0, 21, 5.5, 0, 0, 0, 1, 0])}),
-            Wanted(),
+            BagRequest(),
             r"rectification turned or shifted the camera",
         ),
         (
             Recorded(info={"K": np.zeros(9), "P": np.zeros(12)}),
-            Wanted(),
+            BagRequest(),
             r"view 0: K has focal lengths 0, 0; not a camera's",
         ),
-        (Recorded(), Wanted(depth_unit_m=1.0), r"depth_unit_m is 1; from 1e-6 to 0.01 metres a count are taken"),
-        (Recorded(), Wanted(workspace_m=((1, 0), (0, 1), (0, 1))), r"workspace_m is .* with x0 < x1"),
+        (Recorded(), BagRequest(depth_unit_m=1.0), r"depth_unit_m is 1; from 1e-6 to 0.01 metres a count are taken"),
+        (Recorded(), BagRequest(workspace_m=((1, 0), (0, 1), (0, 1))), r"workspace_m is .* with x0 < x1"),
     ],
 )
-def test_what_cannot_be_imported_is_said(tmp_path: Path, how: Recorded, wanted: Wanted, said: str) -> None:
+def test_what_cannot_be_imported_is_said(tmp_path: Path, how: Recorded, bag_request: BagRequest, said: str) -> None:
     bag = write_bag(tmp_path / "scan", "mcap", one_image_each(made_views(3), how))
     with pytest.raises(RecordingError, match=said):
-        import_bag(bag, tmp_path / "out.mcap", wanted)
+        import_bag(bag, tmp_path / "out.mcap", bag_request)
     assert [path.name for path in tmp_path.iterdir()] == ["scan"], "nothing is left"
 
 
@@ -153,7 +185,7 @@ def infrared() -> list[Moment]:
 
 def another_lens() -> list[Moment]:
     view = made_views(1)[0]
-    return [*without(""), Recorded().lens(replace(view, K=view.K * [[2], [2], [1]]), START_NS + 10**9)]
+    return [*without(""), Recorded().intrinsics(replace(view, K=view.K * [[2], [2], [1]]), START_NS + 10**9)]
 
 
 @pytest.mark.parametrize(
@@ -167,8 +199,11 @@ def another_lens() -> list[Moment]:
             [*without(""), *renamed(DEPTH, "/b/image_rect")],
             r"2 topics of depth images; name one.*: /b/image_rect, /cam",
         ),
-        (shifted(3600.0), r"none of the 3 depth images .*times in /tf lie 3594\.0 s beside the images' \(two clocks"),
-        (without("")[:4], r"the arm stands still at 1 places \(of 1 depth images 0 were taken in motion"),
+        (
+            shifted(3600.0),
+            r"any of the 3 depth images: its stamps differ from those of the images by 3594\.0 s; two clocks",
+        ),
+        (without("")[:4], r"the arm stands still at 1 poses \(of 1 depth images, 0 were taken in motion"),
         (
             told_otherwise(TF),
             r"'camera_.*' in 'tool0', which /tf_static has as fixed, is told in several ways, 20.0 mm",
@@ -177,7 +212,7 @@ def another_lens() -> list[Moment]:
         (infrared(), r"depth images are compressed"),
         (compressed(), r"depth images are compressed \(.*compressedDepth\), which is not read: .*republish"),
         (another_lens(), r"camera_info: the lens changes within the bag"),
-        (list(one_image_each(made_views(65), Recorded())), r"stands still at 65 places .*; 64 at most are taken"),
+        (list(one_image_each(made_views(65), Recorded())), r"stands still at 65 poses .*; at most 64 are read"),
     ],
 )
 def test_bags_that_lack_something(tmp_path: Path, moments: list[Moment], said: str) -> None:

@@ -82,11 +82,11 @@ UR_STATIC = {
 def test_a_continuous_bag_gives_a_view_for_each_rest(tmp_path: Path, encoding: str) -> None:
     views = made_views(8)
     how = Recorded(encoding, edges=ur, static=UR_STATIC)
-    told, got = imported(tmp_path, continuous(views, how))
+    contents, got = imported(tmp_path, continuous(views, how))
     assert_same_views(got, views)
-    assert not told.rest.single
-    assert told.rest.moving >= 8 * 6
-    assert (told.frames.base, told.frames.flange) == ("base", "tool0")
+    assert not contents.stationary.single
+    assert contents.stationary.moving >= 8 * 6
+    assert (contents.frames.base, contents.frames.flange) == ("base", "tool0")
     assert got.header.provenance["frames_per_view"] == "5 5 5 5 5 5 5 5"
 
 
@@ -122,7 +122,7 @@ def test_an_arm_that_never_rests_gives_no_view(tmp_path: Path) -> None:
             yield how.depth(view.depth, at_ns)
 
     bag = write_bag(tmp_path / "scan", "mcap", moments())
-    with pytest.raises(BagError, match=r"stands still at 0 places .of 120 depth images 120 were taken in motion"):
+    with pytest.raises(BagError, match=r"stands still at 0 poses .of 120 depth images, 120 were taken in motion"):
         import_bag(bag, tmp_path / "out.mcap", FINE)
 
 
@@ -161,5 +161,5 @@ def test_poses_too_rare_for_a_film_are_no_rest(tmp_path: Path) -> None:
             yield how.depth(view.depth, at_ns)
 
     bag = write_bag(tmp_path / "scan", "mcap", moments())
-    with pytest.raises(BagError, match="stands still at 0 places"):
+    with pytest.raises(BagError, match="stands still at 0 poses"):
         import_bag(bag, tmp_path / "out.mcap", FINE)

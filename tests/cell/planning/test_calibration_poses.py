@@ -94,8 +94,8 @@ def test_the_poses_are_tilted_and_rolled_all_round_at_two_distances() -> None:
     assert MIN_RATIO <= far / near <= MAX_RATIO
     assert far <= DEFAULT.camera.optics.working_m[1] + 1e-9
     assert sum(distance > (near + far) / 2 for distance in distances) == 5
-    wanted = {round(np.rad2deg(v.roll_rad)) for v in solved_from if v.fallback is None}
-    assert wanted == {-75, -25, 25, 75}
+    preferred = {round(np.rad2deg(v.roll_rad)) for v in solved_from if v.fallback is None}
+    assert preferred == {-75, -25, 25, 75}
 
 
 @pytest.mark.parametrize("cell", range(len(CELLS)))

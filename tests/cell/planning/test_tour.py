@@ -7,12 +7,12 @@ from numpy.typing import NDArray
 from calibration.geometry.transforms import from_rotation_vector
 from cell.config.cell_config import CellSettings, MountingSettings
 from cell.kinematics.collision import CollisionModel, collision_model
-from cell.kinematics.joint_paths import JointPaths, travel_rad
+from cell.kinematics.joint_paths import PathFinder, travel_rad
 from cell.planning import tour
-from cell.planning.tour import Route, best_route
+from cell.planning.tour import Tour, find_tour
 
 HOME = np.deg2rad((180.0, -100.0, 90.0, -80.0, -90.0, 0.0))
-Postures = NDArray[np.float64]
+Configurations = NDArray[np.float64]
 
 
 def open_cell() -> CollisionModel:
@@ -25,31 +25,33 @@ def walled_cell() -> CollisionModel:
     return collision_model(CellSettings(mounting=wall), from_rotation_vector((0.0, 0.0, 0.05), (0.0, 0.0, 0.0)))
 
 
-def near_home(rng: np.random.Generator, groups: int, postures: int) -> list[Postures]:
+def near_home(rng: np.random.Generator, groups: int, postures: int) -> list[Configurations]:
     return [HOME + rng.uniform(-0.3, 0.3, (postures, 6)) for _ in range(groups)]
 
 
-def found(groups: list[Postures], collisions: CollisionModel, start: Postures = HOME) -> tuple[Route, JointPaths]:
-    paths = JointPaths(collisions, HOME)
-    result = best_route(start, HOME, groups, paths, collisions.clearances)
+def found(
+    groups: list[Configurations], collisions: CollisionModel, start: Configurations = HOME
+) -> tuple[Tour, PathFinder]:
+    path_finder = PathFinder(collisions, HOME)
+    result = find_tour(start, HOME, groups, path_finder, collisions.clearances)
     assert result is not None
-    return result, paths
+    return result, path_finder
 
 
-def cost(result: Route, start: Postures = HOME) -> float:
+def cost(result: Tour, start: Configurations = HOME) -> float:
     total, place = 0.0, start
-    for way in result.ways:
-        total += travel_rad(place, way)
-        place = way[-1]
+    for path in result.paths:
+        total += travel_rad(place, path)
+        place = path[-1]
     return total
 
 
-def least(groups: list[Postures], start: Postures, paths: JointPaths) -> float:
-    """Over all orders and postures, each way as the paths know it."""
+def least(groups: list[Configurations], start: Configurations, path_finder: PathFinder) -> float:
+    """Over all orders and postures, with the path of each leg."""
 
-    def length(a: Postures, b: Postures) -> float:
-        way = paths.way(a, b)
-        return np.inf if way is None else travel_rad(a, way)
+    def length(a: Configurations, b: Configurations) -> float:
+        path = path_finder.path_between(a, b)
+        return np.inf if path is None else travel_rad(a, path)
 
     return min(
         sum(length(a, b) for a, b in itertools.pairwise([start, *choice, HOME]))
@@ -63,17 +65,17 @@ def test_no_order_and_no_choice_of_postures_is_shorter(seed: int) -> None:
     rng = np.random.default_rng(seed)
     groups = near_home(rng, 4, 2)
     start = HOME + rng.uniform(-0.3, 0.3, 6)
-    result, paths = found(groups, open_cell(), start)
-    assert cost(result, start) == pytest.approx(least(groups, start, paths), abs=1e-9)
+    result, path_finder = found(groups, open_cell(), start)
+    assert cost(result, start) == pytest.approx(least(groups, start, path_finder), abs=1e-9)
 
 
 def test_every_viewpoint_is_visited_once_where_the_route_says() -> None:
     groups = near_home(np.random.default_rng(9), 5, 3)
     result, _ = found(groups, open_cell())
     assert sorted(group for group, _ in result.stops) == [0, 1, 2, 3, 4]
-    for (group, posture), way in zip(result.stops, result.ways, strict=False):
-        assert np.array_equal(way[-1], groups[group][posture])
-    assert np.array_equal(result.ways[-1][-1], HOME)
+    for (group, posture), path in zip(result.stops, result.paths, strict=False):
+        assert np.array_equal(path[-1], groups[group][posture])
+    assert np.array_equal(result.paths[-1][-1], HOME)
 
 
 def test_round_a_wall_too_no_route_by_home_is_shorter() -> None:
@@ -83,11 +85,11 @@ def test_round_a_wall_too_no_route_by_home_is_shorter() -> None:
     low = np.deg2rad([(142.0, -40.0, 40.0, -90.0, -90.0, 0.0), (202.0, -40.0, 40.0, -90.0, -90.0, 0.0)])
     groups = [q + rng.uniform(-0.03, 0.03, (2, 6)) for q in (low[0], low[1], low[0], low[1])]
     assert (collisions.gaps(np.concatenate(groups)) >= collisions.clearances).all()
-    result, paths = found(groups, collisions)
-    assert not paths.free(groups[0][0], groups[1][0])
-    assert cost(result) == pytest.approx(least(groups, HOME, paths), abs=1e-9)
+    result, path_finder = found(groups, collisions)
+    assert not path_finder.is_free(groups[0][0], groups[1][0])
+    assert cost(result) == pytest.approx(least(groups, HOME, path_finder), abs=1e-9)
     place = HOME
-    for target in [q for way in result.ways for q in way]:
+    for target in [q for path in result.paths for q in path]:
         line = place + np.linspace(0, 1, 400)[:, None] * (target - place)
         # Between the places looked at, 0.03 rad apart, the arm comes at most 1.5 cm nearer than the clearance of 3 cm.
         assert (collisions.gaps(line) > collisions.clearances - 0.015).all()
@@ -111,15 +113,15 @@ def test_nothing_to_visit_leads_home() -> None:
     start = HOME + 0.1
     result, _ = found([], open_cell(), start)
     assert result.stops == ()
-    assert np.array_equal(result.ways[0][-1], HOME)
+    assert np.array_equal(result.paths[0][-1], HOME)
 
 
 def test_a_start_without_a_way_out_has_no_route() -> None:
     collisions = open_cell()
     below = np.deg2rad((180.0, -20.0, 60.0, -90.0, -90.0, 0.0))
     assert (collisions.gaps(below[None]) < collisions.clearances).any()
-    paths = JointPaths(collisions, HOME)
-    assert best_route(below, HOME, near_home(np.random.default_rng(0), 2, 2), paths, collisions.clearances) is None
+    path_finder = PathFinder(collisions, HOME)
+    assert find_tour(below, HOME, near_home(np.random.default_rng(0), 2, 2), path_finder, collisions.clearances) is None
 
 
 def test_an_endless_turn_is_no_neighbour() -> None:

@@ -99,17 +99,17 @@ def test_the_whole_floor_is_in_the_image_from_the_least_distance_that_does() -> 
     optics = settings.camera.optics
     (x0, x1), (y0, y1), (floor, _) = settings.workspace_m
     corners = np.array([(x, y, floor) for x in (x0, x1) for y in (y0, y1)])
-    wanted = [v for v in plan_of(settings).viewpoints if v.fallback is None]
-    assert len(wanted) >= 5
-    for v in wanted:
+    preferred = [v for v in plan_of(settings).viewpoints if v.fallback is None]
+    assert len(preferred) >= 5
+    for v in preferred:
         seen = transform_points(inverse(v.T_base_camera), corners)
         pixels = seen @ optics.K.T
         off = np.abs(pixels[:, :2] / pixels[:, 2:] - optics.K[:2, 2]) / (optics.width / 2, optics.height / 2)
         assert off.max() < FILL + 1e-9
         assert seen[:, 2].min() > 1.05 * optics.near_m - 1e-9
         # One of the bounds is what keeps the camera so far off.
-        held = (off.max() / FILL, 1.05 * optics.near_m / seen[:, 2].min(), optics.working_m[0] / v.distance_m)
-        assert max(held) == pytest.approx(1.0, abs=1e-6)
+        in_reach = (off.max() / FILL, 1.05 * optics.near_m / seen[:, 2].min(), optics.working_m[0] / v.distance_m)
+        assert max(in_reach) == pytest.approx(1.0, abs=1e-6)
 
 
 def test_the_baseline_points_in_many_directions() -> None:

@@ -16,15 +16,15 @@ from cell.config.cell_config import CellSettings, HandEyeSettings, MountingSetti
 from cell.control.equipment import Equipment
 from cell.devices import ArmState, Frame
 from cell.planning.look_at import look_at
-from cell.self_test.check_result import Grounds
+from cell.self_test.check_result import CheckContext
 from cell.simulation.devices.frame_source import FrameSource
 from cell.simulation.devices.world import simulated_world
 
 Q_RAD = (0.3, -1.7, 1.4, -1.3, -1.5, 0.2)
 
 
-def grounds_for(settings: CellSettings) -> Grounds:
-    return Grounds(settings, Equipment(settings))
+def grounds_for(settings: CellSettings) -> CheckContext:
+    return CheckContext(settings, Equipment(settings))
 
 
 def real_cell(host: str, hand_eye: Path, **arm: object) -> CellSettings:
@@ -64,7 +64,7 @@ def exact_frames() -> FrameSource:
     return FrameSource(simulated_world(EXACT))
 
 
-def looking_cell(told_table_z_m: float = 0.0, aside_m: float = 0.0) -> Grounds:
+def looking_cell(told_table_z_m: float = 0.0, aside_m: float = 0.0) -> CheckContext:
     """A simulated cell without errors whose arm stands so that the camera sees the table, as one frame has it.
 
     The table is at 0, whatever the settings say of it.
@@ -75,8 +75,8 @@ def looking_cell(told_table_z_m: float = 0.0, aside_m: float = 0.0) -> Grounds:
     T_base_flange = look_at(middle, 0.5, 1.2, 0.45, 0.1) @ inverse(world.told_T_flange_camera)
     depth = source.expose(T_base_flange)
     told = EXACT.model_copy(update={"mounting": MountingSettings(table_z_m=told_table_z_m)})
-    grounds = grounds_for(told)
-    grounds.frame = Frame(depth, 1e-4, world.camera.K, time.time(), 1)
-    grounds.state = state_at(T_base_flange)
-    grounds.hand_eye = world.told_hand_eye
-    return grounds
+    context = grounds_for(told)
+    context.frame = Frame(depth, 1e-4, world.camera.K, time.time(), 1)
+    context.state = state_at(T_base_flange)
+    context.hand_eye = world.told_hand_eye
+    return context

@@ -13,7 +13,7 @@ from cell.config.cell_config import CellSettings
 from cell.errors import RobotUnreachableError
 from cell.kinematics.ur_kinematics import forward
 from cell.self_test import arm_checks
-from cell.self_test.check_result import Step
+from cell.self_test.check_result import CheckResult
 from cell.simulation.ur_controller.launcher import RunningController, start_controller
 from tests.cell.loopback import free_host
 from tests.cell.self_test.cells_to_check import (
@@ -54,19 +54,19 @@ def test_a_name_that_nobody_knows_is_told(hand_eye_file: Path) -> None:
 
 def test_a_controller_that_accepts_and_never_answers_is_told(robot: RunningController, hand_eye_file: Path) -> None:
     robot.admin.half_open()
-    grounds = grounds_for(real_cell(robot.host, hand_eye_file))
-    assert arm_checks.controller(grounds).outcome == "ok"
+    context = grounds_for(real_cell(robot.host, hand_eye_file))
+    assert arm_checks.controller(context).outcome == "ok"
     before = time.monotonic()
     with pytest.raises(RobotUnreachableError, match="does not answer"):
-        arm_checks.robot(grounds)
+        arm_checks.robot(context)
     assert time.monotonic() - before < 3.0
 
 
-def robot_step(robot: RunningController, hand_eye_file: Path, **arm: object) -> Step:
-    grounds = grounds_for(real_cell(robot.host, hand_eye_file, **arm))
-    assert arm_checks.controller(grounds).outcome == "ok"
-    step = arm_checks.robot(grounds)
-    assert (grounds.arm is None) == (step.outcome == "failed")
+def robot_step(robot: RunningController, hand_eye_file: Path, **arm: object) -> CheckResult:
+    context = grounds_for(real_cell(robot.host, hand_eye_file, **arm))
+    assert arm_checks.controller(context).outcome == "ok"
+    step = arm_checks.robot(context)
+    assert (context.arm is None) == (step.outcome == "failed")
     return step
 
 
@@ -114,9 +114,9 @@ def test_all_that_is_wrong_with_a_robot_is_told_at_once(robot: RunningController
 def test_software_is_judged() -> None:
     old = start_controller("ur3e", free_host(), software="5.20.1")
     try:
-        grounds = grounds_for(CellSettings(arm=SimulatedArm(model="ur3e")))
-        grounds.address = old.host
-        step = arm_checks.robot(grounds)
+        context = grounds_for(CellSettings(arm=SimulatedArm(model="ur3e")))
+        context.address = old.host
+        step = arm_checks.robot(context)
     finally:
         old.close()
     assert step.outcome == "warning"
@@ -125,22 +125,22 @@ def test_software_is_judged() -> None:
 
 
 def test_a_connection_gives_fresh_joint_angles(robot: RunningController, hand_eye_file: Path) -> None:
-    grounds = grounds_for(real_cell(robot.host, hand_eye_file))
+    context = grounds_for(real_cell(robot.host, hand_eye_file))
     try:
-        step = arm_checks.connection(grounds)
+        step = arm_checks.connection(context)
     finally:
-        grounds.equipment.close()
+        context.equipment.close()
     assert step.outcome == "ok"
     assert "17.2, -97.4, 80.2, -74.5, -85.9, 11.5 degrees" in step.words
-    assert arm_checks.kinematics(grounds).outcome == "ok"
+    assert arm_checks.kinematics(context).outcome == "ok"
     assert not {event["kind"] for event in robot.admin.log()} & MOTION
 
 
 @pytest.mark.parametrize(("off_m", "outcome"), [(0.0, "ok"), (0.003, "ok"), (0.008, "warning"), (0.05, "failed")])
 def test_the_arm_model_is_compared_with_the_pose_that_the_controller_tells(off_m: float, outcome: str) -> None:
-    grounds = grounds_for(CellSettings())
-    grounds.state = state_at(from_rotation_vector((off_m, 0, 0), (0, 0, 0)) @ forward("ur5e", Q_RAD))
-    step = arm_checks.kinematics(grounds)
+    context = grounds_for(CellSettings())
+    context.state = state_at(from_rotation_vector((off_m, 0, 0), (0, 0, 0)) @ forward("ur5e", Q_RAD))
+    step = arm_checks.kinematics(context)
     assert step.outcome == outcome
     assert f"{1000 * off_m:.2f} mm and 0.00 degrees" in step.words
 

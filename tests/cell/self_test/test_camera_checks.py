@@ -14,9 +14,9 @@ from tests.cell.self_test.cells_to_check import (
 
 
 def test_a_camera_that_looks_elsewhere_is_known() -> None:
-    assert not camera_checks._looks_aside(looking_cell())
-    assert camera_checks._looks_aside(looking_cell(aside_m=1.0))
-    assert not camera_checks._looks_aside(grounds_for(CellSettings())), "not known, so not excused"
+    assert not camera_checks._looks_elsewhere(looking_cell())
+    assert camera_checks._looks_elsewhere(looking_cell(aside_m=1.0))
+    assert not camera_checks._looks_elsewhere(grounds_for(CellSettings())), "not known, so not excused"
 
 
 @pytest.mark.parametrize(

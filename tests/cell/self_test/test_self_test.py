@@ -10,7 +10,7 @@ import pytest
 from cell.config.arm_config import SimulatedArm
 from cell.config.cell_config import CellSettings
 from cell.errors import RobotNotReadyError
-from cell.self_test.check_result import Step, failed
+from cell.self_test.check_result import CheckResult, failed
 from cell.self_test.self_test import check_cell
 from cell.simulation.ur_controller.admin_client import AdminClient, ControllerGoneError
 from cell.simulation.ur_controller.launcher import start_controller
@@ -66,7 +66,7 @@ def test_a_test_that_is_broken_off_leaves_nothing_behind() -> None:
 
 
 def test_without_robot_and_camera_each_says_so_in_time(hand_eye_file: Path) -> None:
-    steps: dict[str, Step] = {}
+    steps: dict[str, CheckResult] = {}
     took_s: dict[str, float] = {}
     before = time.monotonic()
     for step in check_cell(real_cell(free_host(), hand_eye_file)):
@@ -81,7 +81,7 @@ def test_without_robot_and_camera_each_says_so_in_time(hand_eye_file: Path) -> N
     assert "cable" in (steps["camera"].what_to_do or "")
     # The promise of 3 s; importing the camera's library comes on top, and takes its time on a busy machine.
     assert took_s["controller"] < 3.0
-    assert steps["robot"] == Step("robot", "skipped", "it needs the controller")
+    assert steps["robot"] == CheckResult("robot", "skipped", "it needs the controller")
     assert steps["connection"].words == "it needs a robot that may be driven"
     assert steps["table"].words == "it needs a depth image and the connection to the arm"
     assert steps["calibration"].outcome == "ok"
@@ -91,7 +91,7 @@ def test_without_robot_and_camera_each_says_so_in_time(hand_eye_file: Path) -> N
 
 def test_errors_are_told_apart_from_what_to_do() -> None:
     step = failed("robot", [RobotNotReadyError("it is off: switch it on"), RobotNotReadyError("it is local")])
-    assert step == Step("robot", "failed", "it is off; it is local", "switch it on")
+    assert step == CheckResult("robot", "failed", "it is off; it is local", "switch it on")
 
 
 def test_an_address_that_is_taken_is_told() -> None:

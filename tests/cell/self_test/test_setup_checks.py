@@ -26,16 +26,16 @@ def hand_eye_file(tmp_path: Path) -> Path:
 
 
 def test_a_calibration_is_compared_with_what_is_there(hand_eye_file: Path) -> None:
-    grounds = grounds_for(real_cell("10.0.0.1", hand_eye_file))
-    grounds.arm = ArmInfo("UR5", "2022", "5.25.1")
-    assert setup_checks.calibration(grounds).outcome == "ok"
-    grounds.hand_eye = None
-    grounds.camera = CameraInfo("OAK-D-PRO", "777", 640, 400, "USB 3 (SUPER)", 40.0, ())
-    step = setup_checks.calibration(grounds)
+    context = grounds_for(real_cell("10.0.0.1", hand_eye_file))
+    context.arm = ArmInfo("UR5", "2022", "5.25.1")
+    assert setup_checks.calibration(context).outcome == "ok"
+    context.hand_eye = None
+    context.camera = CameraInfo("OAK-D-PRO", "777", 640, 400, "USB 3 (SUPER)", 40.0, ())
+    step = setup_checks.calibration(context)
     assert step.outcome == "failed"
     assert "made with camera 1944, this is camera 777" in step.words
     assert "set hand_eye.file to the right file" in (step.what_to_do or "")
-    assert grounds.hand_eye is None
+    assert context.hand_eye is None
 
 
 def test_a_calibration_that_is_missing_or_old_is_told(hand_eye_file: Path) -> None:
@@ -86,24 +86,24 @@ def test_a_table_that_is_out_of_view_is_not_judged() -> None:
 
 
 def test_a_table_that_the_pictures_do_not_show_whole_is_a_warning() -> None:
-    grounds = looking_cell()
-    grounds.state = None
-    step = setup_checks.viewpoints(grounds)
+    context = looking_cell()
+    context.state = None
+    step = setup_checks.viewpoints(context)
     assert (step.outcome, step.what_to_do) == ("ok", None)
-    wider = grounds.settings.model_copy(update={"workspace": WorkspaceSettings(x_m=(0.2, 0.8), y_m=(-0.6, 0.6))})
-    step = setup_checks.viewpoints(replace(grounds, settings=wider))
+    wider = context.settings.model_copy(update={"workspace": WorkspaceSettings(x_m=(0.2, 0.8), y_m=(-0.6, 0.6))})
+    step = setup_checks.viewpoints(replace(context, settings=wider))
     assert step.outcome == "warning"
     assert "% of the table in the workspace" in step.words
     assert "x_m and y_m in [workspace] smaller" in (step.what_to_do or "")
 
 
 def test_unreachable_viewpoints_are_told_with_their_reasons() -> None:
-    grounds = looking_cell()
-    grounds.state = None
-    far = grounds.settings.model_copy(
+    context = looking_cell()
+    context.state = None
+    far = context.settings.model_copy(
         update={"workspace": WorkspaceSettings(x_m=(0.7, 1.2)), "scan": ScanSettings(min_views=8)}
     )
-    step = setup_checks.viewpoints(replace(grounds, settings=far))
+    step = setup_checks.viewpoints(replace(context, settings=far))
     assert step.outcome == "failed"
     assert "reach" in step.words
     assert step.words.endswith("scan.min_views is 8")
@@ -111,11 +111,11 @@ def test_unreachable_viewpoints_are_told_with_their_reasons() -> None:
 
 @pytest.mark.parametrize(("degrees", "outcome"), [(110, "ok"), (151, "failed"), (180, "failed")])
 def test_a_camera_that_looks_back_at_the_arm_sees_no_workspace(degrees: float, outcome: str) -> None:
-    grounds = looking_cell()
-    assert grounds.hand_eye is not None
-    grounds.state = None
+    context = looking_cell()
+    assert context.hand_eye is not None
+    context.state = None
     turned = from_rotation_vector((0, -0.065, 0.045), (np.deg2rad(degrees), 0, 0))
-    step = setup_checks.viewpoints(replace(grounds, hand_eye=replace(grounds.hand_eye, T_flange_camera=turned)))
+    step = setup_checks.viewpoints(replace(context, hand_eye=replace(context.hand_eye, T_flange_camera=turned)))
     assert step.outcome == outcome, step
     if outcome == "ok":
         return
@@ -129,7 +129,7 @@ def test_a_rounded_matrix_reaches_as_many_viewpoints_as_an_exact_one(tmp_path: P
     T = from_rotation_vector((0.0, -0.065, 0.045), (0.02, 0.01, 0.03))
     path = tmp_path / "hand_eye.json"
     path.write_text(json.dumps({"T_flange_camera": T.round(decimals).tolist()}))
-    grounds = looking_cell()
-    grounds.state = None
-    step = setup_checks.viewpoints(replace(grounds, hand_eye=load_hand_eye(path, 1.0)))
+    context = looking_cell()
+    context.state = None
+    step = setup_checks.viewpoints(replace(context, hand_eye=load_hand_eye(path, 1.0)))
     assert step.words.startswith("8 of 8 reached")

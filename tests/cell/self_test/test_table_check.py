@@ -8,7 +8,7 @@ from calibration.geometry.transforms import from_rotation_vector
 from cell.config.cell_config import CellSettings, MountingSettings, WorkspaceSettings
 from cell.devices import View
 from cell.planning.look_at import look_at
-from cell.self_test.table_check import share_in_view, table_seen
+from cell.self_test.table_check import fit_table, share_in_view
 
 SETTINGS = CellSettings(
     workspace=WorkspaceSettings(x_m=(0.3, 0.6), y_m=(-0.1, 0.1)), mounting=MountingSettings(table_z_m=-0.2)
@@ -43,7 +43,7 @@ def plane_view(
 @pytest.mark.parametrize("offset_m", [0.0, 0.003, -0.03, 0.06])
 @pytest.mark.parametrize("tilt_rad", [0.0, 0.02, 0.1])
 def test_height_and_tilt_are_measured(offset_m: float, tilt_rad: float) -> None:
-    seen = table_seen(plane_view(-0.2 + offset_m, tilt_rad, noise_m=0.001), SETTINGS)
+    seen = fit_table(plane_view(-0.2 + offset_m, tilt_rad, noise_m=0.001), SETTINGS)
     assert seen is not None
     # The height is told amid the points, up to 5 cm from where the plane is pivoted; half a millimetre else.
     assert seen.height_m == pytest.approx(offset_m, abs=0.0005 + 0.05 * np.tan(tilt_rad))
@@ -57,22 +57,22 @@ def test_things_on_the_table_do_not_lift_it() -> None:
     depth = taken.depth.copy()
     depth[60:130, 120:200] = (depth[60:130, 120:200] * 0.93).astype(np.uint16)  # a box of about 4 cm
     depth[:, :40] = 0
-    seen = table_seen(view(depth, taken.T_base_camera), SETTINGS)
+    seen = fit_table(view(depth, taken.T_base_camera), SETTINGS)
     assert seen is not None
     assert seen.height_m == pytest.approx(0.0, abs=0.001)
     assert seen.share < 0.95
 
 
 def test_where_nothing_is_near_the_table_nothing_is_told() -> None:
-    assert table_seen(plane_view(-0.2 + 0.15), SETTINGS) is None
+    assert fit_table(plane_view(-0.2 + 0.15), SETTINGS) is None
     taken = plane_view(-0.2)
-    assert table_seen(view(np.zeros_like(taken.depth), taken.T_base_camera), SETTINGS) is None
+    assert fit_table(view(np.zeros_like(taken.depth), taken.T_base_camera), SETTINGS) is None
 
 
 def test_clutter_is_no_plane() -> None:
     taken = plane_view(-0.2)
     depth = np.random.default_rng(1).integers(1, 65535, taken.depth.shape, dtype=np.uint16)
-    seen = table_seen(view(depth, taken.T_base_camera), SETTINGS)
+    seen = fit_table(view(depth, taken.T_base_camera), SETTINGS)
     assert seen is None or seen.share < 0.3
 
 

@@ -69,7 +69,7 @@ def test_a_bag_gives_the_model_of_its_twin(
     assert main(["import", "bag", str(bag), str(out), *options(scan)]) == 0
     printed, said = capsys.readouterr()
     assert printed == ""
-    assert "4 views of 1 images each; left out were 0 images taken in motion and 0 whose pose is not known" in said
+    assert "4 views of 1 images each; excluded are 0 images taken in motion and 0 without a known pose" in said
     assert "frames base (base), tool0 (flange), camera_depth_optical_frame (camera)" in said
     assert f"wrote {out}" in said
     # A pose that went through the quaternion of /tf differs in the last bit of its doubles. Where that turns a

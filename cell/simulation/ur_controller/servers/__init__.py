@@ -1,4 +1,4 @@
-"""The network ports of the virtual controller: RTDE, dashboard, script and administration.
+"""Network servers of the virtual controller: RTDE, dashboard, script and administration.
 
-In: bytes of clients. Out: commands to the virtual robot, and its state as bytes.
+Input: bytes from clients. Output: commands to the virtual robot, and its state as bytes.
 """

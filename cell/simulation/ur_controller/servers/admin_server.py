@@ -1,4 +1,4 @@
-"""The controller's own port: tells its state and log, and makes faults on demand."""
+"""Admin server of the virtual controller: report the state and the log, and inject faults."""
 
 import asyncio
 import json
@@ -15,10 +15,20 @@ from cell.simulation.ur_controller.servers.sockets import DASHBOARD_PORT, RTDE_P
 
 
 class AdminServer(asyncio.Protocol):
-    """One connection to the admin port."""
+    """Connection to the admin port.
+
+    A request is one line of JSON, `{"call": name, "arguments": {...}}`, and so is its response, `{"answer": value}` or
+    `{"error": message}`. The public methods below are the calls.
+    """
 
     def __init__(self, robot: Robot, links: Links, listen: Callable[[bool], Awaitable[None]]) -> None:
-        """`listen`: answers connections of the robot's own ports from now on, or refuses them."""
+        """Serve the admin calls for a robot.
+
+        Args:
+            robot: Virtual robot.
+            links: Network link of the robot.
+            listen: Accept (True) or refuse (False) connections to the robot's ports from now on.
+        """
         self._robot, self._links, self._listen = robot, links, listen
         self._buffer = b""
         self._lines: list[bytes] = []
@@ -37,7 +47,7 @@ class AdminServer(asyncio.Protocol):
             self._answering.cancel()
 
     def data_received(self, data: bytes) -> None:
-        """Handle the event of asyncio: answers the lines that are whole."""
+        """Handle the event of asyncio: answer the complete lines."""
         *lines, self._buffer = (self._buffer + data).split(b"\n")
         self._lines += lines
         if self._lines and (self._answering is None or self._answering.done()):
@@ -63,7 +73,7 @@ class AdminServer(asyncio.Protocol):
             return {"error": f"{type(error).__name__}: {error}"}
 
     def state(self) -> dict[str, Any]:
-        """The robot now."""
+        """Return the state of the robot, keyed as in `AdminClient.state`."""
         robot, ports = self._robot, list(self._links.transports.values())
         return {
             "stamp_s": robot.now_s,
@@ -77,8 +87,8 @@ class AdminServer(asyncio.Protocol):
             "moving": not robot.arm.still,
             "progress": robot.arm.progress,
             "watchdog_hz": robot.watchdog.hz,
-            "watchdog_fed_s": robot.watchdog.fed_s,
-            "watchdog_meals": robot.watchdog.meals,
+            "watchdog_kicked_s": robot.watchdog.kicked_s,
+            "watchdog_kicks": robot.watchdog.kicks,
             "remote": robot.remote,
             "speed_fraction": robot.arm.speed_fraction,
             "events": robot.log.count,
@@ -90,68 +100,68 @@ class AdminServer(asyncio.Protocol):
         }
 
     def pose(self) -> dict[str, Any]:
-        """Where the flange is now."""
+        """Return the current pose of the flange."""
         return {"T_base_flange": self._robot.arm.T_base_flange.tolist()}
 
     def log(self, since: int) -> list[dict[str, Any]]:
-        """The events from a number on."""
+        """Return the log from the event with number `since`."""
         return self._robot.log.since(since)
 
     def drop(self) -> None:
-        """Resets all RTDE connections."""
+        """Reset all RTDE connections."""
         self._links.reset(RTDE_PORT)
 
     def freeze(self) -> None:
-        """Silence on RTDE."""
+        """Hold back all RTDE traffic."""
         self._links.freeze(True)
 
     def half_open(self) -> None:
-        """New connections get no answer."""
+        """Accept new connections without answering them."""
         self._links.half_open = True
 
     async def unreachable(self) -> None:
-        """Nobody can connect."""
+        """Refuse connections to the robot's ports and reset the present ones."""
         await self._listen(False)
         self._links.reset(RTDE_PORT, SCRIPT_PORT, DASHBOARD_PORT)
 
     def slow(self, delay_s: float, rate_hz: float | None) -> None:
-        """Late or seldom packages."""
+        """Delay RTDE packages by `delay_s`, and limit their rate to `rate_hz` unless None."""
         if not (delay_s >= 0 and (rate_hz is None or rate_hz > 0)):
             raise ValueError(f"delay_s {delay_s} must not be negative, rate_hz {rate_hz} must be positive")
         self._links.delay_s, self._links.rate_hz = delay_s, rate_hz
 
     def protective_stop(self, after_s: float, at_share: float | None) -> None:
-        """Now or later."""
+        """Trigger a protective stop: now, after a time, or at a share (0 to 1) of the next move."""
         if at_share is not None:
             self._robot.planned_stop_shares.append(at_share)
         elif after_s > 0:
             self._robot.planned_stops_s.append(self._robot.now_s + after_s)
         else:
-            self._robot.protective_stop("asked for")
+            self._robot.protective_stop("requested")
 
     def emergency_stop(self) -> None:
-        """The red button."""
+        """Press the emergency stop."""
         self._robot.emergency_stop(True)
 
     def local_mode(self) -> None:
-        """Local control; a running program goes on, as on a real robot."""
+        """Switch to local control. A running program continues, as on a real robot."""
         self._robot.remote = False
 
     def foreign_program(self, name: str) -> None:
-        """Another program runs."""
+        """Run a program that is not ur_rtde's."""
         self._robot.loaded = name
         self._robot.run_program(ForeignProgram(name))
 
     def power_off(self) -> None:
-        """No power."""
+        """Turn the power off."""
         self._robot.power_off()
 
     def table(self, z_m: float | None) -> None:
-        """A safety plane."""
+        """Set the lowest allowed height of the flange in the base frame, or None for no limit."""
         self._robot.limits = SafetyLimits(z_m)
 
     async def clear(self) -> None:
-        """Ends the faults."""
+        """End all injected faults."""
         self._links.clear()
         await self._listen(True)
         self._robot.planned_stops_s.clear()
@@ -160,7 +170,7 @@ class AdminServer(asyncio.Protocol):
         self._robot.remote = True
 
     async def reset(self, q_rad: list[float] | None) -> None:
-        """Everything right again."""
+        """End all faults and restore the initial state, at joint angles (6,) unless None."""
         q = None if q_rad is None else np.array(q_rad, dtype=np.float64).reshape(6)
         await self.clear()
         self._robot.set_right(q)

@@ -1,4 +1,4 @@
-"""The dashboard server: one line of text for each request."""
+"""Dashboard server: one line of text a request and a response."""
 
 import asyncio
 from collections.abc import Callable
@@ -27,25 +27,27 @@ STOP_POLL_S = 0.004
 STOPPED, PAUSING, DISCONNECTED = "Stopped", "Pausing program", "Disconnected"
 
 MODELS = {"ur3e": "UR3", "ur5e": "UR5", "ur10e": "UR10"}
-"""As the controller names them: without the e."""
+"""Model names as the controller reports them, without the e."""
 
 
 @dataclass(frozen=True)
 class Identity:
-    """What the controller says of itself."""
+    """Identity that the controller reports."""
 
     version: tuple[int, int, int, int]
+    """Software version: major, minor, bugfix and build."""
     serial: str
+    """Serial number."""
 
     @property
     def software(self) -> str:
-        """As the dashboard writes the version."""
+        """Software version as the dashboard formats it."""
         major, minor, bugfix, build = self.version
         return f"{major}.{minor}.{bugfix}.{build}"
 
 
 class DashboardServer(asyncio.Protocol):
-    """One connection to the dashboard."""
+    """Connection to the dashboard."""
 
     def __init__(self, robot: Robot, links: Links, identity: Identity) -> None:
         self._robot, self._links, self._identity = robot, links, identity
@@ -71,19 +73,19 @@ class DashboardServer(asyncio.Protocol):
             self._answering.cancel()
 
     def data_received(self, data: bytes) -> None:
-        """Handle the event of asyncio: takes the lines that are whole."""
+        """Handle the event of asyncio: process the complete lines."""
         *lines, self._buffer = (self._buffer + data).split(b"\n")
         if len(self._buffer) > LONGEST_LINE:
             self._transport.abort()
             return
         for line in lines:
-            # A stop takes effect at once, long before its answer.
+            # A stop takes effect when it is read; its answer is sent when the arm is at rest.
             self._answers.append(self._take(line.decode(errors="replace").strip()))
         if self._answers and (self._answering is None or self._answering.done()):
             self._answering = asyncio.get_running_loop().create_task(self._answer())
 
     async def _answer(self) -> None:
-        """Sends the answers in order; the answer to a stop waits until the arm is still."""
+        """Send the answers in order; hold the answer to a stop until the arm is at rest."""
         while self._answers:
             answer = self._answers.pop(0)
             while answer in (STOPPED, PAUSING) and not self._robot.arm.still:
@@ -98,7 +100,7 @@ class DashboardServer(asyncio.Protocol):
             self._transport.write(text.encode() + b"\n")
 
     def _take(self, request: str) -> str:
-        """Does what a request asks and gives its answer."""
+        """Execute a request and return its answer."""
         robot = self._robot
         robot.advance(asyncio.get_running_loop().time())
         lowered = request.lower()
@@ -181,4 +183,4 @@ _ANSWERS = {
     "popup ": "showing popup",
     "addtolog ": "Added log message",
 }
-"""Beginnings of requests that change nothing here."""
+"""Answers to requests without effect here, by the prefix of the request."""

@@ -1,4 +1,4 @@
-"""RTDE's recipes: which variables a package holds, and its bytes."""
+"""RTDE recipes: the variables of a package and their encoding."""
 
 import struct
 from collections.abc import Callable, Sequence
@@ -15,36 +15,37 @@ _Source = tuple[int, int, Callable[[], Any]]
 
 @dataclass(frozen=True)
 class OutputRecipe:
-    """What the controller sends."""
+    """Recipe of the packages that the controller sends to a client."""
 
     types: tuple[str, ...]
-    """Of the variables, on the wire; NOT_FOUND for unknown ones."""
+    """RTDE types of the variables; NOT_FOUND for unknown ones."""
     layout: struct.Struct
+    """Encoding of the package, header included."""
     values: list[Any]
-    """The package's values, head included, as they were last."""
+    """Values of the last package, header included; updated in place by `package`."""
     sources: tuple[_Source, ...]
-    """Of each variable that changes: its place among the values, how many they are (0 for one that is no vector), and
-    its value now."""
+    """Sources of the variables that change: index into `values`, length (0 for a scalar) and getter."""
     recipe_id: int
+    """Number of the recipe in the package header."""
 
     @property
     def valid(self) -> bool:
-        """The controller knows every variable."""
+        """Whether the controller knows every variable."""
         return "NOT_FOUND" not in self.types
 
     def package(self) -> bytes:
-        """The whole package with the values of now."""
+        """Return the package with the current values, header included."""
         values = self.values
-        for place, length, source in self.sources:
+        for index, length, source in self.sources:
             if length:
-                values[place : place + length] = source()
+                values[index : index + length] = source()
             else:
-                values[place] = source()
+                values[index] = source()
         return self.layout.pack(*values)
 
 
 def output_recipe(robot: Robot, names: Sequence[str], version: int) -> OutputRecipe:
-    """The recipe of these variables; unknown ones have the type NOT_FOUND. Version 1 knows no recipe id."""
+    """Return the recipe of the named variables. Packages of protocol version 1 have no recipe id."""
     recipe_id = 1
     pattern = ">HBB" if version > 1 else ">HB"
     values: list[Any] = [0, DATA, recipe_id][: len(pattern) - 1]
@@ -69,39 +70,42 @@ def output_recipe(robot: Robot, names: Sequence[str], version: int) -> OutputRec
 
 
 def _joined(sources: list[_Source]) -> list[_Source]:
-    """Neighbouring registers are read at once: ur_rtde asks for dozens of them, 500 times a second."""
+    """Merge the sources of neighbouring registers: ur_rtde reads dozens of them 500 times a second."""
     joined: list[_Source] = []
-    for place, length, source in sources:
+    for index, length, source in sources:
         last = joined[-1][2] if joined else None
         if (
             isinstance(source, rtde_variables.RegisterSource)
             and isinstance(last, rtde_variables.RegisterSource)
             and source.bank is last.bank
             and source.first == last.first + last.count
-            and place == joined[-1][0] + last.count
+            and index == joined[-1][0] + last.count
         ):
             first, count = last.first, last.count + 1
             joined[-1] = joined[-1][0], count, rtde_variables.RegisterSource(last.bank, first, count)
         else:
-            joined.append((place, length, source))
+            joined.append((index, length, source))
     return joined
 
 
 @dataclass(frozen=True)
 class InputRecipe:
-    """What a client sends."""
+    """Recipe of the packages that a client sends to the controller."""
 
     names: tuple[str, ...]
+    """Names of the variables."""
     types: tuple[str, ...]
+    """RTDE types of the variables; NOT_FOUND for unknown ones, IN_USE for those that another client writes."""
     layout: struct.Struct
+    """Encoding of the values, without the header."""
 
     @property
     def valid(self) -> bool:
-        """Every variable is known, and no other client's."""
+        """Whether every variable is known and free."""
         return not {"NOT_FOUND", "IN_USE"} & set(self.types)
 
     def values(self, data: bytes) -> dict[str, Any]:
-        """The variables' values; of vectors as tuples."""
+        """Decode the values by name; vectors as tuples."""
         flat = iter(self.layout.unpack(data))
         return {
             name: tuple(next(flat) for _ in range(int(kind[6]))) if kind.startswith("VECTOR") else next(flat)
@@ -110,7 +114,7 @@ class InputRecipe:
 
 
 def input_recipe(names: Sequence[str], in_use: Callable[[str], bool]) -> InputRecipe:
-    """The recipe of these variables; unknown ones have the type NOT_FOUND, those of other clients IN_USE."""
+    """Return the recipe of the named variables; `in_use` returns whether another client writes one."""
     types = []
     for name in names:
         kind = rtde_variables.input_type(name)

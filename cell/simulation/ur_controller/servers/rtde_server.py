@@ -1,4 +1,4 @@
-"""The RTDE server: robot state out at up to 500 Hz, input registers in."""
+"""RTDE server: send the robot state at up to 500 Hz, and receive input registers."""
 
 import asyncio
 import math
@@ -13,7 +13,7 @@ from cell.simulation.ur_controller.servers.sockets import RTDE_PORT, Links
 
 RATE_HZ = 500.0
 UNSENT_BYTES = 200_000
-"""A client that reads so little is disconnected, as a real controller does when its buffer overflows."""
+"""Size of the send buffer. A client that lets it overflow is disconnected, as by a real controller."""
 LONGEST_PACKAGE = 0xFFFF
 ERROR, WARNING = 1, 2
 COMMAND_REGISTER = "input_int_register_0"
@@ -23,25 +23,25 @@ _MASKED = {
     "configurable_digital_output": ("configurable_digital_output_mask", 8),
     "tool_digital_output": ("tool_digital_output_mask", 16),
 }
-"""Digital outputs, the variable that says which of them are meant, and their first bit."""
+"""Mask variable and first bit of each group of digital outputs."""
 
 
 class RtdeServer:
-    """All RTDE clients."""
+    """Server of all RTDE clients."""
 
     def __init__(self, robot: Robot, links: Links, version: tuple[int, int, int, int]) -> None:
         self.robot, self.links, self.version = robot, links, version
         self.clients: set[RtdeClient] = set()
         self.owners: dict[str, RtdeClient] = {}
-        """Which client may write an input variable."""
+        """Client that writes each input variable."""
 
     @property
     def streaming(self) -> bool:
-        """Some client wants data."""
+        """Whether a client has started its output."""
         return any(client.started for client in self.clients)
 
     def send(self, now_s: float) -> None:
-        """Sends each client's package if it is due."""
+        """Send the package that is due to each client."""
         if self.links.frozen:
             return
         for client in list(self.clients):
@@ -49,7 +49,7 @@ class RtdeServer:
 
 
 class RtdeClient(asyncio.Protocol):
-    """One connection."""
+    """Connection of one RTDE client."""
 
     def __init__(self, server: RtdeServer) -> None:
         self._server, self._robot = server, server.robot
@@ -78,7 +78,7 @@ class RtdeClient(asyncio.Protocol):
         self._server.owners = {name: owner for name, owner in self._server.owners.items() if owner is not self}
 
     def data_received(self, data: bytes) -> None:
-        """Handle the event of asyncio: takes the packages that are whole."""
+        """Handle the event of asyncio: process the complete packages."""
         self._buffer += data
         while len(self._buffer) >= 3:
             size, kind = struct.unpack_from(">HB", self._buffer)
@@ -93,12 +93,12 @@ class RtdeClient(asyncio.Protocol):
             self._take(chr(kind), payload)
 
     def send(self, now_s: float) -> None:
-        """Sends a package if one is due."""
+        """Send a package if one is due at `now_s`."""
         if not self.started or self._output is None or now_s < self._due_s:
             return
         links = self._server.links
         period_s = self._period_s if links.rate_hz is None else max(self._period_s, 1.0 / links.rate_hz)
-        # By the clock; a controller that came late skips packages, it does not send them in a burst.
+        # A late controller skips packages instead of sending them in a burst.
         self._due_s = max(self._due_s + period_s, now_s - period_s) if self._due_s > 0 else now_s + period_s
         if self._transport.get_write_buffer_size() > UNSENT_BYTES:
             self._robot.log.add("rtde_overflow", peer=self._peer)
@@ -132,9 +132,9 @@ class RtdeClient(asyncio.Protocol):
                 case "U":
                     self._take_data(payload)
                 case "V":
-                    (wanted,) = struct.unpack(">H", payload)
-                    if accepted := wanted in (1, 2):
-                        self._version = wanted
+                    (requested,) = struct.unpack(">H", payload)
+                    if accepted := requested in (1, 2):
+                        self._version = requested
                     self._answer("V", bytes([accepted]))
                 case "v":
                     self._answer("v", struct.pack(">4I", *self._server.version))
@@ -155,7 +155,7 @@ class RtdeClient(asyncio.Protocol):
                 case _:
                     self._complain(f"unknown package type {ord(kind)}", ERROR)
         except (struct.error, UnicodeDecodeError, ValueError) as error:
-            self._complain(f"a {kind} package that can not be read: {error}", ERROR)
+            self._complain(f"a {kind} package that cannot be decoded: {error}", ERROR)
 
     def _set_up_outputs(self, payload: bytes) -> None:
         rate_hz = RATE_HZ
@@ -204,7 +204,7 @@ class RtdeClient(asyncio.Protocol):
         self._set_outputs(values)
         if COMMAND_REGISTER in values:
             now_s = asyncio.get_running_loop().time()
-            self._robot.watchdog.feed(now_s)
+            self._robot.watchdog.kick(now_s)
             if values[COMMAND_REGISTER] not in (0, urscript_program.KICK):
                 self._robot.log.add("command", now_s, **_command(self._robot, values[COMMAND_REGISTER]))
 
@@ -223,7 +223,7 @@ def _names(payload: bytes) -> list[str]:
 
 
 def _command(robot: Robot, number: int) -> dict[str, Any]:
-    """What the registers ask the program to do, for the log."""
+    """Decode a command of the input registers for the log."""
     bank = robot.registers.inputs
     details: dict[str, Any] = {"number": number, "name": urscript_program.NAMES.get(number, "unknown")}
     if number in (1, 2, 3, 4):

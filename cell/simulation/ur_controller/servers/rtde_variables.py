@@ -1,4 +1,4 @@
-"""RTDE's variables by name: their types on the wire and where their values come from."""
+"""RTDE variables by name: their types and the sources of their values."""
 
 import re
 from collections.abc import Callable, Sequence
@@ -14,7 +14,7 @@ FORMATS = {
     "BOOL": "?", "UINT8": "B", "UINT32": "I", "UINT64": "Q", "INT32": "i", "DOUBLE": "d", "VECTOR3D": "3d",
     "VECTOR6D": "6d", "VECTOR6INT32": "6i", "VECTOR6UINT32": "6I",
 }  # fmt: skip
-"""The types and how `struct` packs them."""
+"""RTDE types and their `struct` formats."""
 
 Value = Sequence[float] | float
 Getter = Callable[[Robot], Value]
@@ -25,7 +25,7 @@ _ZERO6 = [0.0] * 6
 
 
 def _all(names: str, kind: str, source: "Getter | Value") -> "dict[str, tuple[str, Getter | Value]]":
-    """The same for several variables."""
+    """Return one entry for each of several names."""
     return dict.fromkeys(names.split(), (kind, source))
 
 
@@ -82,8 +82,10 @@ OUTPUTS: dict[str, tuple[str, Getter | Value]] = {
     ),
     **_all("tool_output_mode tool_digital_output0_mode tool_digital_output1_mode", "UINT8", 0),
 }
-"""Variables that the controller gives, with how to get the value. Those with a value are there for clients that ask for
-everything: it never changes."""
+"""RTDE types of the output variables, with a getter or a constant.
+
+The constants serve clients that request every variable.
+"""
 
 INPUTS = {
     "speed_slider_mask": "UINT32",
@@ -100,11 +102,11 @@ INPUTS = {
     "standard_analog_output_1": "DOUBLE",
     "external_force_torque": "VECTOR6D",
 }
-"""Variables that a client may write, beside the input registers."""
+"""RTDE types of the variables that a client may write, besides the input registers."""
 
 
 def register_type(name: str, direction: str | None = None) -> str | None:
-    """The type of a register by its name; None if there is no such register (of that direction, if given)."""
+    """Return the type of a register by its name, or None if there is none (in the given direction)."""
     if word := _WORD.fullmatch(name):
         return "UINT32" if direction in (None, word[1]) else None
     numbered = _NUMBERED.fullmatch(name)
@@ -120,11 +122,14 @@ def register_type(name: str, direction: str | None = None) -> str | None:
 
 @dataclass(frozen=True)
 class RegisterSource:
-    """The values of one register, or of several that follow one another."""
+    """Source of the value of one register, or of the values of consecutive ones."""
 
     bank: list[Any]
+    """Registers of one type and direction."""
     first: int
+    """Index of the first register."""
     count: int = 1
+    """Number of registers."""
 
     def __call__(self) -> Any:
         """Return the value of one register, or the values of several."""
@@ -139,7 +144,7 @@ def _bank(robot: Robot, side: str, kind: str) -> list[Any]:
 
 
 def output(robot: Robot, name: str) -> tuple[str, Callable[[], Value] | Value] | None:
-    """Type and source of an output variable, or its fixed value; None if the controller has none of that name."""
+    """Return the type of an output variable and its getter or constant, or None if the name is unknown."""
     if name in OUTPUTS:
         kind, source = OUTPUTS[name]
         return kind, partial(source, robot) if callable(source) else source
@@ -155,12 +160,12 @@ def output(robot: Robot, name: str) -> tuple[str, Callable[[], Value] | Value] |
 
 
 def input_type(name: str) -> str | None:
-    """Type of an input variable; None if the controller has none of that name."""
+    """Return the type of an input variable, or None if the name is unknown."""
     return INPUTS.get(name) or register_type(name, "input")
 
 
 def write_input(robot: Robot, name: str, value: Any) -> None:
-    """Takes over a client's value of a register; of another variable than a register nothing is kept here."""
+    """Write a client's value to its register. Variables that are no registers are ignored here."""
     if word := _WORD.fullmatch(name):
         robot.registers.inputs.set_bits_word(0 if word[2] == "0_to_31" else 32, value)
     elif numbered := _NUMBERED.fullmatch(name):

@@ -1,4 +1,4 @@
-"""The script port: takes programs. They are recognised by their header, not interpreted."""
+"""Script server: receive programs and run them. A program is recognised by its header, not interpreted."""
 
 import asyncio
 import re
@@ -12,13 +12,13 @@ LONGEST_BYTES = 1_000_000
 
 
 class ScriptServer(asyncio.Protocol):
-    """One connection to the script port."""
+    """Connection to the script port."""
 
     def __init__(self, robot: Robot, links: Links) -> None:
         self._robot, self._links = robot, links
         self._buffer = b""
         self._program: list[bytes] = []
-        """The lines of a program that is not whole yet."""
+        """Lines of the program that is being received."""
         self._transport: asyncio.Transport
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
@@ -35,8 +35,8 @@ class ScriptServer(asyncio.Protocol):
         self._links.closed(self._transport)
 
     def data_received(self, data: bytes) -> None:
-        """Handle the event of asyncio: takes the lines that are whole."""
-        # The last line of an upload may come without its line break.
+        """Handle the event of asyncio: process the complete lines."""
+        # The last line of an upload may lack its line break.
         self._buffer += data
         *lines, self._buffer = self._buffer.split(b"\n")
         if self._buffer.rstrip() == b"end":

@@ -4,17 +4,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.geometry.transforms import from_rotation_vector, inverse
-from cell.arm.ur_reading import Reading
+from cell.arm.rtde_state import RtdeState
 from cell.devices import ArmState
 from cell.errors import RobotLostError
 
-FRESH_S = 0.3
+MAX_AGE_S = 0.3
 """Largest age of the controller's data. The clock of a lost controller stands still."""
 STEADY_RAD_S = 3e-3
 """Largest joint speed of an arm at rest."""
 
 
-def arm_state(reading: Reading, T_flange_tcp: NDArray[np.float64], stopped: bool) -> ArmState:
+def arm_state(reading: RtdeState, T_flange_tcp: NDArray[np.float64], stopped: bool) -> ArmState:
     """Convert a reading to the state of the arm.
 
     Args:
@@ -31,19 +31,19 @@ def arm_state(reading: Reading, T_flange_tcp: NDArray[np.float64], stopped: bool
         T_base_flange=T_base_tcp @ inverse(T_flange_tcp),
         robot_mode=reading.robot_mode,
         safety_mode=reading.safety_mode,
-        moving=under_way or fastest(reading) > STEADY_RAD_S,
+        moving=under_way or max_joint_speed(reading) > STEADY_RAD_S,
         controller_s=reading.controller_s,
         age_s=reading.age_s,
     )
 
 
-def silence(reading: Reading) -> RobotLostError | None:
+def lost_connection_error(reading: RtdeState) -> RobotLostError | None:
     """Return the error if the controller sends no new data, or None."""
     if not reading.connected:
         return RobotLostError(
             "the connection to the robot broke: check the network cable and the robot's controller, then connect again"
         )
-    if reading.age_s > FRESH_S:
+    if reading.age_s > MAX_AGE_S:
         return RobotLostError(
             f"nothing new was heard from the robot for {reading.age_s:.1f} s: check the network cable and the robot's "
             "controller, then connect again"
@@ -51,6 +51,6 @@ def silence(reading: Reading) -> RobotLostError | None:
     return None
 
 
-def fastest(reading: Reading) -> float:
+def max_joint_speed(reading: RtdeState) -> float:
     """Return the speed of the fastest joint, rad/s."""
     return max(abs(qd) for qd in reading.qd_rad_s)

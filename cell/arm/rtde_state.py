@@ -27,7 +27,7 @@ PROGRAMS: dict[int, Program] = {2: "playing", 3: "paused", 4: "paused", 5: "paus
 
 
 @dataclass(frozen=True)
-class Reading:
+class RtdeState:
     """Last data of the controller."""
 
     q_rad: tuple[float, ...]
@@ -56,7 +56,7 @@ class Reading:
     """Speed slider of the pendant, 0 to 1."""
 
 
-def safety(mode: int, bits: int) -> SafetyMode:
+def decode_safety_mode(mode: int, bits: int) -> SafetyMode:
     """Return the safety mode of RTDE's mode and status bits. The bits report a stop earlier, and more kinds of stop."""
     said: SafetyMode = _SAFETY_MODES.get(mode, "undefined")
     if said in ("normal", "reduced"):
