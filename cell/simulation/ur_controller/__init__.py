@@ -2,45 +2,49 @@
 
     python -m cell.simulation.ur_controller --host 127.0.0.2
 
-`process.start_controller` starts one from Python, `admin.AdminClient` asks it where the flange is, reads its log and
-makes faults. Its clients are real: the unmodified ur_rtde drives it, others read it.
+`launcher.start_controller` starts one from Python. `admin_client.AdminClient` reads its state and its log, and injects
+faults. Its clients are the real ones: the unmodified ur_rtde drives it.
 
-What it is faithful in:
+What it reproduces:
 
-- UR3e, UR5e and UR10e kinematics with the nominal Denavit-Hartenberg tables; inverse kinematics with all branches,
-  the one nearest to the present joints is taken.
-- Joint moves with trapezoidal speed and joints in step, linear moves, stops with the deceleration asked for, the speed
-  slider. Motion follows the clock: a late cycle shows a later moment of the same trajectory.
+- UR3e, UR5e and UR10e kinematics with the nominal Denavit-Hartenberg tables, and inverse kinematics with all branches,
+  of which the one nearest to the present joint angles is taken. With `--pose-error-m` the reported flange pose differs
+  from the actual one by a smooth error that depends on the joint angles.
+- Joint moves with trapezoidal speed and synchronised joints, linear moves, stops with the requested deceleration, and
+  the speed slider. Motion follows the clock: a late cycle shows a later moment of the same trajectory.
 - RTDE in protocol versions 2 and 1 at up to 500 Hz: recipes with NOT_FOUND and IN_USE, one owner of each input
-  register, pause, texts, the watchdog (for which moments do not count in which a busy machine kept this process from
-  running); a client that does not read is disconnected.
-- The program that ur_rtde uploads: which command is read when, what blocks, what an asynchronous move reports, which
-  kind of stop is made, and that a synchronous move can't be stopped.
-- Program, power and safety states as they hang together: a protective stop pauses the program, `play` goes on with the
-  old move, unlocking takes five seconds; an emergency stop takes the power; local control refuses; an uploaded program
-  kills the one that runs; a program that ends or starves its watchdog brakes the arm.
-- Dashboard requests and answers, word for word, for what a scanning cell asks; a `stop` is answered at rest.
-- Joint limits and, if asked for, a plane that the flange must not come below.
+  register, pause, text messages, and the watchdog, which excuses moments in which a busy machine did not run this
+  process. A client that does not read is disconnected.
+- The program that ur_rtde uploads: which command is read when, which one blocks, what an asynchronous move reports,
+  which kind of stop is made, and that a synchronous move cannot be stopped.
+- Program, power and safety states and their dependencies: a protective stop pauses the program, `play` resumes the
+  interrupted move, and unlocking takes five seconds. An emergency stop turns the power off. Local control rejects
+  commands. An uploaded program replaces the running one. A program that ends, or whose watchdog expires, brakes the
+  arm.
+- Dashboard requests that a scanning cell needs, with the exact answers. A `stop` is answered when the arm is at rest.
+- Joint limits and, if configured, a plane below which the flange must not move.
 
-What it is not:
+What it does not reproduce:
 
-- Programs are recognised by their header, not interpreted; of ur_rtde's own, jogging, speed, servo, force and freedrive
-  commands, contact detection and circular moves are answered as done and do nothing (`command_without_effect` in the
-  log). Other programs run and do nothing until they are stopped. Single lines and secondary programs are ignored.
-- No dynamics: actual values equal target values; currents, torques and forces are zero; no blends (a path stops at each
-  of its points), no controller calibration (the flange pose is the nominal one), no self collision.
-- Decelerations at a protective stop, at the end of a program and between two moves are one figure each, not the
-  safety configuration's; powering on and releasing brakes take 0.3 s each.
-- The state streams of ports 30001 to 30003 and PolyScope X are missing. Loading programs, the installation and the
-  operational modes of the dashboard are answered at most.
+- Programs are recognised by their header, not interpreted. Of ur_rtde's own program, the commands for jogging, speed,
+  servo, force, freedrive, contact detection and circular moves are acknowledged without effect
+  (`command_without_effect` in the log). Other programs run without effect until they are stopped. Single lines and
+  secondary programs are ignored.
+- Dynamics: actual values equal target values; currents, torques and forces are zero. A path stops at each of its
+  points, without blends. Self-collisions are not detected.
+- Decelerations at a protective stop, at the end of a program and between two moves are constants, not those of a
+  safety configuration. Powering on and releasing the brakes take 0.3 s each.
+- The state streams of ports 30001 to 30003 and PolyScope X are missing. Dashboard requests for loading programs, for
+  the installation and for operational modes are answered without effect.
 
-Not known of the real thing, and so a choice: output registers keep their values between programs, the bit "program is
-running" stays set while the program is paused, and the watchdog does not run while it is paused.
+The behaviour of a real controller is not known in three points, which are choices here: output registers keep their
+values between programs, the bit "program is running" stays set while the program is paused, and the watchdog does not
+run while it is paused.
 
-The log's events: connected, disconnected, rtde_start, rtde_refused, rtde_overflow, rtde_text, speed_slider;
-script_upload, script_refused, script_ignored, script_error; command (what ur_rtde asks of its program, but for the
-watchdog's food), command_without_effect; motion_start, motion_done, braking (with its reason), still;
-program_state, program_killed, program_stopped (with its reason); watchdog_armed, watchdog_expired; safety, robot_mode;
-dashboard (request and answer); fault (what the admin port was asked to do). Stamps are those of `time.monotonic()`,
-which all processes of a Linux machine share.
+Events of the log: connected, disconnected, rtde_start, rtde_refused, rtde_overflow, rtde_text, speed_slider;
+script_upload, script_refused, script_ignored, script_error; command (commands of ur_rtde to its program, except for
+watchdog signals), command_without_effect; motion_start, motion_done, braking (with its reason), still; program_state,
+program_killed, program_stopped (with its reason); watchdog_armed, watchdog_expired; safety, robot_mode; dashboard
+(request and answer); fault (request to the admin port). Stamps are those of `time.monotonic()`, which all processes of
+a Linux machine share.
 """

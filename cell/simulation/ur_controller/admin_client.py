@@ -49,9 +49,9 @@ class ControllerState:
     """Completed share of the current move, 0 to 1."""
     watchdog_hz: float
     """Frequency of the watchdog, or 0 while it is off."""
-    watchdog_fed_s: float
+    watchdog_kicked_s: float
     """Time of the last signal to the watchdog, on the clock of `stamp_s`."""
-    watchdog_meals: int
+    watchdog_kicks: int
     """Number of signals to the watchdog since it was started."""
     remote: bool
     speed_fraction: float

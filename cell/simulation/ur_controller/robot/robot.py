@@ -94,7 +94,7 @@ class Robot:
                 if stop_s is not None and stop_s <= now_s:
                     planned.remove(stop)
                     self._advance(stop_s)
-                    self.protective_stop("asked for")
+                    self.protective_stop("requested")
 
     def _advance(self, now_s: float) -> None:
         self.now_s = now_s
@@ -117,7 +117,7 @@ class Robot:
         """Run one cycle of the program."""
         if self.runtime is not RuntimeState.PLAYING or self._cycles is None or self.now_s < self._program_start_s:
             return
-        if self.watchdog.hungry(self.now_s):
+        if self.watchdog.expired(self.now_s):
             watchdog = self.watchdog
             silence_s, excused_s = watchdog.silence_s(self.now_s), watchdog.excused_s
             self.log.add("watchdog_expired", self.now_s, hz=watchdog.hz, silence_s=silence_s, excused_s=excused_s)
@@ -181,7 +181,7 @@ class Robot:
         if self.why_no_program() is not None:
             return False
         if self.runtime is RuntimeState.PAUSED:
-            self.watchdog.feed(self.now_s)
+            self.watchdog.kick(self.now_s)
             self._set_runtime(RuntimeState.PLAYING)
             goal, self._paused_goal = self._paused_goal, None
             if goal is not None:

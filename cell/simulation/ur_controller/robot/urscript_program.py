@@ -1,8 +1,8 @@
-"""What the program does that ur_rtde uploads: commands in the input registers, answers in the output registers.
+"""The program that ur_rtde uploads: commands in the input registers, responses in the output registers.
 
-The program is recognised, not interpreted: this is its main loop written again. As in the original a command is taken
-once until the register returns to 0, a synchronous move keeps the loop from reading further commands until it ends, and
-a stop of such a move is therefore only read when the arm has arrived.
+The program is recognised, not interpreted: this file reimplements its main loop. As in the original, a command is read
+once until the register returns to 0. A synchronous move blocks the loop until it ends, so that a stop of such a move is
+only read after the arm has arrived.
 """
 
 from collections.abc import Callable, Iterator, Sequence

@@ -142,7 +142,7 @@ for k in range(10**9):
     assert log.events("motion_done") == []
     assert log.wait("program_stopped")["details"]["reason"] == "watchdog"
     wait_for(lambda: controller.admin.state().program_state == "STOPPED", "the program has ended")
-    assert controller.admin.state().watchdog_meals > 10
+    assert controller.admin.state().watchdog_kicks > 10
 
 
 def test_lines_and_paths(fast_controller: RunningController):
