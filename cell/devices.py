@@ -71,7 +71,7 @@ class View:
         if self.depth.size == 0:
             raise InvalidViewError(f"{where}: the depth image is empty")
         if not (np.isfinite(self.depth_unit_m) and 1e-6 <= self.depth_unit_m <= 0.01):
-            raise InvalidViewError(f"{where}: depth unit {self.depth_unit_m!r} m; from 1e-6 to 0.01 is taken")
+            raise InvalidViewError(f"{where}: depth unit {self.depth_unit_m!r} m; it must be from 1e-6 to 0.01")
         K = np.asarray(self.K, dtype=np.float64)
         if K.shape != (3, 3) or not np.isfinite(K).all():
             raise InvalidViewError(f"{where}: K must be a finite 3x3 matrix, got {K.tolist()}")

@@ -173,18 +173,18 @@ def _accuracy(tiers: Sequence[str], seeds: int, jobs: int, progress: Progress, e
                 _say(f"accuracy: at tier {tier} ({left})")
                 reported_s = time.monotonic()
 
-        coming = accuracy.run(tiers, seeds, jobs, on_done)
+        coming = accuracy.run_cases(tiers, seeds, jobs, on_done)
         for tier in tiers:
             of_tier = list(islice(coming, seeds * len(METHODS)))
             results += of_tier
             bar.clear()  # a terminal shows both stdout and the bar
-            for row in tables.accuracy_rows(accuracy.accuracy(of_tier)):
+            for row in tables.accuracy_rows(accuracy.summarise(of_tier)):
                 emit(row)
             bar.refresh()
             if bar.disable:
                 _say(f"accuracy: tier {tier} is done ({progress.left(done / total)})")
                 reported_s = time.monotonic()
-    summaries, sigma = accuracy.accuracy(results), accuracy.sigma(results)
+    summaries, sigma = accuracy.summarise(results), accuracy.sigma_by_tier(results)
     emit(f"\n{tables.sigma_table(sigma)}")
     return {
         "accuracy": {

@@ -9,7 +9,7 @@ import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from cell.simulation.benchmark.worker_pool import in_processes
+from cell.simulation.benchmark.worker_pool import map_in_processes
 
 PROBE_TIER, PROBE_SEED = "paper", 0
 """The probe simulates this case and recognises it by every method."""
@@ -49,7 +49,7 @@ class Probe:
 def measure_probe(processes: int) -> Probe:
     """Run the probe in `processes` processes at once and return its times. Takes a few seconds."""
     began_s = time.monotonic()
-    case_s = list(in_processes(probe_case, range(processes), processes))
+    case_s = list(map_in_processes(probe_case, range(processes), processes))
     mean_s = sum(case_s) / len(case_s)
     return Probe(start_s=max(time.monotonic() - began_s - PROBE_RUNS * mean_s, 0.0), case_s=mean_s)
 

@@ -45,7 +45,7 @@ def lost_connection_error(reading: RtdeState) -> RobotLostError | None:
         )
     if reading.age_s > MAX_AGE_S:
         return RobotLostError(
-            f"nothing new was heard from the robot for {reading.age_s:.1f} s: check the network cable and the robot's "
+            f"the robot has sent nothing new for {reading.age_s:.1f} s: check the network cable and the robot's "
             "controller, then connect again"
         )
     return None

@@ -324,4 +324,4 @@ def _beat(child: Child, closing: threading.Event) -> None:
         except ChildBusyError:
             continue  # the call that has the turn shows the same
         except ChildLostError:
-            return  # the next one who wants something of the arm is told
+            return  # the next command reports the error

@@ -86,7 +86,7 @@ class ControlProgram:
     def _end(self, including_foreign: bool) -> None:
         try:
             if not including_foreign and (name := self.update_state()[1]) is not None:
-                log.warning("the program %s on the robot is not ours and is left alone", name)
+                log.warning("the program %s on the robot was not started by this software and keeps running", name)
             else:
                 answer = stop_program(self.address, DASHBOARD_S)
                 if not no_program_left(answer):  # a watchdog does not end a paused program
@@ -94,7 +94,7 @@ class ControlProgram:
                     return
             self.there = False
         except RobotUnreachableError as error:
-            log.warning("the program was not ended, its watchdog will do it: %s", error)
+            log.warning("the program could not be ended; its watchdog will end it: %s", error)
 
 
 def _query_program(address: str) -> tuple[str, str]:

@@ -71,12 +71,12 @@ def _wait_for_end(link: ArmConnection, before: int, q_from: NDArray[np.float64],
         reading = link.poll_checked()
         now_s, q = time.monotonic(), np.array(reading.q_rad)
         if distance_from_line(q, q_from, q_to) > MAX_DEVIATION_RAD:
-            link.fail(MotionError("the arm left the path that it was sent: something else moves it"))
+            link.fail(MotionError("the arm left the commanded path: something else moves it"))
         begun = reading.operation != before
         if begun and not reading.operating:
             return
         if not begun and now_s - started_s > START_S:
-            link.fail(MotionError("the robot accepted a move and did not start it: see the pendant's log"))
+            link.fail(MotionError("the robot accepted a move but did not start it: see the pendant's log"))
         if np.abs(q - moved_from).max() > 1e-3:
             moved_from, moved_s = q, now_s
         if now_s - moved_s > STALL_S:

@@ -72,8 +72,8 @@ def find_driving_errors(
         )
     if dashboard.ask("is in remote control").lower() != "true":
         yield RobotNotReadyError(
-            "the robot is in local mode: switch it to remote control at the top right of its pendant (to be allowed "
-            "once under Settings, System, Remote Control)"
+            "the robot is in local mode: switch it to remote control at the top right of its pendant (allow it once "
+            "under Settings, System, Remote Control)"
         )
     error = mode_error(robot_mode(dashboard), safety_mode(dashboard))
     if error is not None:

@@ -152,7 +152,9 @@ class UrDriver:
             # the tool may be changed between two readings
             if same_pose(before.base_tcp, after.base_tcp):
                 return after, tuple(tool)
-        raise RobotLostError("the robot's tool pose changes while the arm is at rest: leave the tool's settings alone")
+        raise RobotLostError(
+            "the robot's tool pose changes while the arm is at rest: do not change the tool's settings meanwhile"
+        )
 
     def alive(self) -> None:
         """Receive that the parent process is alive."""

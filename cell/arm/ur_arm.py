@@ -139,8 +139,8 @@ class UrArm:
         if off_m > MODEL_M:
             self._link.fail(
                 RobotNotReadyError(
-                    f"the robot's flange is {off_m * 1000:.0f} mm from where that of a {self.settings.model} would be: "
-                    "correct arm.model"
+                    f"the robot's flange is {off_m * 1000:.0f} mm from the position that a "
+                    f"{self.settings.model} would have: correct arm.model"
                 )
             )
 

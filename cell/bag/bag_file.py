@@ -80,11 +80,11 @@ def _storage(path: Path) -> Path:
     if not path.exists():
         raise BagError(f"there is no {path}")
     if path.is_dir() and path.suffix == ".bag":
-        raise BagError(f"{path.name} is a folder with a ROS 1 bag's ending, by which it would be read: rename it")
+        raise BagError(f"{path.name} is a folder, but its name ends like that of a ROS 1 bag: rename it")
     if not path.is_dir() or (path / "metadata.yaml").exists():
         if path.suffix in (".bag", *STORAGE_SUFFIXES) or path.is_dir():
             return path
-        raise BagError(f"{path.name} is no bag: a .bag file, or the folder of a ROS 2 bag, is needed")
+        raise BagError(f"{path.name} is not a bag: name a .bag file or the folder of a ROS 2 bag")
     files = [file for file in sorted(path.iterdir()) if file.suffix in STORAGE_SUFFIXES]
     if len(files) != 1:
         raise BagError(

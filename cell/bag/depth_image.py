@@ -55,10 +55,12 @@ def depth_counts(image: Any, unit_m: float, where: str) -> NDArray[np.uint16]:
     height, width, step = int(image.height), int(image.width), int(image.step)
     if image.encoding not in ENCODINGS:
         raise BagError(
-            f"{where}: images are {shown(image.encoding)!r}; depth as 16UC1 or 32FC1 is read: name another topic"
+            f"{where}: images are {shown(image.encoding)!r}; only 16UC1 and 32FC1 are supported: name another topic"
         )
     if not 0 < height * width <= DEFAULT_LIMITS.image_pixels:
-        raise BagError(f"{where}: an image of {width}x{height} pixels; {DEFAULT_LIMITS.image_pixels} at most are taken")
+        raise BagError(
+            f"{where}: an image of {width}x{height} pixels; at most {DEFAULT_LIMITS.image_pixels} are allowed"
+        )
     kind = np.dtype(np.float32 if image.encoding in METRES else np.uint16).newbyteorder(
         ">" if image.is_bigendian else "<"
     )
@@ -106,8 +108,8 @@ def intrinsics_of(info: Any, rectified: bool, where: str) -> Intrinsics:
         if not rectified:
             raise BagError(
                 f"{where}: the lens has distortion ({', '.join(f'{d:.3g}' for d in D[:5])}): have the images "
-                "rectified, by the nearest pixel (image_proc, interpolation 0), and name that topic; or say "
-                "--rectified if they are"
+                "rectified, by the nearest pixel (image_proc, interpolation 0), and name that topic; or give "
+                "--rectified if they are rectified already"
             )
         raise BagError(f"{where}: the images are rectified, but their camera matrix P is 0: name another --info-topic")
     return Intrinsics(K, int(info.width), int(info.height), str(info.header.frame_id).removeprefix("/"))

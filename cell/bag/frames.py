@@ -70,8 +70,8 @@ def fixed_camera(tree: TransformTree, frames: Frames, stamps_ns: NDArray[np.int6
     if moved_m > LOOSE_M or turned_rad > LOOSE_RAD:
         raise BagError(
             f"the camera {shown(frames.camera)!r} is not fixed to {shown(frames.flange)!r}: it moves by up to "
-            f"{moved_m * 1000:.1f} mm and {np.degrees(turned_rad):.2f} degrees in it; is that the frame that carries "
-            "it (--flange-frame), and does the camera not stand in the cell?"
+            f"{moved_m * 1000:.1f} mm and {np.degrees(turned_rad):.2f} degrees in it: name the frame "
+            "that carries the camera by --flange-frame; a camera that stands in the cell cannot be imported"
         )
     return poses.matrix(0)
 

@@ -60,7 +60,11 @@ def find_stationary_poses(chain: Chain, stamps_ns: NDArray[np.int64]) -> Station
         apart_s = max(stamps_ns[0] - pose_stamps_ns[-1], pose_stamps_ns[0] - stamps_ns[-1], 0) / 1e9
         raise BagError(
             f"/tf has no flange pose for any of the {len(stamps_ns)} depth images"
-            + (f": its stamps differ from those of the images by {apart_s:.1f} s; two clocks?" if apart_s else "")
+            + (
+                f": its stamps differ from those of the images by {apart_s:.1f} s; synchronise the two clocks"
+                if apart_s
+                else ""
+            )
         )
     within = (
         (stamps_ns >= pose_stamps_ns[0]) & (stamps_ns <= pose_stamps_ns[-1])

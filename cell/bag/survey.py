@@ -96,7 +96,7 @@ def survey(bag: Bag, topics: Topics, rectified: bool) -> Survey:
             heads.add((frame_name(message.header.frame_id), message.encoding, message.width, message.height))
         if len(lenses) > 1 or len(heads) > 1:
             what, where = ("lens", topics.info) if len(lenses) > 1 else ("frame, encoding or size", topics.depth)
-            raise BagError(f"{shown(where)}: the {what} changes within the bag; cut it there")
+            raise BagError(f"{shown(where)}: the {what} changes within the bag; cut the bag there")
     if not lenses or not heads:
         raise BagError(f"the bag has no messages on {shown(topics.depth)} or {shown(topics.info)}")
     ((frame, encoding, width, height),) = heads
@@ -132,8 +132,8 @@ def _only_depth(bag: Bag) -> str:
     compressed = [topic for topic in bag.topics_of(COMPRESSED_IMAGE) if "depth" in topic.lower()]
     if compressed:
         raise BagError(
-            f"the depth images are compressed ({listed(compressed)}), which is not read: have them decompressed by "
-            "`image_transport republish compressedDepth raw`, and recorded anew"
+            f"the depth images are compressed ({listed(compressed)}), which is not supported: decompress them by "
+            "`image_transport republish compressedDepth raw`, and record again"
         )
     raise BagError(f"there is no topic of depth images (16UC1 or 32FC1); of other images: {listed(images)}")
 

@@ -102,7 +102,9 @@ class TransformTree:
         for transform in message.transforms:
             self._count += 1
             if self._count > MAX_SAMPLES:
-                raise BagError(f"the bag has more than {MAX_SAMPLES} transforms: cut it, or leave out other robots'")
+                raise BagError(
+                    f"the bag has more than {MAX_SAMPLES} transforms: cut it, or exclude those of other robots"
+                )
             stamp, pose = transform.header.stamp, transform.transform
             t, q = pose.translation, pose.rotation
             key = (frame_name(transform.child_frame_id), frame_name(transform.header.frame_id), static)
@@ -123,7 +125,7 @@ class TransformTree:
         """
         for name in (target, source):
             if name not in self.frames:
-                raise BagError(f"/tf does not tell of the frame {shown(name)!r}; its frames: {listed(self.frames)}")
+                raise BagError(f"/tf does not contain the frame {shown(name)!r}; its frames: {listed(self.frames)}")
         up, down = self._ancestors(target), self._ancestors(source)
         common = next((name for name in up if name in set(down)), None)
         if common is None:
@@ -239,7 +241,7 @@ def _check_fixed(edge: Edge, fixed: Poses, where: str) -> None:
     apart_m, apart_rad = (max(values) for values in zip(*apart, strict=True))
     if apart_m > LOOSE_M or apart_rad > LOOSE_RAD:
         raise BagError(
-            f"the pose of {where}, which /tf_static has as fixed, is told in several ways, {apart_m * 1000:.1f} mm and "
-            f"{np.degrees(apart_rad):.2f} degrees apart: record the bag without the publisher that is wrong, or, where "
-            "it is of the camera on the flange, name a file by --hand-eye"
+            f"the pose of {where}, which /tf_static has as fixed, is given with several values, "
+            f"{apart_m * 1000:.1f} mm and {np.degrees(apart_rad):.2f} degrees apart: record the bag without the wrong "
+            "publisher or, if it is the pose of the camera on the flange, name a file by --hand-eye"
         )

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 FIRST_FRAME_S = 10.0
 """Longest time from opening a camera to its first image."""
 SLICE_S = 0.25
-"""Period at which a wait for an image checks the camera for trouble."""
+"""Period at which a wait for an image checks whether the camera stopped."""
 STEADY_S = 4.0
 """Longest time for the exposure time to settle."""
 STEADY_IMAGES, STEADY_SHARE = 3, 0.05
@@ -94,8 +94,8 @@ class OakDriver:
             CameraLostError: The camera does not answer.
         """
         stream = self._running()
-        if stream.trouble:
-            raise CameraLostError(stream.trouble)
+        if stream.stop_reason:
+            raise CameraLostError(stream.stop_reason)
         next_message(stream.depth, 0.0)  # raises if the link is broken
         if not stream.pipeline.isRunning():
             raise CameraLostError("the camera's pipeline has ended: check its cable and power supply")
@@ -139,9 +139,9 @@ class OakDriver:
 
     def _next(self, queue: "dai.MessageQueue", timeout_s: float) -> "dai.ImgFrame | None":
         message = next_message(queue, min(timeout_s, SLICE_S))
-        trouble = self._running().trouble
-        if message is None and trouble:
-            raise CameraLostError(trouble)
+        stop_reason = self._running().stop_reason
+        if message is None and stop_reason:
+            raise CameraLostError(stop_reason)
         return message
 
 

@@ -36,11 +36,11 @@ class FaultInjection(Protocol):
     """Control of a simulated camera."""
 
     @property
-    def trouble(self) -> str | None:
+    def stop_reason(self) -> str | None:
         """Why the camera cannot continue, or None."""
         ...
 
-    def want(self, wanted: bool) -> None:
+    def set_waiting(self, waiting: bool) -> None:
         """Set whether images are awaited. Otherwise the camera renders fewer of them."""
         ...
 
@@ -77,7 +77,7 @@ class Stream:
     def watch(self, watched: bool) -> None:
         """Set whether images are awaited."""
         if self.fault_injection is not None:
-            self.fault_injection.want(watched)
+            self.fault_injection.set_waiting(watched)
 
     @contextmanager
     def sending_pictures(self) -> Iterator[None]:
@@ -112,9 +112,9 @@ class Stream:
             time.sleep(DOTS_S)
 
     @property
-    def trouble(self) -> str | None:
+    def stop_reason(self) -> str | None:
         """Why no images come, or None if that is not known."""
-        return None if self.fault_injection is None else self.fault_injection.trouble
+        return None if self.fault_injection is None else self.fault_injection.stop_reason
 
 
 def load(device: str | None = None) -> None:
@@ -205,8 +205,8 @@ def _rows(message: "dai.ImgFrame", pixel_bytes: int, what: str, of_its_kind: boo
     row_bytes = pixel_bytes * width
     if not (of_its_kind and 0 < row_bytes <= stride and 0 < height * stride <= data.size):
         raise BadFrameError(
-            f"the camera sent {data.size} bytes of type {message.getType().name}, {width}x{height}, stride {stride}: "
-            f"that is no {what}"
+            f"the camera sent {data.size} bytes of type {message.getType().name}, {width}x{height}, stride {stride}, "
+            f"which is not a {what}"
         )
     # a copy, because depthai reuses its memory
     return data[: height * stride].reshape(height, stride)[:, :row_bytes].copy()

@@ -105,7 +105,7 @@ def _header(path: Path) -> tuple[int, list[str], list[str]]:
     if not set(COORDINATES) <= set(properties) or not counts.get("vertex"):
         raise CloudError(f"{path} has no points: an element vertex with x, y and z is needed")
     if counts["vertex"] > MAX_POINTS:
-        raise CloudError(f"{path} has {counts['vertex']} points; {MAX_POINTS} at most are taken: thin them evenly")
+        raise CloudError(f"{path} has {counts['vertex']} points; at most {MAX_POINTS} are allowed: thin them evenly")
     # Open3D fills what is missing with zeros.
     if body_bytes < counts["vertex"] * row_bytes:
         raise CloudError(f"{path} is damaged or cut off: it is too short for {counts['vertex']} points; copy it again")

@@ -101,7 +101,7 @@ class SimulatedCamera(CameraSettings):
     @classmethod
     def _known(cls, value: str) -> str:
         if value not in SCENES:
-            raise ValueError(f"there are the scenes {', '.join(SCENES)}")
+            raise ValueError(f"the scenes are {', '.join(SCENES)}")
         return value
 
     @property

@@ -181,5 +181,5 @@ def _require_agreement(file: HandEye, ruler: HandEye) -> None:
     raise CalibrationError(
         f"the active calibration puts the camera at [{by_file}] m on the flange, hand_eye.rough_xyz_m at [{by_ruler}] "
         f"m, {1000 * difference_m:.0f} mm and {np.degrees(difference_rad):.0f} degrees apart: remove the calibration "
-        "file if the camera was mounted anew, or correct hand_eye.rough_xyz_m and hand_eye.rough_rotation_rad"
+        "file if the camera was remounted, or correct hand_eye.rough_xyz_m and hand_eye.rough_rotation_rad"
     )

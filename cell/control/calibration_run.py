@@ -33,7 +33,7 @@ MAX_IMAGE_BYTES = 1 << 20
 """Largest size of an image on the disk."""
 BOARD_NOT_SEEN = (
     "lay it flat in the middle of the workspace, print up, evenly lit and without reflections; if the camera was "
-    "mounted anew since the last calibration, remove that calibration and set hand_eye.rough_xyz_m"
+    "remounted since the last calibration, remove that calibration and set hand_eye.rough_xyz_m"
 )
 GRID_COLUMNS, GRID_ROWS = 8, 5
 """Grid of the image for the coverage with corners."""
@@ -251,7 +251,9 @@ def _take_images(
 ) -> _Images:
     """Take all views of the plan and return home."""
     if (folder / SETUP_FILE).exists():
-        raise CalibrationFolderError(f"{folder} holds a calibration already, which is never overwritten: name another")
+        raise CalibrationFolderError(
+            f"{folder} already has a calibration, and none is overwritten: name another folder"
+        )
     _require_space(folder, len(prepared.plan.viewpoints))
     images = _Images(prepared, folder, listener)
     with cell.run(prepared, images, images) as views:

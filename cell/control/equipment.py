@@ -63,7 +63,7 @@ class Equipment:
     @property
     def nominal_hand_eye(self) -> HandEye | None:
         """Calibration that a simulated cell has without a file, or None for a real cell."""
-        return None if self.world is None else self.world.told_hand_eye
+        return None if self.world is None else self.world.nominal_hand_eye
 
     @property
     def arm(self) -> DrivenArm:
@@ -161,7 +161,7 @@ class Equipment:
         if self.world is None:
             return None
         try:
-            return home_posture(self.settings, self.world.told_T_flange_camera)
+            return home_posture(self.settings, self.world.nominal_T_flange_camera)
         except ViewpointsError:
             return None  # a scan will report it
 

@@ -8,7 +8,8 @@ from cell.control.status import SharedStatus
 from cell.errors import STOPPED, StoppedError
 
 STOPPED_SINCE = (
-    "the arm was stopped after this request, which has not moved it: check where the arm stands, then request again"
+    "the arm was stopped after this request, so the request did not move it: check where the arm stands, then "
+    "request again"
 )
 
 

@@ -122,4 +122,4 @@ def _from_npy(path: Path) -> NDArray[np.generic]:
 
 def _check_size(path: Path, width: int, height: int) -> None:
     if not 0 < width * height <= DEFAULT_LIMITS.image_pixels:
-        raise FramesError(f"{path} has {width}x{height} pixels; from 1 to {DEFAULT_LIMITS.image_pixels} are taken")
+        raise FramesError(f"{path} has {width}x{height} pixels; from 1 to {DEFAULT_LIMITS.image_pixels} are allowed")

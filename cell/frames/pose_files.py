@@ -89,9 +89,9 @@ def parse_pose(value: Any, where: str, name: PoseName) -> NDArray[np.float64]:
     except ValidationError as error:
         fault = error.errors(include_url=False)[0]
         at = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in fault["loc"]).removeprefix(".")
-        raise FramesError(f"{where} is no pose ({at}: {fault['msg']}): {FORMS}") from error
+        raise FramesError(f"{where} is not a pose ({at}: {fault['msg']}): {FORMS}") from error
     except ValueError as error:
-        raise FramesError(f"{where} is no pose: {error}") from error
+        raise FramesError(f"{where} is not a pose: {error}") from error
     far = float(np.linalg.norm(T[:3, 3]))
     if far > FARTHEST_M:
         raise FramesError(
@@ -150,9 +150,9 @@ def _of_file(path: Path, name: PoseName) -> NDArray[np.float64]:
     except OSError as error:
         raise FramesError(f"{path} cannot be read: {error.strerror or error}") from error
     except ValueError as error:
-        raise FramesError(f"{path} is no pose ({error}): 4 rows of 4 numbers are needed") from error
+        raise FramesError(f"{path} is not a pose ({error}): 4 rows of 4 numbers are needed") from error
     if [len(row) for row in rows] != [4, 4, 4, 4]:
-        raise FramesError(f"{path} is no pose: 4 rows of 4 numbers are needed")
+        raise FramesError(f"{path} is not a pose: 4 rows of 4 numbers are needed")
     return parse_pose(rows, str(path), name)
 
 

@@ -115,7 +115,7 @@ def guess_unit(frames: Frames, table_z_m: float, units: NDArray[np.float64]) -> 
             f"{table_z_m:g} m: give --depth-unit, metres per unit"
         )
     usual = float(np.nanmedian(units)) if np.isfinite(units).any() else float("nan")
-    would = f"; {usual:.3g} m a count would, which is no customary unit" if np.isfinite(usual) else ""
+    would = f"; {usual:.3g} m per count would, but that is not a customary unit" if np.isfinite(usual) else ""
     poses = "the poses"
     if frames.pose_name == "T_base_camera":
         poses += " (poses of the flange need --hand-eye)"

@@ -33,7 +33,7 @@ MIN_RATIO, MAX_RATIO = 1.25, 1.75
 MIN_OF_EACH = 3
 """Number of near poses and of far poses that determine the focal length and the board's size."""
 UNVERIFIED = (
-    "none of the poses that the calibration is verified from can be reached, so that it will not be verified: change "
+    "none of the verification poses can be reached, so the calibration will not be verified: change "
     "x_m or y_m in [workspace]"
 )
 
@@ -102,7 +102,7 @@ def plan_calibration(
         )
         raise ViewpointsError(
             f"only {len(solved_from)} of {poses} calibration poses can be reached, {least} are needed: {smaller}change "
-            f"x_m or y_m in [workspace] so that the arm reaches round its middle. Not reached are "
+            f"x_m or y_m in [workspace] so that the arm reaches around its centre. Not reached are "
             f"{describe_missing(plan)}"
         )
     reached, warnings = tuple(range(poses, poses + held_out)), ()

@@ -54,7 +54,7 @@ def find_home(
                 best = q[0] if best is None else best
     if best is None:
         raise ViewpointsError(
-            "the arm finds no home posture above the workspace: check [workspace], table_z_m and obstacles_m, or give "
+            "no home posture was found above the workspace: check [workspace], table_z_m and obstacles_m, or give "
             "home_q_rad in [arm]"
         )
     return best

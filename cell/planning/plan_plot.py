@@ -85,10 +85,10 @@ def draw_plan(plan: ViewpointPlan, settings: CellSettings) -> bytes:
         f"{settings.arm.model}: {plan.reached} of {len(plan.viewpoints)} viewpoints, travel {plan.travel_rad:.1f} rad. "
         "Bold: the viewpoint's index, and when it is taken; grey: home; orange: the workspace"
     )
-    told = [f"{v.index} is not reached: {v.reason}" for v in plan.viewpoints if v.q_rad is None]
+    notes = [f"{v.index} is not reached: {v.reason}" for v in plan.viewpoints if v.q_rad is None]
     if plan.unseen is not None:
-        told.append(f"Hatched: {plan.unseen}")
-    figure.text(0.02, 0.01, "\n".join(told), fontsize=9, color=_SKIPPED, va="bottom")
+        notes.append(f"Hatched: {plan.unseen}")
+    figure.text(0.02, 0.01, "\n".join(notes), fontsize=9, color=_SKIPPED, va="bottom")
     target = io.BytesIO()
     figure.savefig(target, format="png", dpi=90)
     return target.getvalue()

@@ -23,7 +23,7 @@ MAX_POSES_IN_REACH = 100
 """Number of poses within reach that are checked for each viewpoint, on average. It is half if none is found at all."""
 LIFTED_SOLUTIONS = 2
 """Number of postures of a viewpoint without a straight path that are checked with a lifted flange, which takes long."""
-NO_FREE_PATH = "no free path leads there from home, straight or by a lifted flange"
+NO_FREE_PATH = "no collision-free path leads there from home, neither directly nor with a lifted flange"
 
 
 @dataclass(frozen=True, eq=False)

@@ -183,8 +183,8 @@ def plan_through(
     tour = find_tour(start, home, list(groups.values()), path_finder, start_clearances)
     if tour is None:
         raise ViewpointsError(
-            "no free path leads from where the arm stands to home or to a viewpoint: move it by hand (freedrive) to "
-            "above the workspace, clear of the table and obstacles"
+            "no collision-free path leads from the arm's position to home or to a viewpoint: move "
+            "the arm by hand (freedrive) above the workspace, clear of the table and obstacles"
         )
     viewpoints, legs = _taken(chosen, list(groups), list(groups.values()), tour, start)
     travel = sum(leg.travel_rad for leg in legs)
@@ -211,7 +211,7 @@ def require_enough(plan: ViewpointPlan, min_views: int) -> None:
     if plan.reached < min_views:
         raise ViewpointsError(
             f"only {plan.reached} of {len(plan.viewpoints)} viewpoints can be reached, {min_views} are needed: "
-            "change x_m, y_m or top_m in [workspace] so that the arm reaches round it, or lower min_views in [scan]. "
+            "change x_m, y_m or top_m in [workspace] so that the arm reaches around it, or lower min_views in [scan]. "
             f"Not reached are {describe_missing(plan)}"
         )
 
@@ -229,7 +229,7 @@ def _home(settings: CellSettings, collisions: CollisionModel, view_target: ViewT
     if short.min() < 0:
         raise ViewpointsError(
             f"home_q_rad in [arm] is not free: {collisions.contacts[short.argmin()]}, by {-short.min():.3f} m; give "
-            "another, or leave it out"
+            "another one, or remove it"
         )
     return home
 

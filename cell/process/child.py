@@ -123,7 +123,7 @@ class Child:
             raise ChildBusyError(f"the {self.name} process is busy")
         try:
             if unless is not None and unless.is_set():
-                raise NotCalledError(f"{method!r} of the {self.name} process is no longer wanted")
+                raise NotCalledError(f"{method!r} of the {self.name} process was cancelled")
             return self._exchange(_Call(method, arguments), timeout_s)
         finally:
             self._turn.release()
@@ -150,7 +150,9 @@ class Child:
             answer = self._pipe.recv()
         except BlockingIOError as error:
             self._end()
-            raise ChildLostError(f"the {self.name} process stopped amid its answer to {call.method!r}") from error
+            raise ChildLostError(
+                f"the {self.name} process closed the connection during its answer to {call.method!r}"
+            ) from error
         except (EOFError, OSError) as error:
             code = self._end(LAST_WORDS_S)
             raise ChildLostError(f"the {self.name} process has ended (exit code {code})") from error
@@ -217,7 +219,7 @@ def _answer_calls(
             answer = error
         except Exception as error:  # a fault of the driver, whose place is in the log
             log.exception("%s failed", call.method)
-            answer = CellError(f"{call.method} met an unexpected {type(error).__name__}: {error}; please report it")
+            answer = CellError(f"{call.method} raised an unexpected {type(error).__name__}: {error}; please report it")
         pipe.send(answer)
 
 

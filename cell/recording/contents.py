@@ -137,7 +137,7 @@ def _take(message: TopicMessage, views: dict[int, Parts], limits: Limits) -> Ite
     else:
         (part, kind), name = decode_colour(message.data, where), "colour"
         if kind.lower() not in ("jpeg", "jpg"):
-            yield f"{where} has its colour image as {kind!r}; only jpeg is taken"
+            yield f"{where} has its colour image as {kind!r}; only jpeg is supported"
             return
     if index >= limits.views:
         raise RecordingTooLargeError(
@@ -145,10 +145,9 @@ def _take(message: TopicMessage, views: dict[int, Parts], limits: Limits) -> Ite
         )
     parts = views.setdefault(index, Parts(message.log_time_ns))
     if getattr(parts, name) is not None:
-        raise RecordingContentError(f"{where} is there twice: it has two messages on {topic}")
+        raise RecordingContentError(f"{where} is duplicated: it has two messages on {topic}")
     if parts.log_time_ns != message.log_time_ns:
         raise RecordingContentError(
-            f"{where}: its messages are of different moments, {parts.log_time_ns} ns "
-            f"and {message.log_time_ns} ns ({topic})"
+            f"{where}: its messages have different times, {parts.log_time_ns} ns and {message.log_time_ns} ns ({topic})"
         )
     setattr(parts, name, part)

@@ -48,12 +48,12 @@ class RecordingHeader:
     def __post_init__(self) -> None:
         unit = _number("depth_unit_m", self.depth_unit_m)
         if not 1e-6 <= unit <= 0.01:
-            raise RecordingHeaderError(f"depth_unit_m is {unit:g}; from 1e-6 to 0.01 metres a count are taken")
+            raise RecordingHeaderError(f"depth_unit_m is {unit:g}; it must be from 1e-6 to 0.01 metres per count")
         radius = self.string_radius_m
         if radius is not None:
             radius = _number("string_radius_m", radius)
             if radius <= 0:
-                raise RecordingHeaderError(f"string_radius_m is {radius:g}; it must be positive, or left out")
+                raise RecordingHeaderError(f"string_radius_m is {radius:g}; it must be positive or absent")
         table_z = _number("table_z_m", self.table_z_m)
         if abs(table_z) > REACH_M:
             raise RecordingHeaderError(f"table_z_m is {table_z:g}; heights are metres")
@@ -130,7 +130,7 @@ def _check_provenance(provenance: Mapping[str, str]) -> None:
             raise RecordingHeaderError(f"provenance {key!r} is a field of the format; choose another name")
         size += 8 + len(key.encode()) + len(value.encode())  # 8 bytes for the two lengths in the file
     if size > PROVENANCE_BYTES:
-        raise RecordingHeaderError(f"the provenance has {size} bytes; {PROVENANCE_BYTES} at most are taken")
+        raise RecordingHeaderError(f"the provenance has {size} bytes; at most {PROVENANCE_BYTES} are allowed")
 
 
 def _number(name: str, value: Any) -> float:
@@ -160,7 +160,7 @@ def _box(workspace: Any) -> Box | None:
 def _workspace(text: str) -> Box | None:
     workspace = _json("workspace_m", text.encode())
     if workspace is None:
-        raise RecordingHeaderError("workspace_m is null; leave it out when there is none")
+        raise RecordingHeaderError("workspace_m is null; omit it when there is none")
     return _box(workspace)
 
 

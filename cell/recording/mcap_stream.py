@@ -147,7 +147,7 @@ class _Walk:
                 except RecordingCorruptError as error:
                     if end < size:
                         raise
-                    yield Ending(f"the last record is torn: {error}")
+                    yield Ending(f"the last record is incomplete: {error}")
                     return
                 yield from self._chunk_items(data, f"in the chunk {where}")
             else:
@@ -179,7 +179,9 @@ class _Walk:
         elif opcode == Opcode.MESSAGE:
             message = _parse(lambda stream: Message.read(stream, len(content)), content, where)
             if message.channel_id not in self.channels:
-                raise RecordingCorruptError(f"a message {where} is on channel {message.channel_id}, never declared")
+                raise RecordingCorruptError(
+                    f"a message {where} is on channel {message.channel_id}, which was not declared"
+                )
             topic, encoding, schema_id = self.channels[message.channel_id]
             schema = self.schemas.get(schema_id, "")
             yield TopicMessage(topic, encoding, schema, message.sequence, message.log_time, message.data)

@@ -71,7 +71,7 @@ def read_recording(path: str | os.PathLike[str], limits: Limits = DEFAULT_LIMITS
     if not complete:
         raise RecordingEmptyError(f"{path.name} has no complete view: {_why_none(contents)}")
     if contents.cut:
-        missing.append(f"{contents.cut}; whatever followed view {complete[-1].index}, the last one taken, is lost")
+        missing.append(f"{contents.cut}; anything after view {complete[-1].index}, the last complete one, is lost")
     return Recording(header, tuple(complete), tuple(missing))
 
 
@@ -108,9 +108,9 @@ def header_of(contents: Contents, name: str) -> RecordingHeader:
     """Return the header of the file `name`. Raise RecordingHeaderError if a part is missing or not valid."""
     cut = f" ({contents.cut})" if contents.cut else ""
     if contents.metadata is None:
-        raise RecordingHeaderError(f"{name} has no {METADATA!r} metadata{cut}: it is no recording of a scan")
+        raise RecordingHeaderError(f"{name} has no {METADATA!r} metadata{cut}: it is not a recording of a scan")
     if contents.hand_eye is None:
-        raise RecordingHeaderError(f"{name} has no attachment {HAND_EYE}{cut}: where the camera was is not known")
+        raise RecordingHeaderError(f"{name} has no attachment {HAND_EYE}{cut}: the pose of the camera is unknown")
     return parse_header(contents.metadata, contents.hand_eye)
 
 

@@ -102,7 +102,8 @@ class RecordingWriter:
             self._writer.start(library="pointchain")
             self._writer.add_metadata(METADATA, to_metadata(header))
             self._writer.add_attachment(0, 0, HAND_EYE, "application/json", to_hand_eye(header))
-            self._sync()
+            self._writer.flush()
+            self._file.sync()
             sync_folder(path.parent)
         except BaseException:
             self._file.abandon()
@@ -127,19 +128,20 @@ class RecordingWriter:
         where = f"view {view.index}"
         self._check_open()
         if view.index in self._written:
-            raise RecordingContentError(f"{where} is in the recording already")
+            raise RecordingContentError(f"{where} is already in the recording")
         if not 0 <= view.index < DEFAULT_LIMITS.views:
-            raise RecordingTooLargeError(f"{where}: views go from 0 to {DEFAULT_LIMITS.views - 1}")
+            raise RecordingTooLargeError(f"{where}: view indices are from 0 to {DEFAULT_LIMITS.views - 1}")
         if view.depth.size > DEFAULT_LIMITS.image_pixels:
             raise RecordingTooLargeError(
-                f"{where}: {view.depth.size} pixels of depth; {DEFAULT_LIMITS.image_pixels} at most are taken"
+                f"{where}: {view.depth.size} pixels of depth; at most {DEFAULT_LIMITS.image_pixels} are allowed"
             )
         if view.depth_unit_m != self._header.depth_unit_m:
             raise RecordingContentError(
-                f"{where}: its depth unit is {view.depth_unit_m:g} m, the recording's {self._header.depth_unit_m:g} m"
+                f"{where}: its depth unit is {view.depth_unit_m:g} m, that of the recording "
+                f"{self._header.depth_unit_m:g} m"
             )
         if not np.array_equal(view.T_flange_camera, self._header.T_flange_camera):
-            raise RecordingContentError(f"{where}: its T_flange_camera is not the recording's")
+            raise RecordingContentError(f"{where}: its T_flange_camera differs from that of the recording")
         log_time_ns = _nanoseconds(view.stamp_s, where)
         messages = encode_view(view, log_time_ns)
         content_bytes = sum(message.ByteSize() for _, message in messages)
@@ -147,7 +149,8 @@ class RecordingWriter:
         with self._writing():
             for topic, message in messages:
                 self._add(topic, message, log_time_ns, sequence=view.index)
-            self._written[view.index] = self._sync()
+            self._writer.flush()  # ends the chunk
+            self._written[view.index] = self._file.sync()
         self._content_bytes += content_bytes
         self._log_time_ns = max(self._log_time_ns, log_time_ns)
         T_base_flange = decode_pose(dict(messages)[POSE].SerializeToString(), where)
@@ -187,7 +190,8 @@ class RecordingWriter:
         with self._writing():
             self._add(MODEL, document, self._log_time_ns)
             self._add(SCENE, scene, self._log_time_ns)
-            self._sync()
+            self._writer.flush()
+            self._file.sync()
         self._content_bytes += content_bytes
 
     def close(self) -> None:
@@ -231,27 +235,24 @@ class RecordingWriter:
 
     def _check_open(self) -> None:
         if self._failed or self._file.closed:
-            raise RecordingError(f"{self._path.name} takes no more: it was closed, or an earlier write failed")
+            raise RecordingError(
+                f"{self._path.name} cannot be written any more: it was closed, or an earlier write failed"
+            )
 
     def _check_size(self, where: str, content_bytes: int) -> None:
         # half a chunk, and 1 MiB in all, are reserved for schemas, channels and record heads
         if content_bytes > DEFAULT_LIMITS.chunk_bytes // 2:
             raise RecordingTooLargeError(
-                f"{where} has {content_bytes} bytes; {DEFAULT_LIMITS.chunk_bytes // 2} at most are taken"
+                f"{where} has {content_bytes} bytes; at most {DEFAULT_LIMITS.chunk_bytes // 2} are allowed"
             )
         if self._content_bytes + content_bytes > DEFAULT_LIMITS.content_bytes - MIB:
             raise RecordingTooLargeError(f"{where}: the recording is full, it holds {self._content_bytes} bytes")
-
-    def _sync(self) -> WrittenRange:
-        """End the chunk and sync it. Return the range of bytes that it added."""
-        self._writer.flush()
-        return self._file.sync()
 
 
 def _nanoseconds(stamp_s: float, where: str) -> int:
     # exact, because a float times 1e9 would be rounded to 256 ns; the reader divides and gets the same float
     if not (np.isfinite(stamp_s) and 0 <= stamp_s < 2**33):
-        raise RecordingContentError(f"{where}: stamp {stamp_s!r} s; seconds since the epoch are needed")
+        raise RecordingContentError(f"{where}: stamp {stamp_s!r} s; it must be seconds since the epoch")
     return round(Fraction(float(stamp_s)) * 1_000_000_000)
 
 

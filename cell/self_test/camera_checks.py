@@ -75,7 +75,7 @@ def depth_image(got: Frame, age_s: float, optics: CameraOptics, aside: bool) -> 
     if not -CLOCK_S <= age_s <= OLDEST_S:
         return failed(
             DEPTH_IMAGE,
-            [BadFrameError(f"the frame is said to be {age_s:.1f} s old: restart the camera, its clock is wrong")],
+            [BadFrameError(f"the frame has an age of {age_s:.1f} s: restart the camera, its clock is wrong")],
         )
     measured = got.depth[got.depth > 0] * got.depth_unit_m
     share = measured.size / got.depth.size
@@ -87,7 +87,7 @@ def depth_image(got: Frame, age_s: float, optics: CameraOptics, aside: bool) -> 
     warnings = []
     if share < MIN_MEASURED_SHARE and not aside:
         warnings.append(
-            "that is little: let it look at the table; if it does, give it more light or a table with more texture"
+            "that is little: point the camera at the table; if it is, add light, or use a table with more texture"
         )
     elif measured.size and middle < optics.near_m:
         warnings.append(f"most is nearer than the {optics.near_m:.2f} m it can measure: clear what is in front of it")
@@ -96,7 +96,7 @@ def depth_image(got: Frame, age_s: float, optics: CameraOptics, aside: bool) -> 
     if abs(wide / planned - 1) > OTHER_LENS_SHARE:
         angle, planned_angle = (np.rad2deg(2 * np.arctan(0.5 / f)) for f in (wide, planned))
         warnings.append(
-            f"it sees {angle:.0f} degrees across, and viewpoints are planned for {planned_angle:.0f}: set "
+            f"its field of view is {angle:.0f} degrees, and viewpoints are planned for {planned_angle:.0f}: set "
             "camera.product, and camera.working_m to the distances that suit it"
         )
     return ok(DEPTH_IMAGE, words, warnings)

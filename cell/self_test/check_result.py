@@ -52,14 +52,14 @@ def ok(name: str, words: str, warnings: Sequence[str] = ()) -> CheckResult:
     """Return the result of a passed check. Each warning says what is wrong and, after a colon, what to do."""
     if not warnings:
         return CheckResult(name, "ok", words)
-    told, advice = _split_messages(warnings)
-    return CheckResult(name, "warning", f"{words}; but {told}", advice)
+    reasons, advice = _split_messages(warnings)
+    return CheckResult(name, "warning", f"{words}; but {reasons}", advice)
 
 
 def failed(name: str, errors: Sequence[Exception], words: str = "") -> CheckResult:
     """Return the result of a failed check. Each error says what is wrong and, after a colon, what to do."""
-    told, advice = _split_messages([str(error) for error in errors])
-    return CheckResult(name, "failed", f"{words}; but {told}" if words else told, advice)
+    reasons, advice = _split_messages([str(error) for error in errors])
+    return CheckResult(name, "failed", f"{words}; but {reasons}" if words else reasons, advice)
 
 
 def _split_messages(messages: Sequence[str]) -> tuple[str, str | None]:

@@ -104,7 +104,7 @@ def viewpoints(context: CheckContext) -> CheckResult:
         return ok(name, words, unseen)
     words += "; " + "; ".join(f"{index}: {reason}" for index, reason in skipped.items())
     advice = (
-        "change x_m, y_m or top_m in [workspace] so that the arm reaches round it; `pointchain viewpoints --picture "
+        "change x_m, y_m or top_m in [workspace] so that the arm reaches around it; `pointchain viewpoints --picture "
         "plan.png` shows it"
     )
     if plan.reached < least:

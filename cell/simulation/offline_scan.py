@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from cell.devices import View
 from cell.recording.writer import RecordingExistsError, RecordingHeader, RecordingWriter
-from cell.simulation.pose_errors import T_FLANGE_CAMERA, PoseErrors, perturbed, told_flange_poses, viewpoints
+from cell.simulation.pose_errors import T_FLANGE_CAMERA, PoseErrors, perturbed, reported_flange_poses, viewpoints
 from cell.simulation.rendering.depth_camera import CameraModel, DepthCamera
 from cell.simulation.scenes.clutter import footprint
 from cell.simulation.scenes.ground_truth import scene_truth
@@ -63,15 +63,15 @@ def simulate(
         ViewCountError: `views` is out of range.
     """
     if not 1 <= views <= 64:
-        raise ViewCountError(f"{views} views; from 1 to 64 are taken")
+        raise ViewCountError(f"{views} views; from 1 to 64 are allowed")
     errors = PoseErrors() if errors is None else errors
     points = _subject(scene)
     size = (camera.width, camera.height)
     T_base_camera = viewpoints(points, camera.K, size, camera.near_m, camera.working_m, views)
     pose_rng = np.random.default_rng([seed, _POSES])
     T_flange_camera = T_FLANGE_CAMERA
-    told_T_flange_camera = perturbed(T_flange_camera, errors.hand_eye_m, errors.hand_eye_rad, pose_rng)
-    told_T_base_flange = told_flange_poses(T_base_camera, T_flange_camera, errors, pose_rng, seed)
+    nominal_T_flange_camera = perturbed(T_flange_camera, errors.hand_eye_m, errors.hand_eye_rad, pose_rng)
+    reported_T_base_flange = reported_flange_poses(T_base_camera, T_flange_camera, errors, pose_rng, seed)
     bias_px = 0.0
     if camera.noise is not None:
         bias_px = camera.noise.bias_px * np.random.default_rng([seed, _SESSION]).standard_normal()
@@ -82,7 +82,7 @@ def simulate(
         string_radius_m=scene.radius_m,
         table_z_m=0.0,
         workspace_m=((-half, half), (-half, half), (0.0, WORKSPACE_TOP_M)),
-        T_flange_camera=told_T_flange_camera,
+        T_flange_camera=nominal_T_flange_camera,
         provenance={
             "camera": f"simulated {camera.name}",
             "robot": "simulated",
@@ -96,8 +96,8 @@ def simulate(
             depth=depth_camera.capture(T_base_camera[k], np.random.default_rng([seed, _VIEW, k])),
             depth_unit_m=camera.depth_unit_m,
             K=camera.K,
-            T_base_flange=told_T_base_flange[k],
-            T_flange_camera=told_T_flange_camera,
+            T_base_flange=reported_T_base_flange[k],
+            T_flange_camera=nominal_T_flange_camera,
             stamp_s=_FIRST_STAMP_S + k * _VIEW_TIME_S,
         )
         for k in range(views)

@@ -66,7 +66,7 @@ def viewpoints(
     return [look_at(np.zeros(3), b.azimuth_rad, b.elevation_rad, distance, b.roll_rad) for b in bearings]
 
 
-def told_flange_poses(
+def reported_flange_poses(
     T_base_camera: Sequence[NDArray[np.float64]],
     T_flange_camera: NDArray[np.float64],
     errors: PoseErrors,

@@ -8,7 +8,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from cell.simulation.evaluation.curve_distance import Line, Nearest
+from cell.simulation.evaluation.curve_distance import NearestPoints, Polyline
 from cell.simulation.evaluation.metrics import score
 from service.archive.errors import ArchiveError
 
@@ -74,13 +74,17 @@ def _of_errors(recording: str, before: Mapping[str, Any] | None, after: Mapping[
 def _moved(before: Mapping[str, Any], after: Mapping[str, Any]) -> tuple[float, float] | tuple[None, None]:
     """Mean and largest distance of the lines."""
     old, new = (
-        [Line.of(np.array(chain["points"]), chain["closed"]) for chain in model["chains"] if len(chain["points"]) > 1]
+        [
+            Polyline.of(np.array(chain["points"]), chain["closed"])
+            for chain in model["chains"]
+            if len(chain["points"]) > 1
+        ]
         for model in (before, after)
     )
     if not (old and new):
         return None, None
     there, back = (
-        Nearest(lines).distance(np.vstack([line.dense() for line in others]))
+        NearestPoints(lines).distance(np.vstack([line.densely_sampled() for line in others]))
         for lines, others in ((old, new), (new, old))
     )
     return float(there.mean()), float(max(there.max(), back.max()))

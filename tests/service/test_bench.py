@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from cell.simulation.benchmark.scaling import Growth, rows
+from cell.simulation.benchmark.scaling import Growth, make_rows
 from cell.simulation.benchmark.speed import Speed, Timing
 from cell.simulation.offline_scan import SimulatedScan, simulate
 from cell.simulation.rendering.depth_camera import camera_model
@@ -19,7 +19,7 @@ from service.bench_process import MeasurementError
 from service.bench_service import Answers, ServiceTimes
 from service.cli import main
 
-SERIES = rows([1.0, 2.0], [Timing(0.2, {}, 100), Timing(0.3, {}, 200)])
+SERIES = make_rows([1.0, 2.0], [Timing(0.2, {}, 100), Timing(0.3, {}, 200)])
 
 
 @pytest.fixture(autouse=True)
@@ -33,7 +33,7 @@ def small(monkeypatch: pytest.MonkeyPatch) -> SimulatedScan:
     """Replace the scans of the tiers by a small one, and recognise it in this process."""
     scan = simulate(make_scene("arc", 1), camera_model("ideal", (320, 200)), 1, views=4)
     monkeypatch.setattr("cell.simulation.benchmark.cases.simulate", lambda case: scan)
-    monkeypatch.setattr("cell.simulation.benchmark.accuracy.in_processes", lambda work, items, jobs: map(work, items))
+    monkeypatch.setattr("cell.simulation.benchmark.accuracy.map_in_processes", lambda work, items, _: map(work, items))
     return scan
 
 
@@ -82,7 +82,7 @@ def test_each_tier_is_printed_when_it_ends(monkeypatch: pytest.MonkeyPatch, caps
             printed.append((item, capsys.readouterr().out))
             yield work(item)
 
-    monkeypatch.setattr("cell.simulation.benchmark.accuracy.in_processes", watched)
+    monkeypatch.setattr("cell.simulation.benchmark.accuracy.map_in_processes", watched)
     assert main(["bench", "--only", "accuracy", "--tiers", "paper,soft,hard", "--seeds", "2", "--jobs", "1"]) == 0
     items, outputs = [item for item, _ in printed], [out for _, out in printed]
     assert items == [(tier, seed) for tier in ("paper", "soft", "hard") for seed in range(2)]

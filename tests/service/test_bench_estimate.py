@@ -61,11 +61,11 @@ def test_remaining_time_starts_with_the_estimate_and_follows_the_pace() -> None:
 def test_the_probe_times_each_process(monkeypatch: pytest.MonkeyPatch) -> None:
     asked = []
 
-    def in_processes(work: object, items: range, jobs: int) -> list[float]:
+    def map_in_processes(work: object, items: range, jobs: int) -> list[float]:
         asked.append((len(items), jobs))
         return [1.0, 3.0]
 
-    monkeypatch.setattr("service.bench_estimate.in_processes", in_processes)
+    monkeypatch.setattr("service.bench_estimate.in_processes", map_in_processes)
     probe = measure_probe(2)
     assert asked == [(2, 2)]
     assert probe == Probe(start_s=0.0, case_s=2.0)

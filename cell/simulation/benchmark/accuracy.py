@@ -8,7 +8,7 @@ import numpy as np
 
 from cell.simulation.benchmark.intervals import Interval, wilson_interval
 from cell.simulation.benchmark.sigma_coverage import SigmaCounts, sigma_counts, sigma_shares
-from cell.simulation.benchmark.worker_pool import in_processes
+from cell.simulation.benchmark.worker_pool import map_in_processes
 from cell.simulation.evaluation.metrics import Score, score
 from recognition.model.model import METHODS, Method
 
@@ -102,7 +102,7 @@ def run_case(tier_and_seed: tuple[str, int]) -> list[CaseResult]:
     return results
 
 
-def run(
+def run_cases(
     tiers: Sequence[str], seeds: int, jobs: int, on_done: Callable[[str], object] | None = None
 ) -> Iterator[CaseResult]:
     """Yield the results of all cases: tier by tier, by seed, and by method.
@@ -116,13 +116,13 @@ def run(
     Yields:
         One result for each case and method.
     """
-    for results in in_processes(run_case, [(tier, seed) for tier in tiers for seed in range(seeds)], jobs):
+    for results in map_in_processes(run_case, [(tier, seed) for tier in tiers for seed in range(seeds)], jobs):
         if on_done is not None:
             on_done(results[0].tier)
         yield from results
 
 
-def accuracy(results: Iterable[CaseResult]) -> dict[str, dict[str, Summary]]:
+def summarise(results: Iterable[CaseResult]) -> dict[str, dict[str, Summary]]:
     """Summarise the results by tier and by method."""
     return {
         tier: {method: _summarise(cases) for method, cases in methods.items()}
@@ -130,7 +130,7 @@ def accuracy(results: Iterable[CaseResult]) -> dict[str, dict[str, Summary]]:
     }
 
 
-def sigma(results: Sequence[CaseResult]) -> dict[str, dict[str, Any]]:
+def sigma_by_tier(results: Sequence[CaseResult]) -> dict[str, dict[str, Any]]:
     """Return the shares of chain points within two sigma of the truth, by tier and by method.
 
     Args:

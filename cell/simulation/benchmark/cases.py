@@ -80,7 +80,9 @@ def make_case(tier: str, seed: int) -> Case:
             return _draw(tier, seed, rng)
         except SceneError as error:
             reason = error
-    raise TierError(f"{tier}: no scene can be laid for seed {seed}; choose another seed. The last reason is: {reason}")
+    raise TierError(
+        f"{tier}: no scene could be made for seed {seed}; choose another seed. The last reason is: {reason}"
+    )
 
 
 def simulate(case: Case) -> SimulatedScan:

@@ -13,7 +13,7 @@ from cell.simulation.benchmark.speed import (
     simulated_input,
     time_recognition,
 )
-from cell.simulation.benchmark.worker_pool import in_fresh_process
+from cell.simulation.benchmark.worker_pool import run_in_fresh_process
 from recognition.errors import RecognitionError
 
 RESOLUTIONS = (SMALL, (905, 565), (1280, 800))
@@ -72,7 +72,7 @@ def measure_growth(on_progress: Callable[[str], object]) -> Growth:
         on_progress(f"growth with {name}: {', '.join(f'{size:g}' for size in sizes)}")
         # The scans are simulated in this process, so that the time_inputs process only recognises.
         inputs = [simulated(k) for k in range(len(sizes))]
-        return rows(sizes, in_fresh_process(time_inputs, inputs, thumbnail))
+        return make_rows(sizes, run_in_fresh_process(time_inputs, inputs, thumbnail))
 
     return Growth(
         points=series(
@@ -89,7 +89,7 @@ def measure_growth(on_progress: Callable[[str], object]) -> Growth:
     )
 
 
-def rows(sizes: Sequence[float], timings: Sequence[Timing | str]) -> tuple[Row, ...]:
+def make_rows(sizes: Sequence[float], timings: Sequence[Timing | str]) -> tuple[Row, ...]:
     """Return one row for each size.
 
     Args:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from cell.simulation.benchmark.intervals import clustered_interval
-from cell.simulation.evaluation.curve_distance import Nearest
+from cell.simulation.evaluation.curve_distance import NearestPoints
 from cell.simulation.evaluation.metrics import true_lines
 
 
@@ -48,7 +48,7 @@ def sigma_counts(model: Mapping[str, Any], truth: Mapping[str, Any]) -> SigmaCou
     seen = np.array([value for chain in chains for value in chain["views"]], dtype=np.int64) > 0
     within = np.zeros(len(points), dtype=bool)
     if strings and len(points):
-        within = Nearest(strings).distance(points) <= 2.0 * sigma
+        within = NearestPoints(strings).distance(points) <= 2.0 * sigma
     return SigmaCounts(
         seen=int(seen.sum()),
         seen_within=int((within & seen).sum()),

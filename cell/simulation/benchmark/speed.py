@@ -13,7 +13,7 @@ from typing import Any
 
 from cell.devices import View
 from cell.simulation.benchmark.memory import current_rss_bytes, peak_rss_bytes
-from cell.simulation.benchmark.worker_pool import in_fresh_process
+from cell.simulation.benchmark.worker_pool import run_in_fresh_process
 from recognition.parameters import ChainParameters
 from recognition.preprocessing.target_cloud import Scene
 
@@ -117,13 +117,13 @@ def measure_speed(on_progress: Callable[[str], object]) -> Speed:
     on_progress("speed: simulating the scans")
     thumbnail, small, large = (simulated_input(size, crossings=CROSSINGS) for size in (THUMBNAIL, SMALL, LARGE))
     on_progress("speed: 8 views at 640x400 and 1280x800")
-    small_timing, large_timing = in_fresh_process(time_recognition, [small, large], thumbnail)
+    small_timing, large_timing = run_in_fresh_process(time_recognition, [small, large], thumbnail)
     on_progress("speed: after the last view")
-    after_last = in_fresh_process(time_after_last_view, small, thumbnail)
+    after_last = run_in_fresh_process(time_after_last_view, small, thumbnail)
     on_progress("speed: memory")
-    peak = in_fresh_process(peak_memory_bytes, large, thumbnail)
+    peak = run_in_fresh_process(peak_memory_bytes, large, thumbnail)
     on_progress("speed: the literal baseline")
-    literal = in_fresh_process(time_literal, small, thumbnail)
+    literal = run_in_fresh_process(time_literal, small, thumbnail)
     return Speed(
         views8_640x400_s=small_timing.seconds,
         literal_s=literal,

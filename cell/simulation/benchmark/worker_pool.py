@@ -20,7 +20,7 @@ _THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 """Environment variables of the number of threads of the linear algebra libraries."""
 
 
-def in_fresh_process(function: Callable[P, R], *args: P.args, **kwargs: P.kwargs) -> R:
+def run_in_fresh_process(function: Callable[P, R], *args: P.args, **kwargs: P.kwargs) -> R:
     """Run `function` in a new child process, and return its result.
 
     The child process has the environment of this process, and so the same number of threads.
@@ -34,7 +34,7 @@ def in_fresh_process(function: Callable[P, R], *args: P.args, **kwargs: P.kwargs
         return pool.submit(function, *args, **kwargs).result()
 
 
-def in_processes(function: Callable[[T], R], items: Sequence[T], jobs: int) -> Iterator[R]:
+def map_in_processes(function: Callable[[T], R], items: Sequence[T], jobs: int) -> Iterator[R]:
     """Apply `function` to each item in child processes.
 
     Each process computes with one thread, so that rounding does not depend on the number of cores.

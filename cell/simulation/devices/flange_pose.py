@@ -55,7 +55,7 @@ def reported_pose(model: ArmModelName, host: str) -> PoseSource:
     def pose() -> NDArray[np.float64]:
         # Without a connection, the client returns the last joint angles.
         if not receive.isConnected():
-            raise ConnectionError(f"the robot at {host} has ended the connection")
+            raise ConnectionError(f"the robot at {host} closed the connection")
         return ur_kinematics.forward(model, receive.getActualQ())
 
     return pose

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from calibration.geometry.transforms import inverse
 from cell.simulation.devices.world import SimulatedWorld
 from cell.simulation.rendering.calibration_board import Print
-from cell.simulation.rendering.depth_camera import DepthCamera, Look
+from cell.simulation.rendering.depth_camera import DepthCamera, StillView
 from cell.simulation.rendering.intensity_image import PictureCamera, developed, lighting
 
 # Numbers of random streams. Streams 0, 1, 3 and 6 of the same seed are in `cell.simulation.devices.world`.
@@ -29,13 +29,13 @@ class FrameSource:
         self._camera = DepthCamera(world.camera, world.scene, world.bias_px, world.seed)
         self._depth_rng = np.random.default_rng([world.seed, _EXPOSURE_STREAM])
         self._depth_pose = np.zeros((4, 4))
-        self._look: Look | None = None
+        self._still_view: StillView | None = None
         self._picture_camera: PictureCamera | None = None
         self._picture_pose = np.zeros((4, 4))
         self._noiseless_picture = np.zeros((0, 0), dtype=np.float32)
         self._picture_rng = np.random.default_rng()
 
-    def expose(self, T_base_flange: NDArray[np.float64]) -> NDArray[np.uint16]:
+    def render_depth(self, T_base_flange: NDArray[np.float64]) -> NDArray[np.uint16]:
         """Render the depth image of one exposure.
 
         Args:
@@ -44,13 +44,13 @@ class FrameSource:
         Returns:
             (H, W) depth along the optical axis, in depth units of the camera. 0 means not measured.
         """
-        if self._look is None or not np.array_equal(T_base_flange, self._depth_pose):
+        if self._still_view is None or not np.array_equal(T_base_flange, self._depth_pose):
             T_scene_camera = self.world.T_scene_camera(T_base_flange)
-            self._look = self._camera.look(T_scene_camera, self._rng_at(T_scene_camera, _POSE_STREAM))
+            self._still_view = self._camera.still_view(T_scene_camera, self._rng_at(T_scene_camera, _POSE_STREAM))
             self._depth_pose = T_base_flange.copy()
-        return self._camera.expose(self._look, self._depth_rng)
+        return self._camera.expose(self._still_view, self._depth_rng)
 
-    def picture(self, T_base_flange: NDArray[np.float64]) -> NDArray[np.uint8]:
+    def render_intensity(self, T_base_flange: NDArray[np.float64]) -> NDArray[np.uint8]:
         """Render the intensity image of one exposure.
 
         The noise depends on the world's seed, the camera's position, and the number of images since the pose changed.

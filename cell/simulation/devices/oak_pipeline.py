@@ -31,7 +31,7 @@ STALE_S = 3600.0
 
 
 @dataclass(frozen=True, eq=False)
-class Taken:
+class ExposureImages:
     """Images of one exposure."""
 
     began_s: float
@@ -42,7 +42,7 @@ class Taken:
     """Intensity image (H, W), grey levels, or None if none was requested."""
 
 
-class Lens:
+class SimulatedImager:
     """Images and frame times of the simulated camera, with fault injection.
 
     This class does not depend on depthai. It satisfies `cell.camera.oak_stream.FaultInjection`.
@@ -58,16 +58,16 @@ class Lens:
         """
         self._frames, self._pose, self._period_s = frames, pose, 1 / fps
         self._change = threading.Condition()
-        self._wanted, self._ended = False, False
+        self._waiting, self._ended = False, False
         self._fault: Fault = "none"
         self._due_s = time.monotonic()
-        self.trouble: str | None = None
+        self.stop_reason: str | None = None
         """Message with the reason why the camera stopped, or None."""
 
-    def want(self, wanted: bool) -> None:
+    def set_waiting(self, waiting: bool) -> None:
         """Set whether a caller waits for images. If not, only one image in `IDLE_TICKS` frame periods is rendered."""
         with self._change:
-            self._wanted = wanted
+            self._waiting = waiting
             self._change.notify()
 
     def fail(self, kind: Fault) -> None:
@@ -82,7 +82,7 @@ class Lens:
             self._ended = True
             self._change.notify()
 
-    def take(self, pictured: bool) -> Taken | None:
+    def take(self, pictured: bool) -> ExposureImages | None:
         """Render the next images.
 
         Args:
@@ -96,19 +96,23 @@ class Lens:
         """
         began_s = time.monotonic()
         T_base_flange = self._pose()
-        depth = self._frames.expose(T_base_flange)
-        picture = self._frames.picture(T_base_flange) if pictured else None
+        depth = self._frames.render_depth(T_base_flange)
+        picture = self._frames.render_intensity(T_base_flange) if pictured else None
         match self._fault:
             case "zero":
-                return Taken(began_s, np.zeros_like(depth), None if picture is None else np.zeros_like(picture))
+                return ExposureImages(
+                    began_s, np.zeros_like(depth), None if picture is None else np.zeros_like(picture)
+                )
             case "constant":
-                return Taken(began_s, np.full_like(depth, 5000), None if picture is None else np.full_like(picture, 99))
+                return ExposureImages(
+                    began_s, np.full_like(depth, 5000), None if picture is None else np.full_like(picture, 99)
+                )
             case "stale":
-                return Taken(began_s - STALE_S, depth, picture)
+                return ExposureImages(began_s - STALE_S, depth, picture)
             case "silent":
                 return None
             case _:
-                return Taken(began_s, depth, picture)
+                return ExposureImages(began_s, depth, picture)
 
     def wait(self) -> bool:
         """Wait until the next image must be rendered. Frames whose time has passed are skipped.
@@ -125,7 +129,7 @@ class Lens:
                     continue
                 self._due_s += self._period_s * (late_s // self._period_s + 1)
                 ticks += 1
-                if self._wanted or ticks >= IDLE_TICKS:
+                if self._waiting or ticks >= IDLE_TICKS:
                     return True
         return False
 
@@ -152,14 +156,14 @@ def open_simulated(settings: SimulatedCamera, world: SimulatedWorld, make_pose: 
         pose()
     except (OSError, ValueError, EOFError) as error:
         raise CameraUnreachableError(
-            f"the simulated camera cannot learn from the arm's controller where it is: {error}"
+            f"the simulated camera cannot read the flange pose from the arm's controller: {error}"
         ) from error
     model = world.camera
-    lens = Lens(FrameSource(world), pose, settings.fps)
+    imager = SimulatedImager(FrameSource(world), pose, settings.fps)
     # The images are those of the left camera, which is the reference of a stereo pair.
-    place = dai.Extrinsics(np.eye(4).tolist(), dai.CameraBoardSocket.CAM_B)
+    extrinsics = dai.Extrinsics(np.eye(4).tolist(), dai.CameraBoardSocket.CAM_B)
     view = dai.ImgTransformation(
-        model.width, model.height, model.K.tolist(), dai.CameraModel.Perspective, [0.0] * 14, place
+        model.width, model.height, model.K.tolist(), dai.CameraModel.Perspective, [0.0] * 14, extrinsics
     )
 
     closed: type[Exception] = dai.MessageQueue.QueueException
@@ -184,21 +188,21 @@ def open_simulated(settings: SimulatedCamera, world: SimulatedWorld, make_pose: 
                 # The pipeline is closing.
                 return
             except OSError as error:
-                lens.trouble = f"the simulated camera no longer learns where the arm is: {error}"
+                imager.stop_reason = f"the simulated camera lost the flange pose: {error}"
             except Exception as error:
                 # depthai would end the whole process at an uncaught exception.
                 log.exception("the simulated camera ended")
-                lens.trouble = f"the simulated camera ended: {type(error).__name__}: {error}"
+                imager.stop_reason = f"the simulated camera ended: {type(error).__name__}: {error}"
 
         def _run(self) -> None:
             exposure_us, number, locked, gate_open = EXPOSURE_US / 8, 0, False, False
-            while self.isRunning() and lens.wait():
+            while self.isRunning() and imager.wait():
                 while not locked and (control := next_message(self.control, 0.0)) is not None:
                     locked = control.getCommand(dai.CameraControl.Command.AE_LOCK)
                 while (change := next_message(self.gate, 0.0)) is not None:
                     gate_open = change.open
                 exposure_us = exposure_us if locked else min(exposure_us * 2, EXPOSURE_US)
-                taken = lens.take(gate_open)
+                taken = imager.take(gate_open)
                 if taken is None:
                     continue
                 if taken.picture is not None:
@@ -237,10 +241,10 @@ def open_simulated(settings: SimulatedCamera, world: SimulatedWorld, make_pose: 
     )
 
     def close() -> None:
-        lens.end()
+        imager.end()
         pipeline.stop()
         # Wait for the thread of the node, so that the node does not send to a closed queue.
         pipeline.wait()
 
     pipeline.start()
-    return Stream(pipeline, depth, depth, controls, lambda: info, close, pictures, gate, fault_injection=lens)
+    return Stream(pipeline, depth, depth, controls, lambda: info, close, pictures, gate, fault_injection=imager)

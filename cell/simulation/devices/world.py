@@ -27,7 +27,7 @@ from cell.simulation.scenes.scenes import StringScene, make_scene
 # Numbers of random streams. `cell.simulation.offline_scan` uses the first two for the same bias and calibration.
 _SESSION, _POSES, _ROBOT, _BOARD = 0, 1, 3, 6
 
-_ALIKE = 1e-5
+_POSE_ROUNDING = 1e-5
 """Rounding step of the entries of a flange pose (translation in metres). The rounded entries seed the pose error."""
 
 
@@ -45,7 +45,7 @@ class SimulatedWorld:
     """Constant error of all disparities in this session, pixels."""
     T_flange_camera: NDArray[np.float64]
     """(4, 4) true mounting of the camera."""
-    told_T_flange_camera: NDArray[np.float64]
+    nominal_T_flange_camera: NDArray[np.float64]
     """(4, 4) mounting of the camera by the nominal hand-eye calibration, which has an error."""
     errors: PoseErrors
     """Root mean square errors of the reported flange poses and of the hand-eye calibration."""
@@ -62,14 +62,14 @@ class SimulatedWorld:
         return simulated_camera_id(self.camera.name, self.seed)
 
     @property
-    def told_hand_eye(self) -> HandEye:
+    def nominal_hand_eye(self) -> HandEye:
         """Nominal hand-eye calibration, in the form in which a real cell reads it from a file."""
         return HandEye(
-            T_flange_camera=self.told_T_flange_camera,
+            T_flange_camera=self.nominal_T_flange_camera,
             created=None,
             camera_id=self.camera_id,
             robot_serial=None,
-            sha256=hashlib.sha256(self.told_T_flange_camera.tobytes()).hexdigest(),
+            sha256=hashlib.sha256(self.nominal_T_flange_camera.tobytes()).hexdigest(),
         )
 
     def with_board(self, board: Board) -> "SimulatedWorld":
@@ -86,8 +86,8 @@ class SimulatedWorld:
 
         The error of the flange pose is random, and always the same for the same pose.
         """
-        told = np.rint(T_base_flange[:3] / _ALIKE).astype(np.int64).ravel() + 2**40
-        rng = np.random.default_rng([self.seed, _ROBOT, *map(int, told)])
+        rounded = np.rint(T_base_flange[:3] / _POSE_ROUNDING).astype(np.int64).ravel() + 2**40
+        rng = np.random.default_rng([self.seed, _ROBOT, *map(int, rounded)])
         return perturbed(T_base_flange, self.errors.robot_m, self.errors.robot_rad, rng) @ self.T_flange_camera
 
     def T_scene_camera(self, T_base_flange: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -109,7 +109,9 @@ def simulated_world(settings: CellSettings) -> SimulatedWorld:
     """
     camera = settings.camera
     if not isinstance(camera, SimulatedCamera):
-        raise CellSettingsError(f"camera.kind is {camera.kind}: only a simulated camera looks at a simulated world")
+        raise CellSettingsError(
+            f'camera.kind is {camera.kind}: a simulated world needs a simulated camera: set camera.kind to "simulated"'
+        )
     try:
         scene = make_scene(camera.scene, camera.seed, radius_m=camera.string_radius_m)
     except ValueError as error:
@@ -128,7 +130,7 @@ def simulated_world(settings: CellSettings) -> SimulatedWorld:
         camera=model,
         bias_px=float(bias_px),
         T_flange_camera=T_FLANGE_CAMERA,
-        told_T_flange_camera=perturbed(
+        nominal_T_flange_camera=perturbed(
             T_FLANGE_CAMERA, errors.hand_eye_m, errors.hand_eye_rad, np.random.default_rng([camera.seed, _POSES])
         ),
         errors=errors,
@@ -136,18 +138,18 @@ def simulated_world(settings: CellSettings) -> SimulatedWorld:
     )
 
 
-def world_truth(world: SimulatedWorld, told_T_base_flange: Sequence[NDArray[np.float64]] = ()) -> dict[str, Any]:
+def world_truth(world: SimulatedWorld, reported_T_base_flange: Sequence[NDArray[np.float64]] = ()) -> dict[str, Any]:
     """Return the truth document of a simulated cell, in the base frame.
 
     Args:
         world: World of the simulated cell.
-        told_T_base_flange: Reported flange pose (4, 4) of each view. The document has the true camera poses of these
-            views.
+        reported_T_base_flange: Reported flange pose (4, 4) of each view. The document has the true camera poses of
+            these views.
 
     Returns:
         Document as from `cell.simulation.scenes.ground_truth.scene_truth`.
     """
-    truth = scene_truth(world.scene, [world.T_base_camera(T) for T in told_T_base_flange], world.T_flange_camera)
+    truth = scene_truth(world.scene, [world.T_base_camera(T) for T in reported_T_base_flange], world.T_flange_camera)
 
     def moved(points: list[list[float]]) -> list[list[float]]:
         return transform_points(world.T_base_scene, np.array(points).reshape(-1, 3)).round(7).tolist()

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cell.simulation.evaluation.curve_distance import Line
+from cell.simulation.evaluation.curve_distance import Polyline
 
 SAMPLE_COUNT = 200
 """Number of evenly spaced points of each line for the comparison of a chain with a string."""
@@ -44,7 +44,7 @@ class ChainMatch:
         return share * self.string_length_m
 
 
-def match_chains(chains: Sequence[Line], strings: Sequence[Line]) -> dict[int, ChainMatch]:
+def match_chains(chains: Sequence[Polyline], strings: Sequence[Polyline]) -> dict[int, ChainMatch]:
     """Match each chain to at most one string, so that the sum of the mean distances is smallest.
 
     Args:
@@ -63,7 +63,7 @@ def match_chains(chains: Sequence[Line], strings: Sequence[Line]) -> dict[int, C
     return {int(j): pairs[j][i] for j, i in zip(rows, columns, strict=True)}
 
 
-def _align(j: int, chain: Line, i: int, string: Line) -> ChainMatch:
+def _align(j: int, chain: Polyline, i: int, string: Polyline) -> ChainMatch:
     """Return the pair of chain j and string i with the best direction, and the best start on a closed string."""
     true = string.evenly_spaced(SAMPLE_COUNT)
     # A closed string may begin at any point. The arrays have the shape (shifts, points).

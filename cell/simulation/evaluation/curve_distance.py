@@ -15,7 +15,7 @@ Points = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
-class Line:
+class Polyline:
     """Polyline, open or closed."""
 
     points: Points
@@ -24,7 +24,7 @@ class Line:
     """Whether the line is a closed loop."""
 
     @classmethod
-    def of(cls, points: Points, closed: bool) -> "Line":
+    def of(cls, points: Points, closed: bool) -> "Polyline":
         """Return the line through `points` (N, 3).
 
         If `closed` is true and the last point differs from the first point, the first point is appended.
@@ -50,28 +50,28 @@ class Line:
         """
         return self.at_shares(np.linspace(0.0, 1.0, count, endpoint=not self.closed))
 
-    def dense(self) -> Points:
+    def densely_sampled(self) -> Points:
         """Return evenly spaced points (M, 3) about `DENSE_SPACING_M` apart, including both ends."""
         return self.at_shares(np.linspace(0.0, 1.0, max(round(self.length_m / DENSE_SPACING_M), 2) + 1))
 
 
-class Nearest:
+class NearestPoints:
     """Search for the nearest points on a set of at least one line.
 
     Each line is sampled densely. The search finds the nearest sample, and then the nearest point on the two segments at
     this sample. The sample alone would be off by up to half of the spacing.
     """
 
-    def __init__(self, lines: Sequence[Line]) -> None:
+    def __init__(self, lines: Sequence[Polyline]) -> None:
         from scipy.spatial import KDTree
 
-        dense = [line.dense() for line in lines]
-        self._samples = np.vstack(dense)
+        samples = [line.densely_sampled() for line in lines]
+        self._samples = np.vstack(samples)
         self._tree = KDTree(self._samples)
         # Indices of the previous and the next sample on the same line. An end of an open line is its own neighbour. The
         # first and the last sample of a closed line coincide.
         number = np.arange(len(self._samples))
-        bounds = np.cumsum([0, *(len(points) for points in dense)])
+        bounds = np.cumsum([0, *(len(points) for points in samples)])
         first, last = bounds[:-1], bounds[1:] - 1
         closed = np.array([line.closed for line in lines])
         self._previous, self._next = number - 1, number + 1

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cell.simulation.evaluation.chain_matching import ChainMatch, match_chains
-from cell.simulation.evaluation.curve_distance import Line, Nearest
+from cell.simulation.evaluation.curve_distance import NearestPoints, Polyline
 
 TOLERANCE_RADII = 4.0
 """Maximum mean distance of a chain from its string, as a multiple of the radius of the string. It is also the maximum
@@ -117,31 +117,31 @@ def score(model: Mapping[str, Any], truth: Mapping[str, Any]) -> Score:
     )
 
 
-def true_lines(truth: Mapping[str, Any]) -> list[Line]:
+def true_lines(truth: Mapping[str, Any]) -> list[Polyline]:
     """Return the centre lines of the strings in a truth document."""
     curves = [np.array(curve, dtype=np.float64)[:, :3] for curve in truth["curves"]]
     closed = truth.get("closed") or [False] * len(curves)
-    return [Line.of(curve, bool(is_closed)) for curve, is_closed in zip(curves, closed, strict=True)]
+    return [Polyline.of(curve, bool(is_closed)) for curve, is_closed in zip(curves, closed, strict=True)]
 
 
-def _model_lines(model: Mapping[str, Any]) -> tuple[list[Line], dict[Any, int]]:
+def _model_lines(model: Mapping[str, Any]) -> tuple[list[Polyline], dict[Any, int]]:
     """Return the chains with at least two points, and the index of each chain by its id."""
     chains = [chain for chain in model["chains"] if len(chain["points"]) > 1]
     lines = [
-        Line.of(np.array(chain["points"], dtype=np.float64).reshape(-1, 3), chain.get("closed", False))
+        Polyline.of(np.array(chain["points"], dtype=np.float64).reshape(-1, 3), chain.get("closed", False))
         for chain in chains
     ]
     return lines, {chain["id"]: k for k, chain in enumerate(chains)}
 
 
 def _line_errors(
-    chains: Sequence[Line], strings: Sequence[Line]
+    chains: Sequence[Polyline], strings: Sequence[Polyline]
 ) -> tuple[float, float, float] | tuple[None, None, None]:
     """Return the mean and the 95th percentile of the distances, and the mean after the best rigid fit, metres."""
     if not (chains and strings):
         return None, None, None
-    nearest = Nearest(strings)
-    recognised = np.vstack([chain.dense() for chain in chains])
+    nearest = NearestPoints(strings)
+    recognised = np.vstack([chain.densely_sampled() for chain in chains])
     distance = nearest.distance(recognised)
     moved = recognised
     for _ in range(5):
@@ -158,19 +158,21 @@ def _fit_rigidly(points: NDArray[np.float64], targets: NDArray[np.float64]) -> N
     return (points - centre) @ R.T + goal
 
 
-def _coverage(chains: Sequence[Line], strings: Sequence[Line], radii: Sequence[float]) -> float:
+def _coverage(chains: Sequence[Polyline], strings: Sequence[Polyline], radii: Sequence[float]) -> float:
     """Return the share of the true lines, 0 to 1, that has a recognised line within the radius of the string."""
     if not strings:
         return 1.0
     if not chains:
         return 0.0
-    nearest = Nearest(chains)
+    nearest = NearestPoints(chains)
     return float(
-        np.concatenate([nearest.distance(line.dense()) < r for line, r in zip(strings, radii, strict=True)]).mean()
+        np.concatenate(
+            [nearest.distance(line.densely_sampled()) < r for line, r in zip(strings, radii, strict=True)]
+        ).mean()
     )
 
 
-def _end_error(chains: Sequence[Line], strings: Sequence[Line]) -> float | None:
+def _end_error(chains: Sequence[Polyline], strings: Sequence[Polyline]) -> float | None:
     """Return the largest distance of a true end from the nearest recognised end, metres."""
     true, recognised = (
         np.array([end for line in lines if not line.closed for end in (line.points[0], line.points[-1])])
@@ -181,7 +183,9 @@ def _end_error(chains: Sequence[Line], strings: Sequence[Line]) -> float | None:
     return float(np.linalg.norm(true[:, None] - recognised[None], axis=2).min(axis=1).max())
 
 
-def _matches_string(pair: ChainMatch, chains: Sequence[Line], strings: Sequence[Line], radii: Sequence[float]) -> bool:
+def _matches_string(
+    pair: ChainMatch, chains: Sequence[Polyline], strings: Sequence[Polyline], radii: Sequence[float]
+) -> bool:
     """Return whether a chain is near its string, and both are open or both are closed."""
     near = pair.mean_distance_m < TOLERANCE_RADII * radii[pair.string]
     return near and chains[pair.chain].closed == strings[pair.string].closed
@@ -240,7 +244,7 @@ def _has_true_order(
     real: Sequence[_Crossing],
     true_index: Mapping[int, int],
     pairs: Mapping[int, ChainMatch],
-    strings: Sequence[Line],
+    strings: Sequence[Polyline],
 ) -> bool:
     """Return whether each string has the true crossings in the true order, each with the true role (over or under).
 
@@ -269,7 +273,9 @@ def _has_true_order(
     return True
 
 
-def _is_exchanged(found: _Crossing, real: _Crossing, pairs: Mapping[int, ChainMatch], strings: Sequence[Line]) -> bool:
+def _is_exchanged(
+    found: _Crossing, real: _Crossing, pairs: Mapping[int, ChainMatch], strings: Sequence[Polyline]
+) -> bool:
     """Return whether the recognised over strand is the true under strand, and the under strand the true over strand."""
     if not all(chain in pairs for chain, _ in found.strands):
         return False

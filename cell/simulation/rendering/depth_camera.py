@@ -124,7 +124,7 @@ class Surfaces:
 
 
 @dataclass(frozen=True, eq=False)
-class Look:
+class StillView:
     """What a camera sees from one pose."""
 
     depth: NDArray[np.float32]
@@ -201,26 +201,28 @@ class DepthCamera:
             T_base_camera: Camera pose (4, 4) in the scene.
             rng: Generator of the noise.
         """
-        return self.expose(self.look(T_base_camera, rng), rng, MEDIAN_OF_FIVE)
+        return self.expose(self.still_view(T_base_camera, rng), rng, MEDIAN_OF_FIVE)
 
-    def look(self, T_base_camera: NDArray[np.float64], rng: np.random.Generator) -> Look:
+    def still_view(self, T_base_camera: NDArray[np.float64], rng: np.random.Generator) -> StillView:
         """Return what all exposures from this pose share."""
         depth, _ = self.render(T_base_camera)
         if self.model.noise is None:
-            return Look(depth, None)
-        return Look(depth, still_image(depth, self.model.focal_px, self.model.noise, self.bias_px, rng, self._warp))
+            return StillView(depth, None)
+        return StillView(
+            depth, still_image(depth, self.model.focal_px, self.model.noise, self.bias_px, rng, self._warp)
+        )
 
-    def expose(self, look: Look, rng: np.random.Generator, frame_share: float = 1.0) -> NDArray[np.uint16]:
+    def expose(self, still_view: StillView, rng: np.random.Generator, frame_share: float = 1.0) -> NDArray[np.uint16]:
         """Return one exposure (H, W), in depth units; 0 = not measured.
 
         Args:
-            look: What all exposures from the pose share.
+            still_view: Images that all exposures from the pose share.
             rng: Generator of the noise.
             frame_share: Factor on the error of each frame.
         """
-        depth = look.depth
-        if self.model.noise is not None and look.still is not None:
-            depth = expose(look.still, self.model.noise, rng, frame_share)
+        depth = still_view.depth
+        if self.model.noise is not None and still_view.still is not None:
+            depth = expose(still_view.still, self.model.noise, rng, frame_share)
         counts = np.rint(np.where(np.isfinite(depth), depth, 0.0) / self.model.depth_unit_m)
         seen = (depth >= self.model.near_m) & (counts <= np.iinfo(np.uint16).max)
         return np.where(seen, counts, 0).astype(np.uint16)

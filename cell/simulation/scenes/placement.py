@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from cell.simulation.scenes.layout import Draft, Wish, choose_over
+from cell.simulation.scenes.layout import Draft, SceneRequest, choose_over
 from cell.simulation.scenes.planar_crossings import PlanCrossing, is_closed, plan_crossings
 from cell.simulation.scenes.rod_relaxation import settle
 from cell.simulation.scenes.shapes import STEP_M, tightest_bend
@@ -23,7 +23,7 @@ _TOUCH = 0.02
 """Largest overlap of strands, relative to the sum of their radii. Contacts hold at points 1 mm apart."""
 
 
-def lay_down(rng: np.random.Generator, drawn: Draft, wish: Wish) -> list[NDArray[np.float64]]:
+def lay_down(rng: np.random.Generator, drawn: Draft, request: SceneRequest) -> list[NDArray[np.float64]]:
     """Return the centre lines (N, 3) of a draft's strings, with random over and under.
 
     Raises:
@@ -37,13 +37,13 @@ def lay_down(rng: np.random.Generator, drawn: Draft, wish: Wish) -> list[NDArray
         raise HeightsError(f"strands cross {len(found)} times instead of {drawn.crossings}")
     if not drawn.touching and not strands_apart(plan, found, MIN_SIDE_CLEARANCE * max(radii_m)):
         raise HeightsError("strands touch side by side")
-    over = choose_over(wish.name, rng, found)
-    raised = _raised(drawn, found, over, wish.softness)
-    if wish.name == "settled":
-        raised = _settled(rng, raised, found, wish)
+    over = choose_over(request.name, rng, found)
+    raised = _raised(drawn, found, over, request.softness)
+    if request.name == "settled":
+        raised = _settled(rng, raised, found, request)
     curves = [_cut(curve, length_m, drawn.from_start) for curve, length_m in zip(raised, drawn.lengths_m, strict=True)]
-    if deepest_overlap(curves, radii_m) > 1 - wish.softness + _TOUCH:
-        raise HeightsError("strands stand in one another")
+    if deepest_overlap(curves, radii_m) > 1 - request.softness + _TOUCH:
+        raise HeightsError("strands intersect")
     return curves
 
 
@@ -64,11 +64,11 @@ def _raised(
 
 
 def _settled(
-    rng: np.random.Generator, raised: list[NDArray[np.float64]], found: tuple[PlanCrossing, ...], wish: Wish
+    rng: np.random.Generator, raised: list[NDArray[np.float64]], found: tuple[PlanCrossing, ...], request: SceneRequest
 ) -> list[NDArray[np.float64]]:
     """Return the strings at rest, with a random stiffness and permanent curvature."""
     curves = settle(
-        raised, wish.radius_m, wish.softness, float(rng.uniform(*HANG_RADII)), float(rng.uniform(*SET_SHARE))
+        raised, request.radius_m, request.softness, float(rng.uniform(*HANG_RADII)), float(rng.uniform(*SET_SHARE))
     )
     if len(plan_crossings(curves)) != len(found):
         raise HeightsError("strands slid off one another")

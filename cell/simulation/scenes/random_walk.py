@@ -23,7 +23,7 @@ Plan = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Manner:
+class CourseSettings:
     """Geometry of random courses."""
 
     radius_m: float
@@ -39,7 +39,9 @@ class Manner:
     """Smallest angle of a crossing."""
 
 
-def wander(rng: np.random.Generator, lengths_m: Sequence[float], manner: Manner, crossings: int) -> list[Plan] | None:
+def wander(
+    rng: np.random.Generator, lengths_m: Sequence[float], settings: CourseSettings, crossings: int
+) -> list[Plan] | None:
     """Return courses of strings with a total number of crossings, or None if none was found.
 
     Each string grows by short pieces with random bounded curvature, and turns back where it leaves a circle. A piece
@@ -49,7 +51,7 @@ def wander(rng: np.random.Generator, lengths_m: Sequence[float], manner: Manner,
     Args:
         rng: Generator of the courses.
         lengths_m: Length of each string.
-        manner: Geometry of the courses.
+        settings: Geometry of the courses.
         crossings: Number of crossings of all strings together.
     """
     total_m = sum(lengths_m)
@@ -57,13 +59,13 @@ def wander(rng: np.random.Generator, lengths_m: Sequence[float], manner: Manner,
     widest_m = max(0.1, 0.16 * np.sqrt(total_m), min(0.065 * total_m, 0.6))
     area_m = min(total_m / (np.pi * np.sqrt(crossings + 0.3)), widest_m)
     for _ in range(_ATTEMPTS):
-        grown = _grow(rng, lengths_m, manner, crossings, area_m * rng.uniform(0.8, 1.25))
+        grown = _grow(rng, lengths_m, settings, crossings, area_m * rng.uniform(0.8, 1.25))
         if grown is None:
             continue
         plan = [_smooth(curve, length_m) for curve, length_m in zip(grown, lengths_m, strict=True)]
         exact = plan_crossings(plan)
         if len(exact) == crossings and clear(
-            plan, exact, manner.radius_m, manner.clearance, min_angle_rad=manner.min_angle_rad
+            plan, exact, settings.radius_m, settings.clearance, min_angle_rad=settings.min_angle_rad
         ):
             corners = np.vstack(plan)
             middle = (corners.max(axis=0) + corners.min(axis=0)) / 2
@@ -90,7 +92,7 @@ class _Tip:
 class _Ground:
     """Constraints of a growing string."""
 
-    manner: Manner
+    settings: CourseSettings
     area_m: float
     """Radius of the circle to which the string turns back."""
     crossings: int
@@ -113,20 +115,22 @@ class _Ground:
         expected = self.crossings * min((low + progress * (high - low)) / 0.9, 1.0) ** 1.5
         if len(found) > self.crossings or abs(len(found) - expected) > slack:
             return None
-        manner = self.manner
-        apart = clear(plan, found, manner.radius_m, manner.clearance, progress < 1, manner.min_angle_rad, before.count)
+        settings = self.settings
+        apart = clear(
+            plan, found, settings.radius_m, settings.clearance, progress < 1, settings.min_angle_rad, before.count
+        )
         return found if apart else None
 
 
 def _grow(
-    rng: np.random.Generator, lengths_m: Sequence[float], manner: Manner, crossings: int, area_m: float
+    rng: np.random.Generator, lengths_m: Sequence[float], settings: CourseSettings, crossings: int, area_m: float
 ) -> list[Plan] | None:
     """Return coarse courses in steps of `_STEP_M`, or None if one got stuck."""
     plan: list[Plan] = []
     shares = np.concatenate([[0.0], np.cumsum(lengths_m) / sum(lengths_m)])
     shares[-1] = 1.0
     for k, length_m in enumerate(lengths_m):
-        ground = _Ground(manner, area_m, crossings, (shares[k], shares[k + 1]))
+        ground = _Ground(settings, area_m, crossings, (shares[k], shares[k + 1]))
         curve = _grow_string(rng, plan, int(np.ceil(length_m / _STEP_M)), ground)
         if curve is None:
             return None
@@ -179,16 +183,16 @@ def _steer(rng: np.random.Generator, tip: _Tip, steps: int, ground: _Ground) -> 
 
     The curvature follows a target that changes every few centimetres.
     """
-    manner = ground.manner
-    sharpest = 1 / (manner.bend_radius * manner.radius_m)
+    settings = ground.settings
+    sharpest = 1 / (settings.bend_radius * settings.radius_m)
     x, y = float(tip.position[0]), float(tip.position[1])
     heading, curvature, target = tip.heading, tip.curvature, tip.target
     c, s = float(np.cos(heading)), float(np.sin(heading))
     course = np.empty((steps, 2))
     for k in range(steps):
-        if rng.random() < manner.bends_per_m * _STEP_M:
+        if rng.random() < settings.bends_per_m * _STEP_M:
             drawn = float(rng.uniform(-0.9, 0.9))
-            target = sharpest * drawn * abs(drawn) ** (manner.gentleness - 1)
+            target = sharpest * drawn * abs(drawn) ** (settings.gentleness - 1)
         outward = x * c + y * s
         distance = float(np.hypot(x, y))
         wanted = target

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from cell.config.camera_config import SCENES
 from cell.config.strict_model import unit_hint
 from cell.simulation.scenes.clutter import Box, Clump, fixture_edge, place_boxes, place_clump
-from cell.simulation.scenes.layout import SceneError, Wish, draft
+from cell.simulation.scenes.layout import SceneError, SceneRequest, draft
 from cell.simulation.scenes.placement import lay_down
 from cell.simulation.scenes.planar_crossings import is_closed
 from cell.simulation.scenes.stacking_heights import HeightsError
@@ -106,7 +106,7 @@ def make_scene(
     """
     _check(name, seed, radius_m, length_m, softness, crossings, clutter, strings, clearance)
     rng = np.random.default_rng([SCENES.index(name), seed])
-    curves, radii_m = _lay(rng, Wish(name, radius_m, length_m, softness, crossings, strings, clearance))
+    curves, radii_m = _lay(rng, SceneRequest(name, radius_m, length_m, softness, crossings, strings, clearance))
     edges = (fixture_edge(rng),) if name == "empty" else ()
     boxes = place_boxes(rng, curves, radius_m, clutter, edges)
     clump = place_clump(rng, boxes) if name == "empty" and boxes is not None else None
@@ -116,24 +116,24 @@ def make_scene(
     return StringScene(f"{name}-{seed}", radii_m[0] if radii_m else radius_m, curves, boxes, clumps, radii_m)
 
 
-def _lay(rng: np.random.Generator, wish: Wish) -> tuple[tuple[NDArray[np.float64], ...], tuple[float, ...]]:
+def _lay(rng: np.random.Generator, request: SceneRequest) -> tuple[tuple[NDArray[np.float64], ...], tuple[float, ...]]:
     """Return the centre lines (N, 3) and radii.
 
     The draft is repeated if strands touch, or cannot lie over each other.
     """
-    if wish.name == "empty":
+    if request.name == "empty":
         return (), ()
     reason = ""
     for _ in range(_DRAWS):
-        drawn = draft(rng, wish)
+        drawn = draft(rng, request)
         try:
-            curves = lay_down(rng, drawn, wish)
+            curves = lay_down(rng, drawn, request)
         except HeightsError as error:
             reason = str(error)
             continue
         return tuple(curves), tuple(drawn.radii_m)
     raise SceneError(
-        f"{wish.name}: {reason} when a string of {wish.length_m:g} m has a radius of {wish.radius_m:g} m; "
+        f"{request.name}: {reason} when a string of {request.length_m:g} m has a radius of {request.radius_m:g} m; "
         "use a longer or a thinner one"
     )
 
@@ -164,7 +164,7 @@ def _check(
     ):
         if not low <= value <= high:
             hint = unit_hint(what, value, low, high)
-            raise SceneError(f"{name}: {what} is {value!r}; from {low:g} to {high:g} is taken{hint}")
+            raise SceneError(f"{name}: {what} is {value!r}; it must be from {low:g} to {high:g}{hint}")
     if length_m < 12 * radius_m:
         raise SceneError(f"{name}: a string of {length_m:g} m is too short for a radius of {radius_m:g} m")
     if crossings is not None and name not in _CROSSINGS:

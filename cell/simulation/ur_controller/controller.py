@@ -60,7 +60,7 @@ class ControllerOptions:
 async def serve(options: ControllerOptions, sockets: dict[int, socket.socket], with_parent: bool) -> None:
     """Runs the controller on listening sockets until the process is to end.
 
-    `with_parent`: it ends when standard input is closed, as it is when the parent process dies.
+    `with_parent`: it exit when standard input is closed, as it is when the parent process dies.
     """
     loop = asyncio.get_running_loop()
     log, links = EventLog(), Links()

@@ -156,7 +156,7 @@ def test_an_arm_of_another_size_is_refused(controller: RunningController, monkey
     assert not kinds(controller.admin.log(begin), "script_upload")
     # One that says nothing of its size gives itself away by where its flange is; nothing has moved then.
     monkeypatch.setattr("cell.arm.preflight.Dashboard.ask", _sizeless(Dashboard.ask))
-    with pytest.raises(RobotNotReadyError, match=r"mm from where that of a ur3e would be: correct arm\.model"):
+    with pytest.raises(RobotNotReadyError, match=r"mm from the position that a ur3e would have: correct arm\.model"):
         UrArm(settings, controller.host).connect()
     until(lambda: controller.admin.state().program_state == "STOPPED", 5.0)
     assert not motion_commands(controller.admin.log(begin))

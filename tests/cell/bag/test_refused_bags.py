@@ -100,7 +100,7 @@ NOWHERE[0, 3] = np.nan
         (
             Recorded(image={"encoding": "rgb8"}),
             BagRequest(depth_topic=DEPTH),
-            r"images are 'rgb8'; depth as 16UC1 or 32FC1",
+            r"images are 'rgb8'; only 16UC1 and 32FC1",
         ),
         (Recorded(image={"step": 31}), BagRequest(), r"image of 16x12 pixels with 31 bytes a row has 384 bytes"),
         (Recorded(image={"width": 8}), BagRequest(), r"camera_info is of 16x12 pixels, the images .* are 8x12"),
@@ -131,7 +131,7 @@ NOWHERE[0, 3] = np.nan
             BagRequest(),
             r"view 0: K has focal lengths 0, 0; not a camera's",
         ),
-        (Recorded(), BagRequest(depth_unit_m=1.0), r"depth_unit_m is 1; from 1e-6 to 0.01 metres a count are taken"),
+        (Recorded(), BagRequest(depth_unit_m=1.0), r"depth_unit_m is 1; it must be from 1e-6 to 0.01 metres per count"),
         (Recorded(), BagRequest(workspace_m=((1, 0), (0, 1), (0, 1))), r"workspace_m is .* with x0 < x1"),
     ],
 )
@@ -194,23 +194,26 @@ def another_lens() -> list[Moment]:
         (without(TF)[:1], r"no topic of depth images"),
         ([m for m in without(TF) if m.topic in (DEPTH, INFO)], r"no transforms \(/tf\): .*; its topics: /camera"),
         (without(INFO), r"not clear which CameraInfo belongs to .*--info-topic: none"),
-        (renamed(DEPTH, "/camera/depth/image"), r"lens has distortion \(0.1, .*say --rectified if they are"),
+        (renamed(DEPTH, "/camera/depth/image"), r"lens has distortion \(0.1, .*give --rectified if they are"),
         (
             [*without(""), *renamed(DEPTH, "/b/image_rect")],
             r"2 topics of depth images; name one.*: /b/image_rect, /cam",
         ),
         (
             shifted(3600.0),
-            r"any of the 3 depth images: its stamps differ from those of the images by 3594\.0 s; two clocks",
+            r"any of the 3 depth images: its stamps differ from those of the images by 3594\.0 s; synchronise",
         ),
         (without("")[:4], r"the arm stands still at 1 poses \(of 1 depth images, 0 were taken in motion"),
         (
             told_otherwise(TF),
-            r"'camera_.*' in 'tool0', which /tf_static has as fixed, is told in several ways, 20.0 mm",
+            r"'camera_.*' in 'tool0', which /tf_static has as fixed, is given with several values, 20.0 mm",
         ),
-        (told_otherwise(TF_STATIC), r"is told in several ways, 20.0 mm and 0.00 degrees apart: record the bag without"),
+        (
+            told_otherwise(TF_STATIC),
+            r"given with several values, 20.0 mm and 0.00 degrees apart: record the bag without",
+        ),
         (infrared(), r"depth images are compressed"),
-        (compressed(), r"depth images are compressed \(.*compressedDepth\), which is not read: .*republish"),
+        (compressed(), r"depth images are compressed \(.*compressedDepth\), which is not supported: .*republish"),
         (another_lens(), r"camera_info: the lens changes within the bag"),
         (list(one_image_each(made_views(65), Recorded())), r"stands still at 65 poses .*; at most 64 are read"),
     ],
@@ -255,8 +258,8 @@ def test_files_that_are_no_bag(tmp_path: Path) -> None:
     for name, said in [
         ("none.bag", "there is no"),
         ("text.bag", "cannot be read as a bag: File magic is invalid"),
-        ("a.txt", "is no bag"),
-        ("folder.bag", "is a folder with a ROS 1 bag's ending"),
+        ("a.txt", "is not a bag"),
+        ("folder.bag", "is a folder, but its name ends like that of a ROS 1 bag"),
         ("empty", "no metadata.yaml and 0 files"),
     ]:
         with pytest.raises(BagError, match=said):

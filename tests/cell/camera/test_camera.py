@@ -118,7 +118,7 @@ def test_a_capture_shows_the_scene_from_where_the_arm_came_to_rest(
     frame = camera.capture(after_s)
     asked_s = time.time()
     # The model is exact: no exposure of before, and none of another place, is in the median.
-    assert np.array_equal(frame.depth, FrameSource(world).expose(looking_down(world, 0.7)))
+    assert np.array_equal(frame.depth, FrameSource(world).render_depth(looking_down(world, 0.7)))
     assert frame.exposures == SETTINGS.exposures
     assert frame.depth_unit_m == camera.info().depth_unit_m == world.camera.depth_unit_m
     assert np.abs(frame.K - world.camera.K).max() < 1e-4
@@ -166,7 +166,7 @@ def test_a_killed_camera_process_costs_no_view(camera: LiveCamera, world: Simula
 
     threading.Thread(target=kill_at_work).start()
     frame = camera.capture(time.monotonic() + 0.5)
-    assert np.array_equal(frame.depth, FrameSource(world).expose(looking_down(world)))
+    assert np.array_equal(frame.depth, FrameSource(world).render_depth(looking_down(world)))
     assert camera.connected
     assert camera.pid != pid
     assert not runs(pid)
@@ -188,7 +188,9 @@ def test_a_camera_that_cannot_be_connected_again_is_lost_until_it_can(
     assert camera.pid is not None
     flange.path.unlink()  # nobody tells any more where the flange is: the simulated camera cannot start
     os.kill(camera.pid, signal.SIGKILL)
-    with pytest.raises(CameraLostError, match=r"has ended .exit code -9.*could not be connected again: .*where it is"):
+    with pytest.raises(
+        CameraLostError, match=r"has ended .exit code -9.*could not be connected again: .*read the flange pose"
+    ):
         camera.capture(time.monotonic())
     assert not camera.connected
     assert camera.pid is None
@@ -233,10 +235,10 @@ def test_the_virtual_controller_tells_where_the_camera_is(world: SimulatedWorld)
         controller.admin.reset(q_rad=inverse_kinematics("ur5e", looking_down(world))[0])
         camera.connect()
         frame = camera.capture(time.monotonic())
-        assert np.array_equal(frame.depth, FrameSource(world).expose(controller.admin.pose()))
+        assert np.array_equal(frame.depth, FrameSource(world).render_depth(controller.admin.pose()))
         controller.close()
         # Its process answers, but it is lost: from now on it counts as not connected.
-        with pytest.raises(CameraLostError, match="no longer learns where the arm is: no virtual controller answers"):
+        with pytest.raises(CameraLostError, match="lost the flange pose: no virtual controller answers"):
             ask_until_lost(camera)
         assert not camera.connected
     finally:
@@ -289,7 +291,7 @@ def test_equipment_that_is_given_up_makes_no_camera_to_wait_for() -> None:
 
 def test_a_simulated_camera_without_an_arm_says_so(world: SimulatedWorld, tmp_path: Path) -> None:
     camera = simulated_camera(world, lambda: partial(flange_file, str(tmp_path / "none.npz")))
-    with pytest.raises(CameraUnreachableError, match="cannot learn from the arm's controller where it is"):
+    with pytest.raises(CameraUnreachableError, match="cannot read the flange pose from the arm's controller"):
         camera.connect()
     assert camera.pid is None
 
@@ -337,9 +339,9 @@ if __name__ == "__main__":
 def test_a_picture_comes_across_and_what_shows_nothing_is_refused(camera: LiveCamera, world: SimulatedWorld) -> None:
     frame = camera.capture(time.monotonic(), with_image=True)
     source = FrameSource(world)
-    assert np.array_equal(frame.depth, source.expose(looking_down(world)))
+    assert np.array_equal(frame.depth, source.render_depth(looking_down(world)))
     assert frame.image is not None
-    truth = np.mean([source.picture(looking_down(world)) for _ in range(20)], axis=0)
+    truth = np.mean([source.render_intensity(looking_down(world)) for _ in range(20)], axis=0)
     # The noise of a mean of five, 1.1 grey levels at most.
     assert np.abs(frame.image - truth).mean() < 1.1
     camera.fault("zero")

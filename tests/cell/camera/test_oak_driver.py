@@ -96,7 +96,7 @@ def test_what_is_no_picture_is_refused() -> None:
         picture_message(grey, dai.ImgFrame.Type.BGR888i),  # rows too short for three colours
         cut,
     ):
-        with pytest.raises(BadFrameError, match=r"24 bytes of type .* no picture"):
+        with pytest.raises(BadFrameError, match=r"24 bytes of type .* not a picture"):
             decode_picture(wrong)
 
 
@@ -125,13 +125,13 @@ def test_what_is_no_depth_image_is_refused() -> None:
     short = message(np.ones((4, 4), np.uint16))
     short.setHeight(5)
     for wrong in (grey, short):
-        with pytest.raises(BadFrameError, match=r"32 bytes of type .* no depth image"):
+        with pytest.raises(BadFrameError, match=r"32 bytes of type .* not a depth image"):
             decode(wrong)
     for width, height in ((0, 4), (4, 0)):
         empty = message(np.ones((4, 4), np.uint16))
         empty.setWidth(width)
         empty.setHeight(height)
-        with pytest.raises(BadFrameError, match=rf"{width}x{height}, stride 8: that is no depth image"):
+        with pytest.raises(BadFrameError, match=rf"{width}x{height}, stride 8, which is not a depth image"):
             decode(empty)
 
 
@@ -403,7 +403,7 @@ def test_the_simulated_camera_s_frames_come_through_depthai_unchanged(world: Sim
         assert (info.device_id, info.temperature_c, info.warnings) == (world.camera_id, None, ())
         frame = oak.capture(time.monotonic(), 5.0, 10.0)
     # The camera is exact: five exposures, their median and one image cast here are all the same.
-    assert np.array_equal(frame.depth, FrameSource(world).expose(T_base_flange))
+    assert np.array_equal(frame.depth, FrameSource(world).render_depth(T_base_flange))
     assert np.abs(frame.K - world.camera.K).max() < 1e-4
     assert frame.depth_unit_m == world.camera.depth_unit_m
     assert frame.exposures == 5
@@ -421,7 +421,7 @@ def test_frames_show_the_pose_at_the_moment_of_their_exposure(world: SimulatedWo
         oak.open()
         after_s = time.monotonic() + 0.2
         frame = oak.capture(after_s, 5.0, 10.0)
-    assert np.array_equal(frame.depth, FrameSource(world).expose(rest))
+    assert np.array_equal(frame.depth, FrameSource(world).render_depth(rest))
 
 
 def test_an_unwatched_simulated_camera_takes_fewer_images(world: SimulatedWorld) -> None:
@@ -487,7 +487,7 @@ def test_a_picture_comes_with_the_depth_only_when_it_is_asked_for(world: Simulat
     assert np.array_equal(pictured.depth, plain.depth)
     assert pictured.image is not None
     source = FrameSource(world)
-    truth = np.mean([source.picture(T_base_flange) for _ in range(100)], axis=0)
+    truth = np.mean([source.render_intensity(T_base_flange) for _ in range(100)], axis=0)
     off = pictured.image - truth
     # The noise of five of them, at most 2.5 grey levels each, and the mean's rounding. Nothing else, and no bias.
     assert off.std() < np.hypot(2.5 / np.sqrt(5), np.sqrt(1 / 12))
@@ -507,7 +507,7 @@ def test_pictures_show_the_pose_at_the_moment_of_their_exposure(world: Simulated
         after_s = time.monotonic() + 0.3
         image = oak.capture(after_s, 5.0, 10.0, with_image=True).image
     assert image is not None
-    there, elsewhere = (FrameSource(world).picture(T).astype(float) for T in (rest, moving))
+    there, elsewhere = (FrameSource(world).render_intensity(T).astype(float) for T in (rest, moving))
     assert np.abs(image - there).mean() < 3 < np.abs(image - elsewhere).mean()
 
 

@@ -145,7 +145,7 @@ def test_where_none_can_be_spared_a_warning_says_that_nothing_is_verified() -> N
     plan = plan_calibration(farther_off, BOARD, T_FLANGE_CAMERA, None, held_out=1)
     assert plan.reached == 10
     assert plan.held_out == (15,)
-    assert "it will not be verified: change x_m" in plan.warnings[0]
+    assert "the calibration will not be verified: change x_m" in plan.warnings[0]
 
 
 def test_too_few_poses_are_refused_with_their_reasons() -> None:

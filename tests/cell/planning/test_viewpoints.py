@@ -210,7 +210,7 @@ def test_home_is_taken_from_the_settings_if_it_is_free() -> None:
 
 
 def test_without_room_for_a_home_the_plan_is_refused() -> None:
-    with pytest.raises(ViewpointsError, match=r"no home posture above the workspace: check \[workspace\]"):
+    with pytest.raises(ViewpointsError, match=r"no home posture was found above the workspace: check \[workspace\]"):
         plan_of(cell(middle=(3.0, 0.0)))
 
 

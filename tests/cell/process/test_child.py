@@ -35,7 +35,7 @@ def test_the_drivers_own_errors_come_back_as_they_are(child: Child):
 
 
 def test_an_unexpected_error_is_told_and_ends_nothing(child: Child):
-    with pytest.raises(CellError, match="fail met an unexpected KeyError"):
+    with pytest.raises(CellError, match="fail raised an unexpected KeyError"):
         child.call("fail", timeout_s=10.0)
     assert child.call("add", 0, 0, timeout_s=10.0) == 100
 
@@ -85,7 +85,7 @@ def test_a_child_that_hangs_in_the_middle_of_its_answer_is_killed(monkeypatch: p
     lost: list[ChildLostError] = []
 
     def call() -> None:
-        with pytest.raises(ChildLostError, match="stopped amid its answer to 'picture'") as caught:
+        with pytest.raises(ChildLostError, match="closed the connection during its answer to 'picture'") as caught:
             child.call("picture", timeout_s=10.0)
         lost.append(caught.value)
 
@@ -150,7 +150,7 @@ def test_what_is_no_longer_wanted_when_its_turn_comes_is_not_sent(child: Child):
     while not child._turn.locked():
         time.sleep(0.001)
     threading.Timer(0.1, unwanted.set).start()
-    with pytest.raises(NotCalledError, match="'add' of the test process is no longer wanted"):
+    with pytest.raises(NotCalledError, match="'add' of the test process was cancelled"):
         child.call("add", 1, 2, timeout_s=10.0, unless=unwanted)
     busy.join()
     assert child.call("add", 0, 0, timeout_s=10.0) == 100

@@ -182,7 +182,7 @@ def test_colour_is_taken_as_jpeg_only(tmp_path: Path) -> None:
     (tmp_path / "f.mcap").write_bytes(foreign.bytes())
     recording = read_recording(tmp_path / "f.mcap")
     assert [view.colour_jpeg for view in recording.views] == [b"\xff\xd8", None, None]
-    assert recording.missing == ("view 1 has its colour image as 'png'; only jpeg is taken",)
+    assert recording.missing == ("view 1 has its colour image as 'png'; only jpeg is supported",)
 
 
 def test_incomplete_views_are_left_out_and_told(tmp_path: Path) -> None:
@@ -293,8 +293,8 @@ def test_other_encodings_are_named(tmp_path: Path, encoding: str) -> None:
 @pytest.mark.parametrize(
     ("messages", "kind", "message"),
     [
-        (view_messages(1), RecordingContentError, "^view 1 is there twice: it has two messages on /tf"),
-        ([(1, "/camera/depth", depth(1))], RecordingContentError, "^view 1 is there twice.*/camera/depth"),
+        (view_messages(1), RecordingContentError, "^view 1 is duplicated: it has two messages on /tf"),
+        ([(1, "/camera/depth", depth(1))], RecordingContentError, "^view 1 is duplicated.*/camera/depth"),
         ([(64, "/tf", pose(0))], RecordingTooLargeError, r"^view 64 \(/tf\): .* are from 0 to 63"),
         ([(2**32 - 1, "/tf", pose(0))], RecordingTooLargeError, "^view 4294967295"),
     ],
@@ -309,7 +309,7 @@ def test_views_beyond_what_a_scan_has_are_refused(
 
 def test_parts_of_different_moments_or_types_are_refused(tmp_path: Path) -> None:
     error = refused(Foreign(times={5: 10**18 + 50}), tmp_path)
-    assert_error(error, RecordingContentError, "^view 1: its messages are of different moments.*/camera/depth")
+    assert_error(error, RecordingContentError, "^view 1: its messages have different times.*/camera/depth")
     error = refused(Foreign(messages=[(0, "/camera/depth", pose(0))]), tmp_path)
     assert_error(error, RecordingContentError, "/camera/depth has messages of type 'foxglove.FrameTransform'")
 
@@ -317,9 +317,9 @@ def test_parts_of_different_moments_or_types_are_refused(tmp_path: Path) -> None
 @pytest.mark.parametrize(
     ("foreign", "message"),
     [
-        (Foreign(metadata_records=0), r"f\.mcap has no 'pointchain' metadata: it is no recording of a scan"),
+        (Foreign(metadata_records=0), r"f\.mcap has no 'pointchain' metadata: it is not a recording of a scan"),
         (Foreign(metadata_records=2), r"f\.mcap has its 'pointchain' metadata twice"),
-        (Foreign(attachments=0), r"f\.mcap has no attachment hand_eye\.json: where the camera was"),
+        (Foreign(attachments=0), r"f\.mcap has no attachment hand_eye\.json: the pose of the camera is unknown"),
         (Foreign(attachments=2), r"f\.mcap has its attachment hand_eye\.json twice"),
     ],
 )

@@ -49,7 +49,7 @@ def test_numbers_of_numpy_are_stored_as_plain_ones() -> None:
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"depth_unit_m": 1.0}, "depth_unit_m is 1; from 1e-6 to 0.01"),
+        ({"depth_unit_m": 1.0}, "depth_unit_m is 1; it must be from 1e-6 to 0.01"),
         ({"depth_unit_m": NAN}, "depth_unit_m is nan; a finite number"),
         ({"string_radius_m": 0.0}, "string_radius_m is 0; it must be positive"),
         ({"string_radius_m": float("inf")}, "string_radius_m is inf"),
@@ -58,7 +58,7 @@ def test_numbers_of_numpy_are_stored_as_plain_ones() -> None:
         ({"T_flange_camera": 2 * np.eye(4)}, r"hand_eye\.json: T_flange_camera has the last row"),
         ({"provenance": {"format": "2"}}, "'format' is a field of the format"),
         ({"provenance": {"seed": 3}}, "'seed' is 3; names and values are text"),
-        ({"provenance": {"note": "x" * 40_000}}, "the provenance has 40012 bytes; 32768 at most"),
+        ({"provenance": {"note": "x" * 40_000}}, "the provenance has 40012 bytes; at most 32768"),
     ],
     ids=lambda value: str(value)[:40],
 )
@@ -83,7 +83,7 @@ def test_a_senseless_header_is_not_made(change: dict[str, Any], message: str) ->
         ({"workspace_m": "[[0, NaN], [0, 1], [0, 1]]"}, "workspace_m is .* x0 < x1"),
         ({"workspace_m": "[[1, 0], [0, 1], [0, 1]]"}, "workspace_m is .* x0 < x1"),
         ({"workspace_m": '{"x": 1}'}, "workspace_m is .* x0 < x1"),
-        ({"workspace_m": "null"}, "workspace_m is null; leave it out"),
+        ({"workspace_m": "null"}, "workspace_m is null; omit it"),
     ],
     ids=lambda value: str(value)[:40],
 )

@@ -281,11 +281,11 @@ def test_a_recording_is_never_overwritten(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("change", "error", "message"),
     [
-        ({"index": 0}, RecordingContentError, "view 0 is in the recording already"),
-        ({"index": 64}, RecordingTooLargeError, "view 64: views go from 0 to 63"),
-        ({"index": -1}, RecordingTooLargeError, "view -1: views go from 0 to 63"),
-        ({"depth_unit_m": 1e-3}, RecordingContentError, "depth unit is 0.001 m, the recording's 0.0001 m"),
-        ({"T_flange_camera": np.eye(4)}, RecordingContentError, "T_flange_camera is not the recording's"),
+        ({"index": 0}, RecordingContentError, "view 0 is already in the recording"),
+        ({"index": 64}, RecordingTooLargeError, "view 64: view indices are from 0 to 63"),
+        ({"index": -1}, RecordingTooLargeError, "view -1: view indices are from 0 to 63"),
+        ({"depth_unit_m": 1e-3}, RecordingContentError, "depth unit is 0.001 m, that of the recording 0.0001 m"),
+        ({"T_flange_camera": np.eye(4)}, RecordingContentError, "T_flange_camera differs from that of the recording"),
         ({"stamp_s": float("nan")}, RecordingContentError, "stamp nan s"),
         ({"stamp_s": -1.0}, RecordingContentError, "stamp -1.0 s"),
         ({"colour_jpeg": bytes(17 << 20)}, RecordingTooLargeError, "view 1 has .* bytes"),

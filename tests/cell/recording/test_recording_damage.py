@@ -100,7 +100,7 @@ def test_a_killed_process_keeps_every_view_it_acknowledged(tmp_path: Path) -> No
     assert len(recording.views) >= acknowledged
     for view in recording.views:
         np.testing.assert_array_equal(view.depth, make_view(view.index).depth)
-    assert f"whatever followed view {len(recording.views) - 1}, the last one taken, is lost" in recording.missing[-1]
+    assert f"anything after view {len(recording.views) - 1}, the last complete one, is lost" in recording.missing[-1]
 
 
 def test_a_scan_that_breaks_off_says_so(tmp_path: Path) -> None:
@@ -116,7 +116,7 @@ def test_a_scan_that_breaks_off_says_so(tmp_path: Path) -> None:
     assert [view.index for view in recording.views] == [0, 2]
     assert recording.missing == (
         "view 1 is not in the file",
-        "the file has no end record; whatever followed view 2, the last one taken, is lost",
+        "the file has no end record; anything after view 2, the last complete one, is lost",
     )
 
 
@@ -138,7 +138,7 @@ def test_a_full_disk_keeps_the_earlier_views(tmp_path: Path) -> None:
     with room_for(path.stat().st_size + 1000):
         with pytest.raises(OSError, match="File too large"):
             writer.write_view(make_view(1))
-        with pytest.raises(RecordingError, match="takes no more"):
+        with pytest.raises(RecordingError, match="cannot be written any more"):
             writer.write_view(make_view(2))
         writer.close()
     recording = read_recording(path)
@@ -155,7 +155,7 @@ def test_a_full_disk_at_the_end_keeps_all_views(tmp_path: Path) -> None:
     writer.close()
     recording = read_recording(path)
     assert [view.index for view in recording.views] == [0]
-    assert "whatever followed view 0, the last one taken, is lost" in recording.missing[0]
+    assert "anything after view 0, the last complete one, is lost" in recording.missing[0]
 
 
 def test_a_recording_that_cannot_be_begun_leaves_no_file(tmp_path: Path) -> None:
@@ -181,7 +181,7 @@ def test_a_file_cut_anywhere_keeps_its_complete_views(written: bytes, tmp_path: 
         for view in recording.views:
             assert_right(view)
         if complete < len(ends):
-            assert f"whatever followed view {complete - 1}, the last one taken, is lost" in recording.missing[0]
+            assert f"anything after view {complete - 1}, the last complete one, is lost" in recording.missing[0]
 
 
 def test_a_torn_or_zero_filled_end_keeps_the_views_before(written: bytes, tmp_path: Path) -> None:
@@ -194,7 +194,7 @@ def test_a_torn_or_zero_filled_end_keeps_the_views_before(written: bytes, tmp_pa
         path.write_bytes(data)
         recording = read_recording(path)
         assert [view.index for view in recording.views] == [0, 1, 2, 3]
-        assert "whatever followed view 3, the last one taken, is lost" in recording.missing[0]
+        assert "anything after view 3, the last complete one, is lost" in recording.missing[0]
 
 
 @pytest.mark.parametrize("finished", [True, False])

@@ -45,9 +45,9 @@ def test_what_a_camera_says_of_itself_is_judged(
         (0.5, 0.1, 0.6, 1.0, False, "warning", "that is little"),
         (0.5, 0.1, 0.6, 1.0, True, "ok", "10 % of the pixels"),
         (0.1, 0.9, 0.6, 1.0, False, "warning", "most is nearer than the 0."),
-        (0.5, 0.9, 0.6, 0.6, False, "warning", "degrees across, and viewpoints are planned for"),
-        (0.5, 0.9, 30.0, 1.0, False, "failed", "the frame is said to be 30.0 s old"),
-        (0.5, 0.9, -30.0, 1.0, False, "failed", "the frame is said to be -30.0 s old"),
+        (0.5, 0.9, 0.6, 0.6, False, "warning", "degrees, and viewpoints are planned for"),
+        (0.5, 0.9, 30.0, 1.0, False, "failed", "the frame has an age of 30.0 s"),
+        (0.5, 0.9, -30.0, 1.0, False, "failed", "the frame has an age of -30.0 s"),
     ],
 )
 def test_a_depth_image_is_judged(

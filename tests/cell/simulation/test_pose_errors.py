@@ -8,7 +8,7 @@ from cell.simulation.pose_errors import (
     T_FLANGE_CAMERA,
     PoseErrors,
     perturbed,
-    told_flange_poses,
+    reported_flange_poses,
     viewpoints,
 )
 from cell.simulation.rendering.depth_camera import CAMERAS
@@ -63,7 +63,7 @@ def test_errors_have_their_size() -> None:
 
 def test_without_errors_the_told_poses_are_true() -> None:
     T_base_camera = [look_at(np.zeros(3), k, 1.0, 0.4, 0.1 * k) for k in range(4)]
-    told = told_flange_poses(T_base_camera, T_FLANGE_CAMERA, NO_ERRORS, np.random.default_rng(0))
+    told = reported_flange_poses(T_base_camera, T_FLANGE_CAMERA, NO_ERRORS, np.random.default_rng(0))
     for T_base_flange, T in zip(told, T_base_camera, strict=True):
         assert T_base_flange @ T_FLANGE_CAMERA == pytest.approx(T, abs=1e-12)
 

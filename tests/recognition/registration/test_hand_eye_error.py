@@ -34,7 +34,7 @@ def default_cell() -> tuple[SimulatedWorld, ViewpointPlan, Scene]:
     """The default simulated cell, with the robot and hand-eye errors of a good one."""
     settings = CellSettings()
     world = simulated_world(settings)
-    plan = plan_viewpoints(settings, world.told_T_flange_camera, None)
+    plan = plan_viewpoints(settings, world.nominal_T_flange_camera, None)
     return world, plan, Scene(settings.mounting.table_z_m, settings.workspace_m)
 
 
@@ -43,9 +43,9 @@ def ingested(scene: str, moved: tuple[float, ...]) -> IngestedViews:
     world, plan, where = default_cell()
     T_flange_camera = world.T_flange_camera @ from_rotation_vector(moved[3:], moved[:3])
     source = FrameSource(replace(world, scene=make_scene(scene, 1), T_flange_camera=T_flange_camera))
-    K, unit, given = world.camera.K, world.camera.depth_unit_m, world.told_T_flange_camera
+    K, unit, given = world.camera.K, world.camera.depth_unit_m, world.nominal_T_flange_camera
     views = [
-        View(v.index, source.expose(v.T_base_flange), unit, K, v.T_base_flange, given)
+        View(v.index, source.render_depth(v.T_base_flange), unit, K, v.T_base_flange, given)
         for v in plan.viewpoints
         if v.q_rad is not None
     ]
@@ -62,7 +62,7 @@ def estimate(views: IngestedViews, sigmas: PoseSigmas | None = None) -> HandEyeE
 def true_error(moved: tuple[float, ...]) -> np.ndarray:
     """Return the error (6,) of the given calibration, as `HandEyeErrorEstimate` defines it."""
     world, _, _ = default_cell()
-    T = inverse(world.told_T_flange_camera) @ world.T_flange_camera @ from_rotation_vector(moved[3:], moved[:3])
+    T = inverse(world.nominal_T_flange_camera) @ world.T_flange_camera @ from_rotation_vector(moved[3:], moved[:3])
     return twist_from_pose(T)
 
 

@@ -55,7 +55,7 @@ REFUSED: dict[str, Any] = {
 
 def told_sha256() -> str:
     """Of what is told of the simulated cell, which has no calibration file."""
-    return simulated_world(CellSettings(camera=CAMERA)).told_hand_eye.sha256
+    return simulated_world(CellSettings(camera=CAMERA)).nominal_hand_eye.sha256
 
 
 def run_in(state: ScanState, **values: Any) -> CalibrationRow:

@@ -326,8 +326,8 @@ def one_entry(row: int, column: int, value: float) -> Change:
         ),
         (remove("poses.json"), "has no poses: add poses.json, or a file beside each image, as 8.json or 8.txt"),
         (rewrite("poses.json", lambda _: 7), "must be a list of poses in the order of the images, or an object"),
-        (one_entry(0, 3, float("nan")), "pose 1 (9.png) is no pose"),
-        (one_entry(0, 0, 2.0), "pose 1 (9.png) is no pose: the transform is not rigid"),
+        (one_entry(0, 3, float("nan")), "pose 1 (9.png) is not a pose"),
+        (one_entry(0, 0, 2.0), "pose 1 (9.png) is not a pose: the transform is not rigid"),
         (one_entry(0, 3, 412.0), "these look like millimetres"),
         (rewrite("poses.json", lambda p: [{"T_base_flange": T} for T in p]), "for flange poses give --hand-eye"),
         (poses_by(lambda T: inverse(T).tolist()), "these look like T_camera_base; invert them"),
@@ -386,7 +386,7 @@ def one_entry(row: int, column: int, value: float) -> Change:
             "9.txt holds a pose, and there is no depth image 9",
         ),
         (both(poses_beside(".txt", np.savetxt), remove("9.txt")), "9.png has no pose: add 9.json"),
-        (poses_beside(".txt", lambda path, T: np.savetxt(path, T[:3])), "8.txt is no pose: 4 rows of 4 numbers"),
+        (poses_beside(".txt", lambda path, T: np.savetxt(path, T[:3])), "8.txt is not a pose: 4 rows of 4 numbers"),
     ],
 )
 def test_bad_input_is_refused_and_nothing_is_written(

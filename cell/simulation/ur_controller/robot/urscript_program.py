@@ -229,7 +229,7 @@ class ControlProgram:
             raise ScriptError(f"{NAMES[command]}: speed {speed:g} and acceleration {acceleration:g} must be positive")
         target: Joints | None = self._vector(0)
         if not np.isfinite(target).all():
-            raise ScriptError(f"{NAMES[command]}: the target {target.tolist()} is no place")
+            raise ScriptError(f"{NAMES[command]}: the target {target.tolist()} is not a pose")
         if command == 2:
             target = self._solution(self._robot.arm.q)
             if target is None:

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from cell.simulation.benchmark import cases
-from cell.simulation.benchmark.accuracy import ALL, CaseResult, accuracy, case_json, run_case, sigma
+from cell.simulation.benchmark.accuracy import ALL, CaseResult, case_json, run_case, sigma_by_tier, summarise
 from cell.simulation.benchmark.intervals import wilson_interval
 from cell.simulation.benchmark.sigma_coverage import SigmaCounts, sigma_counts, sigma_shares
 from cell.simulation.evaluation.metrics import Score
@@ -53,10 +53,10 @@ def test_a_refused_case_counts_as_wrong_and_has_the_reason(monkeypatch: pytest.M
         assert result.score is None
         assert result.refused is not None
         assert result.refused.startswith("insufficient-views: ")
-    for summary in accuracy(results)["paper"].values():
+    for summary in summarise(results)["paper"].values():
         assert (summary.n, summary.topology, summary.refused, summary.cover) == (1, 0.0, 1, 0.0)
         assert summary.mean_mm is None
-    assert sigma(results)["paper"][METHODS[0]]["within_2_sigma"] is None
+    assert sigma_by_tier(results)["paper"][METHODS[0]]["within_2_sigma"] is None
 
 
 def test_an_unexpected_exception_has_a_note_that_names_the_case(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -78,14 +78,14 @@ def test_a_case_without_a_model_counts_as_the_worst_in_medians() -> None:
         make_score(mean_m=0.004, confident_mistakes=2),
     ]
     results = [CaseResult("soft", k, "enhanced", s) for k, s in enumerate(scores)]
-    summary = accuracy(results)["soft"]["enhanced"]
+    summary = summarise(results)["soft"]["enhanced"]
     assert (summary.n, summary.mean_mm, summary.p95_mm, summary.shape_mm, summary.end_mm) == (3, 2.0, 2.0, 0.5, 3.0)
     assert (summary.topology, summary.confident_mistakes) == (0.6667, 2)
     assert summary.topology_interval_95 == wilson_interval(2 / 3, 3)
     refused = [CaseResult("soft", 3 + k, "enhanced", None, "no-depth: nothing") for k in range(2)]
-    worse = accuracy([*results, *refused])["soft"]["enhanced"]
+    worse = summarise([*results, *refused])["soft"]["enhanced"]
     assert (worse.n, worse.mean_mm, worse.topology, worse.refused) == (5, 4.0, 0.4, 2)
-    assert accuracy([results[0], *refused])["soft"]["enhanced"].mean_mm is None
+    assert summarise([results[0], *refused])["soft"]["enhanced"].mean_mm is None
 
 
 def test_results_are_grouped_by_tier_and_method() -> None:
@@ -94,13 +94,13 @@ def test_results_are_grouped_by_tier_and_method() -> None:
         CaseResult("paper", 0, "matching", make_score(topology=False), sigma=SigmaCounts(10, 1)),
         CaseResult("hard", 0, "enhanced", make_score(cover=0.5), sigma=SigmaCounts(30, 27)),
     ]
-    summaries = accuracy(results)
+    summaries = summarise(results)
     assert {tier: list(methods) for tier, methods in summaries.items()} == {
         "paper": ["enhanced", "matching"],
         "hard": ["enhanced"],
     }
     assert summaries["hard"]["enhanced"].cover == 0.5
-    shares = sigma(results)
+    shares = sigma_by_tier(results)
     assert set(shares) == {ALL, "paper", "hard"}
     assert shares[ALL]["enhanced"]["n_points"] == 42
     assert shares[ALL]["enhanced"]["within_2_sigma"] == pytest.approx(37 / 42, abs=1e-4)

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from cell.simulation.benchmark import scaling, speed, tables
-from cell.simulation.benchmark.scaling import Growth, Row, is_linear, rows
+from cell.simulation.benchmark.scaling import Growth, Row, is_linear, make_rows
 from cell.simulation.benchmark.speed import Input, Speed, Timing, simulated_input
 from recognition.errors import NoDepthError
 from recognition.parameters import ChainParameters
@@ -90,7 +90,7 @@ def test_a_longer_string_is_captured_from_the_same_distance() -> None:
 
 def test_growth_is_linear_until_a_step_is_not() -> None:
     def timed(*seconds: float) -> tuple[Row, ...]:
-        return rows([1.0, 2.0, 4.0][: len(seconds)], [Timing(s, {}, 7) for s in seconds])
+        return make_rows([1.0, 2.0, 4.0][: len(seconds)], [Timing(s, {}, 7) for s in seconds])
 
     assert [row.ratio for row in timed(0.5, 1.0, 1.5)] == [1.0, 2.0, 3.0]
     assert [row.size_ratio for row in timed(0.5, 1.0, 1.5)] == [1.0, 2.0, 4.0]
@@ -104,7 +104,7 @@ def test_growth_is_linear_until_a_step_is_not() -> None:
 
 
 def test_a_series_with_a_refused_size_is_not_linear_and_has_the_reason() -> None:
-    series = rows([0.4, 10.0], [Timing(0.3, {}, 5), "too-crowded: the workspace is wrong"])
+    series = make_rows([0.4, 10.0], [Timing(0.3, {}, 5), "too-crowded: the workspace is wrong"])
     assert series[1] == Row(10.0, 0, None, None, 25.0, "too-crowded: the workspace is wrong")
     assert not is_linear(series)
 
@@ -130,7 +130,7 @@ def test_the_tables_show_every_figure() -> None:
     shown = tables.speed_table(Speed(0.31, 6.2, 20.0, 0.12, 0.84, 123.4, {"preprocess": 0.1}))
     for figure in ("0.310 s", "6.200 s", "20.0", "0.120 s", "0.840 s", "123 MB"):
         assert figure in shown
-    series = rows([1.0, 4.0], [Timing(0.25, {}, 5), "no-depth: dark"])
+    series = make_rows([1.0, 4.0], [Timing(0.25, {}, 5), "no-depth: dark"])
     shown = tables.growth_table(Growth(points=series, views=series[:1], length=series[:1]))
     lines = shown.splitlines()
     assert lines[2] == "| 1 pixels per view | 5 | 1.0 | 0.250 s | 1.0 | NO |"

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from cell.simulation.benchmark.worker_pool import in_fresh_process, in_processes
+from cell.simulation.benchmark.worker_pool import map_in_processes, run_in_fresh_process
 from tests.processes import runs
 
 TIMEOUT_S = 60.0
@@ -19,7 +19,7 @@ TIMEOUT_S = 60.0
 SLEEPER = """
 import os, signal, time
 from pathlib import Path
-from cell.simulation.benchmark.worker_pool import in_processes
+from cell.simulation.benchmark.worker_pool import map_in_processes
 
 def sleep(file):
     Path(file + ".partial").write_text(str(os.getpid()))
@@ -28,7 +28,7 @@ def sleep(file):
 
 if __name__ == "__main__":
     signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell makes background processes ignore SIGINT
-    list(in_processes(sleep, ["a", "b", "c", "d"], jobs=2))
+    list(map_in_processes(sleep, ["a", "b", "c", "d"], jobs=2))
 """
 MEMORY = """
 import json
@@ -42,18 +42,18 @@ print(json.dumps([before, held, current_rss_bytes(), peak_rss_bytes()]))
 
 
 def test_results_come_in_order_from_child_processes() -> None:
-    assert in_fresh_process(os.getpid) != os.getpid()
-    assert list(in_processes(abs, [-3, 2, -1], jobs=2)) == [3, 2, 1]
+    assert run_in_fresh_process(os.getpid) != os.getpid()
+    assert list(map_in_processes(abs, [-3, 2, -1], jobs=2)) == [3, 2, 1]
 
 
 def test_a_worker_has_one_thread_and_a_fresh_process_keeps_the_environment() -> None:
-    assert list(in_processes(os.getenv, ["OMP_NUM_THREADS"], jobs=1)) == ["1"]
-    assert in_fresh_process(os.getenv, "OMP_NUM_THREADS") == os.getenv("OMP_NUM_THREADS")
+    assert list(map_in_processes(os.getenv, ["OMP_NUM_THREADS"], jobs=1)) == ["1"]
+    assert run_in_fresh_process(os.getenv, "OMP_NUM_THREADS") == os.getenv("OMP_NUM_THREADS")
 
 
 def test_an_error_reaches_the_caller() -> None:
     with pytest.raises(ValueError, match="'x'"):
-        list(in_processes(int, ["1", "x"], jobs=1))
+        list(map_in_processes(int, ["1", "x"], jobs=1))
 
 
 @pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGTERM, signal.SIGKILL])

@@ -30,7 +30,7 @@ def flange_looking_at(world: SimulatedWorld, azimuth_rad: float = 0.4) -> NDArra
 def test_the_depth_image_shows_the_strings_at_their_true_positions() -> None:
     world = small_world(model="ideal", errors=0.0)
     T_base_flange = flange_looking_at(world)
-    z = FrameSource(world).expose(T_base_flange) * world.camera.depth_unit_m
+    z = FrameSource(world).render_depth(T_base_flange) * world.camera.depth_unit_m
     v, u = np.indices(z.shape)
     rays = np.stack([u, v, np.ones_like(u)], axis=-1) @ np.linalg.inv(world.camera.K).T
     points = transform_points(T_base_flange @ world.T_flange_camera, (rays * z[..., None])[z > 0])
@@ -54,7 +54,7 @@ def test_exposures_from_one_pose_differ_only_by_their_noise() -> None:
     T_base_flange = flange_looking_at(world)
     assert world.camera.noise is not None
     fb = world.camera.noise.focal_baseline_px_m
-    stack = np.stack([source.expose(T_base_flange) for _ in range(40)]).astype(np.float64)
+    stack = np.stack([source.render_depth(T_base_flange) for _ in range(40)]).astype(np.float64)
     # The pixels without a measurement, such as rims and holes, do not change.
     assert np.array_equal((stack > 0).all(axis=0), (stack > 0).any(axis=0))
     disparity = fb / (stack[:, (stack > 0).all(axis=0)] * world.camera.depth_unit_m)
@@ -70,7 +70,9 @@ def test_the_median_of_five_exposures_has_the_noise_of_a_recording() -> None:
     T_base_flange = flange_looking_at(world)
     assert world.camera.noise is not None
     fb, frame_px = world.camera.noise.focal_baseline_px_m, world.camera.noise.frame_px
-    first, second = (median([source.expose(T_base_flange) for _ in range(5)]).astype(np.float64) for _ in range(2))
+    first, second = (
+        median([source.render_depth(T_base_flange) for _ in range(5)]).astype(np.float64) for _ in range(2)
+    )
     both = (first > 0) & (second > 0)
     difference = fb / (first[both] * world.camera.depth_unit_m) - fb / (second[both] * world.camera.depth_unit_m)
     # This is the noise in recordings of `pointchain simulate`. Rounding adds about 3 %.
@@ -81,18 +83,18 @@ def test_a_repeated_pose_has_the_same_fixed_errors() -> None:
     world = small_world(model="oak-d-pro")
     source = FrameSource(world)
     here, there = flange_looking_at(world, 0.4), flange_looking_at(world, 2.0)
-    first, away, back = (source.expose(T) for T in (here, there, here))
+    first, away, back = (source.render_depth(T) for T in (here, there, here))
     assert np.array_equal(first == 0, back == 0)
     assert not np.array_equal(first == 0, away == 0)
     assert not np.array_equal(first, back)  # The noise of each exposure differs.
     # A new source with the same seed gives the same images, as after a camera was lost and connected again.
-    assert np.array_equal(FrameSource(world).expose(here), first)
+    assert np.array_equal(FrameSource(world).render_depth(here), first)
 
 
 def test_the_reported_pose_has_the_error_of_the_arm() -> None:
     exact, wrong = (small_world(model="ideal", errors=errors) for errors in (0.0, 20.0))
     T_base_flange = flange_looking_at(exact)
-    a, b = (FrameSource(world).expose(T_base_flange).astype(np.int64) for world in (exact, wrong))
+    a, b = (FrameSource(world).render_depth(T_base_flange).astype(np.int64) for world in (exact, wrong))
     shift_counts = np.median(np.abs(a - b)[(a > 0) & (b > 0)])
     # The errors are 10 mm and 2 degrees (rms). They shift the depth by some millimetres, in counts of 0.1 mm.
     assert 5 < shift_counts < 300
@@ -102,8 +104,8 @@ def test_the_intensity_image_shows_the_same_surfaces_as_the_depth_image() -> Non
     world = small_world(model="ideal", errors=0.0)
     T_base_flange = flange_looking_at(world)
     source = FrameSource(world)
-    picture = source.picture(T_base_flange).astype(float)
-    z = source.expose(T_base_flange) * world.camera.depth_unit_m
+    picture = source.render_intensity(T_base_flange).astype(float)
+    z = source.render_depth(T_base_flange) * world.camera.depth_unit_m
     v, u = np.indices(z.shape)
     rays = np.stack([u, v, np.ones_like(u)], axis=-1) @ np.linalg.inv(world.camera.K).T
     points = transform_points(T_base_flange @ world.T_flange_camera, (rays * z[..., None]).reshape(-1, 3))
@@ -122,15 +124,15 @@ def test_intensity_images_from_one_pose_differ_by_noise_that_is_repeatable() -> 
     world = small_world(model="oak-d-pro")
     source = FrameSource(world)
     here, there = flange_looking_at(world, 0.4), flange_looking_at(world, 2.0)
-    stack = np.stack([source.picture(here) for _ in range(40)])
+    stack = np.stack([source.render_intensity(here) for _ in range(40)])
     noise = np.sqrt(stack.astype(float).var(axis=0, ddof=1).mean())
     # The noise is between that without light and that at full light. Rounding is about 0.3 of it.
     assert 1.5 < noise < 2.5
-    assert not np.array_equal(source.picture(there), stack[0])
-    assert np.array_equal([source.picture(here) for _ in range(3)], stack[:3])
-    assert np.array_equal(FrameSource(world).picture(here), stack[0])
+    assert not np.array_equal(source.render_intensity(there), stack[0])
+    assert np.array_equal([source.render_intensity(here) for _ in range(3)], stack[:3])
+    assert np.array_equal(FrameSource(world).render_intensity(here), stack[0])
     other = replace(world, seed=world.seed + 1)
-    assert not np.array_equal(FrameSource(other).picture(here), stack[0])
+    assert not np.array_equal(FrameSource(other).render_intensity(here), stack[0])
 
 
 def test_intensity_images_do_not_change_the_depth_images() -> None:
@@ -138,5 +140,5 @@ def test_intensity_images_do_not_change_the_depth_images() -> None:
     T_base_flange = flange_looking_at(world)
     alone, with_pictures = FrameSource(world), FrameSource(world)
     for _ in range(2):
-        with_pictures.picture(T_base_flange)
-        assert np.array_equal(alone.expose(T_base_flange), with_pictures.expose(T_base_flange))
+        with_pictures.render_intensity(T_base_flange)
+        assert np.array_equal(alone.render_depth(T_base_flange), with_pictures.render_depth(T_base_flange))

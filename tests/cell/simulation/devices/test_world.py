@@ -72,7 +72,7 @@ def test_score_accepts_the_truth_of_the_world() -> None:
 def test_without_errors_the_camera_is_at_its_nominal_pose() -> None:
     world = simulated_world(settings(errors=0.0))
     T_base_flange = look_at(np.array([0.4, 0.0, 0.3]), 0.3, 1.0, 0.2, 0.4)
-    assert np.array_equal(world.told_T_flange_camera, world.T_flange_camera)
+    assert np.array_equal(world.nominal_T_flange_camera, world.T_flange_camera)
     assert world.T_base_camera(T_base_flange) == pytest.approx(T_base_flange @ world.T_flange_camera, abs=1e-15)
     T_scene_camera = world.T_scene_camera(T_base_flange)
     assert world.T_base_scene @ T_scene_camera == pytest.approx(T_base_flange @ world.T_flange_camera, abs=1e-12)
@@ -108,8 +108,8 @@ def test_reported_poses_that_differ_slightly_have_the_same_error() -> None:
 def test_the_same_seed_gives_the_calibration_and_bias_of_a_simulated_recording() -> None:
     world = simulated_world(settings(model="oak-d-pro", scene="straight", seed=7))
     recorded = simulate(make_scene("straight", 7), camera_model("oak-d-pro", (64, 40)), 7, views=1)
-    assert np.array_equal(world.told_T_flange_camera, recorded.header.T_flange_camera)
-    off_m = np.linalg.norm(world.told_T_flange_camera[:3, 3] - world.T_flange_camera[:3, 3])
+    assert np.array_equal(world.nominal_T_flange_camera, recorded.header.T_flange_camera)
+    off_m = np.linalg.norm(world.nominal_T_flange_camera[:3, 3] - world.T_flange_camera[:3, 3])
     assert 0.0 < off_m < 4 * PoseErrors().hand_eye_m
     other = simulated_world(settings(model="oak-d-pro", scene="straight", seed=8))
     assert other.bias_px != world.bias_px
@@ -119,10 +119,10 @@ def test_the_same_seed_gives_the_calibration_and_bias_of_a_simulated_recording()
 
 def test_the_nominal_hand_eye_calibration_has_the_id_of_its_camera() -> None:
     world, other = (simulated_world(settings(scene="straight", seed=seed)) for seed in (1, 2))
-    assert world.told_hand_eye.camera_id == world.camera_id
-    assert np.array_equal(world.told_hand_eye.T_flange_camera, world.told_T_flange_camera)
-    assert world.told_hand_eye.sha256 == simulated_world(settings(scene="straight", seed=1)).told_hand_eye.sha256
-    assert world.told_hand_eye.sha256 != other.told_hand_eye.sha256
+    assert world.nominal_hand_eye.camera_id == world.camera_id
+    assert np.array_equal(world.nominal_hand_eye.T_flange_camera, world.nominal_T_flange_camera)
+    assert world.nominal_hand_eye.sha256 == simulated_world(settings(scene="straight", seed=1)).nominal_hand_eye.sha256
+    assert world.nominal_hand_eye.sha256 != other.nominal_hand_eye.sha256
 
 
 def test_impossible_worlds_are_rejected() -> None:
@@ -149,7 +149,7 @@ def test_a_board_replaces_the_strings_of_the_same_cell() -> None:
     assert laid.board == Board()
     assert laid.scene.curves == ()
     assert (laid.camera_id, laid.bias_px, laid.errors) == (world.camera_id, world.bias_px, world.errors)
-    assert laid.told_hand_eye.sha256 == world.told_hand_eye.sha256
+    assert laid.nominal_hand_eye.sha256 == world.nominal_hand_eye.sha256
     T_base_flange = look_at(np.array([0.4, 0.0, 0.3]), 0.3, 1.0, 0.2, 0.4)
     assert np.array_equal(laid.T_base_camera(T_base_flange), world.T_base_camera(T_base_flange))
     assert np.array_equal(laid.T_flange_camera, world.T_flange_camera)

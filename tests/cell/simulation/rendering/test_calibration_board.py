@@ -86,7 +86,7 @@ def test_corners_are_found_where_the_truth_says() -> None:
     found, errors = 0, []
     for k in range(6):
         T_base_flange = looking(world, 1.1 * k, 20 + 2 * k, (0.36, 0.46)[k % 2], (-1.3, -0.4, 0.4)[k % 3])
-        mean = np.mean([source.picture(T_base_flange) for _ in range(5)], axis=0)
+        mean = np.mean([source.render_intensity(T_base_flange) for _ in range(5)], axis=0)
         sighting = detect_board(np.rint(mean).astype(np.uint8), Board())
         found += len(sighting.ids)
         errors.append(sighting.pixels - projected(world, T_base_flange)[sighting.ids])
@@ -102,7 +102,7 @@ def test_depth_and_picture_show_the_board_in_the_same_place() -> None:
     assert world.T_base_board is not None
     T_base_flange = looking(world, 0.4, 25, 0.45, 0.3)
     source = FrameSource(world)
-    z = source.expose(T_base_flange) * world.camera.depth_unit_m
+    z = source.render_depth(T_base_flange) * world.camera.depth_unit_m
     pixels = projected(world, T_base_flange)
     u, v = np.rint(pixels).astype(int).T
     rays = np.column_stack([u, v, np.ones(len(u))]) @ np.linalg.inv(world.camera.K).T
@@ -119,7 +119,7 @@ def test_a_board_out_of_sight_is_not_in_the_picture() -> None:
     source = FrameSource(world)
     aside = look_at(world.T_base_scene[:3, 3] + (0.5, 0.4, 0), 0.0, 1.2, 0.3, 0.0) @ inverse(world.T_flange_camera)
     up = look_at(world.T_base_scene[:3, 3] + (0, 0, 1.0), 0.0, -1.2, 0.6, 0.0) @ inverse(world.T_flange_camera)
-    assert source.picture(aside).max() < 180
+    assert source.render_intensity(aside).max() < 180
     # Nothing but the dark room, in which only noise is seen.
-    assert source.picture(up).max() < 40
-    assert source.picture(looking(world, 0.0, 20, 0.4, 0.0)).max() > 180
+    assert source.render_intensity(up).max() < 40
+    assert source.render_intensity(looking(world, 0.0, 20, 0.4, 0.0)).max() > 180
