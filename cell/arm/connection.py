@@ -77,7 +77,7 @@ class ArmConnection:
         self.program: ControlProgram | None = None
         """Program that was last started on the controller."""
         self.move_sent = False
-        """Whether a move was sent and has not been seen to end. Whatever moves the arm must then be stopped."""
+        """Whether a move was sent and is not known to have ended. Whatever moves the arm must then be stopped."""
         self.protective_s: float | None = None
         """Time at which a protective stop was first noticed, seconds of `time.monotonic()`, or None."""
         self._ended: CellError | None = RobotNotReadyError(NOT_CONNECTED)

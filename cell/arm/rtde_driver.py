@@ -27,7 +27,7 @@ from cell.errors import STOPPED, CellError, RobotLostError, RobotNotReadyError, 
 CONNECT_S = 6.0
 """Timeout for connecting. The script alone may take 5 s to start."""
 CONTROL_HZ = 250.0
-"""Rate of the commands. Half of the controller's maximum costs half, and means 4 ms."""
+"""Rate of the commands: half of the maximum, which halves the load and gives a period of 4 ms."""
 READ_HZ = 125.0
 """Rate of the controller's data."""
 LEASE_S = 5.0

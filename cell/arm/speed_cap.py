@@ -27,7 +27,7 @@ def capped_speed(
         q_from: Joint angles (6,) at the start, rad.
         q_to: Joint angles (6,) at the target, rad.
         speed_rad_s: Configured speed of the leading joint. The joints' own limits hold too.
-        flange_speed_m_s: Speed limit of the flange's origin, which holds on the whole line. The bound between two
+        flange_speed_m_s: Speed limit of the flange's origin, which holds on the whole line. The limit between two
             samples makes the move about 1 % slower than necessary.
     """
     turn = np.asarray(q_to, dtype=np.float64) - np.asarray(q_from, dtype=np.float64)
@@ -48,8 +48,8 @@ def max_flange_travel(model: ArmModelName, q_from: ArrayLike, q_to: ArrayLike) -
     turn = np.asarray(q_to, dtype=np.float64) - start
     total = float(np.abs(turn).sum())
     steps = int(np.ceil(total / _STEP_RAD)) + 1
-    places: NDArray[np.float64] = start + np.linspace(0.0, 1.0, steps + 1)[:, None] * turn
-    speed = np.linalg.norm(jacobian(model, places)[:, :3] @ turn, axis=1)
+    q_rad: NDArray[np.float64] = start + np.linspace(0.0, 1.0, steps + 1)[:, None] * turn
+    speed = np.linalg.norm(jacobian(model, q_rad)[:, :3] @ turn, axis=1)
     # Between two samples a velocity is within h^2 / 8 max |v''| of the chord. Each derivative along the line adds at
     # most a factor of the sum of the joint motions, with a lever no longer than the stretched arm.
     arm = ARMS[model]

@@ -92,14 +92,14 @@ def find_stationary_poses(chain: Chain, stamps_ns: NDArray[np.int64]) -> Station
             groups.append([])
         has_left = False
         groups[-1].append(k)
-    places = []
+    stationary_poses = []
     for group in groups:
         frames = _middle_frames(group)
         at = frames[len(frames) // 2]
-        places.append(StationaryPose(tuple(frames), poses.matrix(at), int(stamps_ns[at])))
-    taken = [frame for place in places for frame in place.frames]
+        stationary_poses.append(StationaryPose(tuple(frames), poses.matrix(at), int(stamps_ns[at])))
+    taken = [frame for pose in stationary_poses for frame in pose.frames]
     single = bool((known[taken] == ALONE).any())
-    return StationaryPoses(tuple(places), moving, int(np.count_nonzero(~usable)), single)
+    return StationaryPoses(tuple(stationary_poses), moving, int(np.count_nonzero(~usable)), single)
 
 
 def _is_same_pose(distance: tuple[float, float]) -> bool:

@@ -141,8 +141,7 @@ class TransformTree:
         parents = {parent for child, parent, _ in self._samples if child == frame}
         if len(parents) > 1:
             raise BagError(
-                f"/tf tells of the frame {shown(frame)!r} below {listed(parents)}: a frame has one parent; "
-                "have one of them published only"
+                f"/tf has several parents of the frame {shown(frame)!r}: {listed(parents)}; publish only one of them"
             )
         return next(iter(parents), None)
 

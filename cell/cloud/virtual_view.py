@@ -79,13 +79,13 @@ def virtual_view(points: NDArray[np.float64], viewpoint: NDArray[np.float64], po
     x, y, z = transform_points(inverse(T), points).T
     with np.errstate(divide="ignore", invalid="ignore"):
         a, b = x / z, y / z
-        seen = (z > NEAREST_M) & (np.hypot(a, b) < WIDEST)
-    if seen.mean() < 0.5:
+        in_image = (z > NEAREST_M) & (np.hypot(a, b) < WIDEST)
+    if in_image.mean() < 0.5:
         raise CloudError(
             f"{where} has most points beside or behind it: it is inside the cloud; give the camera's position, in the "
             "frame of the points"
         )
-    a, b, w = a[seen], b[seen], 1 / z[seen]
+    a, b, w = a[in_image], b[in_image], 1 / z[in_image]
     step = _spacing(np.column_stack([a, b])) * np.sqrt(points_per_pixel)
     left, top = a.min() - step, b.min() - step
     width, height = (int(np.ceil((side.max() - side.min()) / step)) + 3 for side in (a, b))
@@ -100,7 +100,7 @@ def virtual_view(points: NDArray[np.float64], viewpoint: NDArray[np.float64], po
     with np.errstate(divide="ignore"):
         depth_m = np.where(inverse_depth > 0, 1 / inverse_depth, 0.0)
     pitch_m = step / float(np.median(w))
-    return VirtualView(depth_m, K, T, pitch_m, int(np.count_nonzero(~front)), int(np.count_nonzero(~seen)))
+    return VirtualView(depth_m, K, T, pitch_m, int(np.count_nonzero(~front)), int(np.count_nonzero(~in_image)))
 
 
 def _spacing(plane: NDArray[np.float64]) -> float:

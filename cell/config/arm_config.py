@@ -84,7 +84,7 @@ class SimulatedArm(ArmSettings):
     @field_validator("host")
     @classmethod
     def _loopback(cls, value: str | None) -> str | None:
-        # ur_rtde leaves out its check for remote control on 127.0.0.1: nothing is simulated there.
+        # ur_rtde omits its check for remote control on 127.0.0.1: nothing is simulated there.
         if value is not None and not (_is_loopback(value) and value != "127.0.0.1"):
             raise ValueError('a simulated arm listens on 127.0.0.2 or above; a real one needs kind = "ur"')
         return value

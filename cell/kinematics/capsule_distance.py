@@ -61,11 +61,11 @@ def _nearest(
     step = 0.5**_ROUNDS / 4
     for _ in range(_ROUNDS):
         middle = (low + high) / 2
-        ahead, behind = (_depth(a + (middle + e)[:, None] * u, lowest, highest) for e in (step, -step))
-        rising = ahead > behind
+        ahead, before = (_depth(a + (middle + e)[:, None] * u, lowest, highest) for e in (step, -step))
+        rising = ahead > before
         low, high = np.where(rising, low, middle), np.where(rising, middle, high)
-    places = np.stack([low, high])
-    return _depth(a + places[..., None] * u, lowest, highest).min(axis=0)
+    arc_lengths = np.stack([low, high])
+    return _depth(a + arc_lengths[..., None] * u, lowest, highest).min(axis=0)
 
 
 def _depth(p: NDArray[np.float64], lowest: NDArray[np.float64], highest: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -23,8 +23,8 @@ JointPath = tuple[NDArray[np.float64], ...]
 
 def travel_rad(q_from: NDArray[np.float64], path: JointPath) -> float:
     """Return the motion of the leading joint, summed over the legs of a path."""
-    places = [q_from, *path]
-    return float(sum(np.abs(b - a).max() for a, b in itertools.pairwise(places)))
+    waypoints = [q_from, *path]
+    return float(sum(np.abs(b - a).max() for a, b in itertools.pairwise(waypoints)))
 
 
 class PathFinder:

@@ -114,7 +114,7 @@ def _pose(
     nearer = distance - preferred_m
     azimuth, elevation = float(bearing.azimuth_rad + aside), float(bearing.elevation_rad + higher)
     T_base_camera = look_at(view_target.centre, azimuth, elevation, distance, bearing.roll_rad + roll)
-    words = [
+    parts = [
         f"rolled by {np.rad2deg(roll):+.0f} deg" if roll else "",
         f"{abs(nearer) * 100:.0f} cm {'nearer' if nearer < 0 else 'farther'}" if nearer else "",
         f"{abs(np.rad2deg(higher)):.0f} deg {'higher' if higher > 0 else 'lower'}" if higher else "",
@@ -127,5 +127,5 @@ def _pose(
         roll_rad=bearing.roll_rad + roll,
         T_base_camera=T_base_camera,
         T_base_flange=T_base_camera @ inverse(view_target.T_flange_camera),
-        fallback=", ".join(word for word in words if word) or None,
+        fallback=", ".join(part for part in parts if part) or None,
     )

@@ -32,8 +32,8 @@ class _Panel:
     def line(self, points: NDArray[np.float64], **how: Any) -> None:
         self.axes.plot(*points[:, : self.dimensions].T, **how)
 
-    def text(self, place: NDArray[np.float64], words: str, **how: Any) -> None:
-        self.axes.text(*place[: self.dimensions], words, **how)
+    def text(self, position: NDArray[np.float64], label_text: str, **how: Any) -> None:
+        self.axes.text(*position[: self.dimensions], label_text, **how)
 
 
 def draw_plan(plan: ViewpointPlan, settings: CellSettings) -> bytes:
@@ -71,10 +71,10 @@ def draw_plan(plan: ViewpointPlan, settings: CellSettings) -> bytes:
         _draw_path(panel, plan, settings)
         _draw_arm(panel, parts, plan.home_q_rad, "0.4", 5.0)
         for viewpoint in plan.viewpoints:
-            place = order.index(viewpoint.index) if viewpoint.index in order else None
-            colour = _SKIPPED if place is None else colours.to_rgba(np.array(place))
-            _draw_camera(panel, viewpoint, optics, colour, place)
-            if viewpoint.q_rad is not None and place in (0, len(order) // 2):
+            number = order.index(viewpoint.index) if viewpoint.index in order else None
+            colour = _SKIPPED if number is None else colours.to_rgba(np.array(number))
+            _draw_camera(panel, viewpoint, optics, colour, number)
+            if viewpoint.q_rad is not None and number in (0, len(order) // 2):
                 _draw_arm(panel, parts, viewpoint.q_rad, colour, 2.5)
         panel.axes.set_aspect("equal")
         panel.axes.set_xlabel("x (m)")
@@ -141,15 +141,15 @@ def _draw_arm(panel: _Panel, parts: CollisionModel, q_rad: NDArray[np.float64], 
 
 
 def _draw_path(panel: _Panel, plan: ViewpointPlan, settings: CellSettings) -> None:
-    place, path = plan.start_q_rad, []
+    q_rad, path = plan.start_q_rad, []
     for leg in plan.legs:
         for q in leg.waypoints_rad:
-            path += [forward(settings.arm.model, place + share * (q - place)) for share in np.linspace(0, 1, _STEPS)]
-            place = q
+            path += [forward(settings.arm.model, q_rad + share * (q - q_rad)) for share in np.linspace(0, 1, _STEPS)]
+            q_rad = q
     panel.line(np.array(path)[:, :3, 3], color="0.55", linewidth=0.9, linestyle=":")
 
 
-def _draw_camera(panel: _Panel, viewpoint: Viewpoint, optics: CameraOptics, colour: Any, place: int | None) -> None:
+def _draw_camera(panel: _Panel, viewpoint: Viewpoint, optics: CameraOptics, colour: Any, number: int | None) -> None:
     from matplotlib.patheffects import withStroke
 
     corners = np.array([(0, 0), (optics.width, 0), (optics.width, optics.height), (0, optics.height)])
@@ -157,11 +157,11 @@ def _draw_camera(panel: _Panel, viewpoint: Viewpoint, optics: CameraOptics, colo
     rim = transform_points(viewpoint.T_base_camera, _FRUSTUM_M * rays)
     eye = viewpoint.T_base_camera[:3, 3]
     lines = [rim[0], rim[1], rim[2], rim[3], rim[0], eye, rim[1], rim[2], eye, rim[3]]
-    panel.line(np.array(lines), color=colour, linewidth=1.3, linestyle="--" if place is None else "-")
-    label = f" $\\bf{{{viewpoint.index}}}$" + ("" if place is None else f" {_ordinal(place + 1)}")
+    panel.line(np.array(lines), color=colour, linewidth=1.3, linestyle="--" if number is None else "-")
+    label = f" $\\bf{{{viewpoint.index}}}$" + ("" if number is None else f" {_ordinal(number + 1)}")
     # the outline keeps the text legible on the lines
     outline = [withStroke(linewidth=3, foreground="white")]
-    panel.text(eye, label, color=_SKIPPED if place is None else "black", fontsize=12, path_effects=outline, zorder=9)
+    panel.text(eye, label, color=_SKIPPED if number is None else "black", fontsize=12, path_effects=outline, zorder=9)
 
 
 def _ordinal(number: int) -> str:

@@ -50,7 +50,7 @@ class _Costs:
         if path_finder.path_home(start, start_clearances) is None:
             self.from_start[~path_finder.are_free(start, self.q, start_clearances)] = np.inf
 
-    def start_way(self, node: int) -> JointPath | None:
+    def start_path(self, node: int) -> JointPath | None:
         if self._path_finder.is_free(self._start, self.q[node], self._start_clearances):
             return (self.q[node],)
         return self._path_finder.path_via_home(
@@ -61,7 +61,7 @@ class _Costs:
         """Check the lines along these postures and correct their costs. Return whether all costs stayed the same."""
         before = self.of(nodes)
         first, last = nodes[0], nodes[-1]
-        path = self.start_way(first)
+        path = self.start_path(first)
         self.from_start[first] = np.inf if path is None else travel_rad(self._start, path)
         for a, b in itertools.pairwise(nodes):
             path = self._path_finder.path_between(self.q[a], self.q[b])
@@ -101,9 +101,9 @@ def find_tour(
     order: list[int] = list(range(len(groups)))
     for _ in range(MAX_ROUNDS):
         if len(groups) <= EXACT_VIEWS:
-            nodes = _exact(costs, len(groups))
+            nodes = _exact_tour(costs, len(groups))
         else:
-            nodes, order = _exchanged(costs, order)
+            nodes, order = _local_search(costs, order)
         settled = costs.check_lines(nodes)
         if not np.isfinite(costs.of(nodes)):
             return None
@@ -113,13 +113,13 @@ def find_tour(
             break
     first_of = np.searchsorted(costs.group, np.arange(len(groups)))
     stops = tuple((int(costs.group[n]), int(n - first_of[costs.group[n]])) for n in best)
-    paths = [costs.start_way(best[0])]
+    paths = [costs.start_path(best[0])]
     paths += [path_finder.path_between(costs.q[a], costs.q[b]) for a, b in itertools.pairwise(best)]
     paths.append(path_finder.path_home(costs.q[best[-1]]))
     return Tour(stops, tuple(path for path in paths if path is not None))
 
 
-def _exact(costs: _Costs, groups: int) -> list[int]:
+def _exact_tour(costs: _Costs, groups: int) -> list[int]:
     """Return the cheapest tour as nodes."""
     members = [np.flatnonzero(costs.group == g) for g in range(groups)]
     size = len(costs.q)
@@ -145,7 +145,7 @@ def _exact(costs: _Costs, groups: int) -> list[int]:
     return result[::-1]
 
 
-def _exchanged(costs: _Costs, order: list[int]) -> tuple[list[int], list[int]]:
+def _local_search(costs: _Costs, order: list[int]) -> tuple[list[int], list[int]]:
     """Return a tour that no rotation, reversal of a part, or move of a short part makes cheaper, and its order."""
     layers = _Layers.of(costs)
     best = layers.cost(order)
@@ -168,8 +168,8 @@ def _neighbours(order: list[int]) -> list[list[int]]:
     for length in (1, 2, 3):
         for i in range(size - length + 1):
             rest = order[:i] + order[i + length :]
-            places = range(max(i - MOVED_BY, 0), min(i + MOVED_BY, len(rest)) + 1)
-            moved += [rest[:j] + order[i : i + length] + rest[j:] for j in places if j != i]
+            positions = range(max(i - MOVED_BY, 0), min(i + MOVED_BY, len(rest)) + 1)
+            moved += [rest[:j] + order[i : i + length] + rest[j:] for j in positions if j != i]
     return rolled + turned + moved
 
 

@@ -284,11 +284,11 @@ def _taken(
         for index, choice in enumerate(chosen)
     )
     ends = [*(indices[group] for group, _ in tour.stops), None]
-    legs, place = [], start
+    legs, q_rad = [], start
     for view, path in zip(ends, tour.paths, strict=True):
         passed = [
-            q for q, before in zip(path, (place, *path), strict=False) if q is path[-1] or not np.array_equal(q, before)
+            q for q, before in zip(path, (q_rad, *path), strict=False) if q is path[-1] or not np.array_equal(q, before)
         ]
-        legs.append(Leg(view, np.array(passed), travel_rad(place, path)))
-        place = path[-1]
+        legs.append(Leg(view, np.array(passed), travel_rad(q_rad, path)))
+        q_rad = path[-1]
     return viewpoints, tuple(legs)

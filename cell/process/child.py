@@ -217,7 +217,7 @@ def _answer_calls(
             answer = getattr(made[0], call.method)(*call.arguments)
         except CellError as error:
             answer = error
-        except Exception as error:  # a fault of the driver, whose place is in the log
+        except Exception as error:  # a fault of the driver, whose traceback is in the log
             log.exception("%s failed", call.method)
             answer = CellError(f"{call.method} raised an unexpected {type(error).__name__}: {error}; please report it")
         pipe.send(answer)

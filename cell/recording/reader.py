@@ -41,7 +41,7 @@ class Recording:
 def read_recording(path: str | os.PathLike[str], limits: Limits = DEFAULT_LIMITS) -> Recording:
     """Read all complete views of a recording, of ours or of another writer.
 
-    A view without pose, calibration or depth image is left out and named in `missing`. `missing` also says if the file
+    A view without pose, calibration or depth image is excluded and named in `missing`. `missing` also says if the file
     was cut off. A view with wrong content makes the whole recording refused.
 
     Args:

@@ -84,7 +84,7 @@ NOWHERE[0, 3] = np.nan
         (
             Recorded(edges=lambda T: {("base", "tool0"): T, ("world", "tool0"): T}),
             BagRequest(),
-            r"frame 'tool0' below base, world: a frame has one parent",
+            r"several parents of the frame 'tool0': base, world; publish only",
         ),
         (Recorded(edges=lambda T: {("base", "tool0"): T, ("tool0", "base"): T}), BagRequest(), r"'\w+' below itself"),
         (
