@@ -65,7 +65,7 @@ def test_the_probe_times_each_process(monkeypatch: pytest.MonkeyPatch) -> None:
         asked.append((len(items), jobs))
         return [1.0, 3.0]
 
-    monkeypatch.setattr("service.bench_estimate.in_processes", map_in_processes)
+    monkeypatch.setattr("service.bench_estimate.map_in_processes", map_in_processes)
     probe = measure_probe(2)
     assert asked == [(2, 2)]
     assert probe == Probe(start_s=0.0, case_s=2.0)

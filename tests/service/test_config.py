@@ -226,7 +226,7 @@ def test_variables_alone_make_a_real_cell(monkeypatch: pytest.MonkeyPatch, tmp_p
         ("[mounting]\nobstacles_m = [[[0, 0, 0], [1, 1, 0]]]", "box 1 is flat"),
         ("[camera]\nworking_m = [0.6, 0.3]", "the nearest and the farthest distance are needed"),
         ("[camera]\nbody_m = [100, 40, 40]", "in metres, as [0.10, 0.04, 0.04]"),
-        ("[camera]\nscene = 'figure8'", "camera.scene is 'figure8'; there are the scenes straight,"),
+        ("[camera]\nscene = 'figure8'", "camera.scene is 'figure8'; the scenes are straight,"),
         ("[camera]\nstring_radius_m = 4.2", "camera.string_radius_m is 4.2; a number from 0.0005 to 0.02 is taken"),
         ("[scan]\nstring_radius_m = 4.2", "is taken; metres are expected, and 4.2 looks like millimetres"),
         ("[mounting]\ntable_z_m = -40", "from -3 to 3 is taken; metres are expected, and -40 looks like millimetres"),

@@ -174,7 +174,7 @@ def test_what_is_in_the_folder_gives_the_same_again(cell: Cell, done: tuple[Cali
 
 def test_a_calibration_is_never_written_over(cell: Cell, done: tuple[CalibrationRun, Told, Path]) -> None:
     before = controller_q(cell)
-    with pytest.raises(CalibrationFolderError, match="holds a calibration already"):
+    with pytest.raises(CalibrationFolderError, match="already has a calibration"):
         run_calibration(cell, prepared_calibration(cell), done[2], Told())
     np.testing.assert_array_equal(controller_q(cell), before)
 
