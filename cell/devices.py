@@ -188,7 +188,9 @@ class CameraInfo:
     warnings: tuple[str, ...]
     """What an operator should know, for example a slow USB link or intrinsics that differ from the factory's."""
     depth_unit_m: float = 0.0001
-    """Metres per depth count."""
+    """Metres per depth count, the same as in each frame."""
+    has_images: bool = True
+    """Whether frames can have an intensity image, which a calibration needs."""
 
 
 class Arm(Protocol):

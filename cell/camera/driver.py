@@ -19,6 +19,8 @@ class CameraDriver(Protocol):
     def open(self) -> CameraInfo:
         """Open the camera, wait for its first image, and let its exposure settle.
 
+        After a lost connection it is called again, on a new driver in a new process.
+
         Raises:
             CameraUnreachableError: No camera answers, or it sends no images.
         """
@@ -31,10 +33,12 @@ class CameraDriver(Protocol):
             after_s: Earliest start of an exposure, seconds of `time.monotonic()`.
             silence_s: Largest time between two images.
             patience_s: Time after which all exposures must be there.
-            with_image: Whether the frame has an intensity image.
+            with_image: Whether the frame has an intensity image. It is never requested from a camera without
+                `CameraInfo.has_images`.
 
         Raises:
             CameraLostError: The link to the camera broke.
+            NoFramesError: The camera is silent. Like a lost camera, it is opened again once.
             BadFrameError: The images show nothing, or too few came.
         """
         ...

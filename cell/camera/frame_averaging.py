@@ -109,10 +109,15 @@ def combine(exposures: Sequence[Exposure], depth_unit_m: float, pictures: Sequen
         pictures: Intensity images of the same size and matrix, or none.
 
     Raises:
-        BadFrameError: The images show nothing, or differ in size or matrix.
+        BadFrameError: The images show nothing, differ in size or matrix, or are no (H, W) arrays of uint16.
     """
     first = exposures[0]
     for exposure in exposures:
+        if exposure.depth.dtype != np.uint16 or exposure.depth.ndim != 2:
+            raise BadFrameError(
+                f"the camera's driver returned a depth image of shape {exposure.depth.shape} and type "
+                f"{exposure.depth.dtype}; (height, width) and uint16 are needed"
+            )
         if exposure.depth.shape != first.depth.shape or not np.array_equal(exposure.K, first.K):
             raise BadFrameError("the camera's resolution or intrinsics changed within one capture: connect it again")
     image = _image(pictures, first) if pictures else None

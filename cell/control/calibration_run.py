@@ -209,7 +209,7 @@ class _Images:
         self.listener.missing(index, reason)
 
     def write_view(self, view: View) -> View:
-        assert view.image is not None
+        assert view.image is not None  # `take_views` rejects a frame without one
         if self._setup is None:
             height, width = view.image.shape[:2]
             self._setup = Setup(
@@ -230,7 +230,7 @@ class _Images:
         """Detect the board in a view that is on the disk."""
         from calibration.target.detection import detect_board
 
-        assert view.image is not None
+        assert view.image is not None  # as above
         name = self._names[view.index]
         try:
             detected = detect_board(view.image, self.prepared.board)

@@ -5,12 +5,16 @@
 
 | change | by | thread |
 |---|---|---|
-| not_ready -> ready | `connect`, `prepare_*` | caller, with the lock of the equipment |
-| ready -> busy -> ready | `run`, at its start and its end | caller, with the lock |
-| busy -> fault, busy -> not_ready | an error of the arm's motion, as soon as the arm is at rest | `motion` |
-| ready -> not_ready | `stop`, without the lock; `release`, `calibration_changed`, `close` | any |
-| ready -> fault, ready -> not_ready | the idle monitor | `cell-monitor`, with the lock |
+| not_ready -> ready | `connect` and `prepare_*`, if all devices answer | caller, with the lock of the equipment |
+| not_ready or ready -> fault or not_ready | an error of `connect` or `prepare_*` | caller, with the lock |
+| not_ready or ready -> busy -> ready | `run`, at its start and its end | caller, with the lock |
+| busy -> fault or not_ready | an error of the run, as soon as the arm is at rest | `motion` |
+| busy -> not_ready | `run`, at its end after a stop or without a usable calibration | caller, with the lock |
+| ready -> not_ready | `stop`, `calibration_changed` | any, without the lock |
+| ready -> fault or not_ready | the idle monitor | `cell-monitor`, with the lock |
+| not_ready or ready -> not_ready | `release`, `close` | caller, with the lock |
 | fault -> not_ready | `acknowledge` | caller, with the lock |
+| not_ready -> fault | `restore_fault`, at the start of the service | caller |
 
 A stop that comes during `run` makes the next `Arm.move` raise StoppedError, which ends the run. A request that is older
 than the last stop is rejected by `StopRequests.raise_if_stopped_since`. The diagram is in
@@ -157,7 +161,8 @@ class Cell:
             held_out: Number of further poses for the verification.
 
         Raises:
-            CalibrationError: There is no initial guess, or it contradicts the active calibration.
+            CalibrationError: There is no initial guess, it contradicts the active calibration, or the camera takes no
+                intensity images.
             ViewpointsError: Too few poses are reachable.
             CellError: As `prepare_scan`.
         """
@@ -195,12 +200,14 @@ class Cell:
             listener: Receives the progress.
 
         Raises:
+            AcknowledgeRequiredError: There has been a fault since the preparation.
             CellBusyError: Another run has the equipment.
             StoppedError: A stop was requested since `prepared.requested_at`.
             MissingViewsError: Fewer than `prepared.min_views` views were taken.
             CellError: An error of the arm, or a changed calibration, ended the run.
         """
         with self._exclusive():
+            self._raise_if_fault()
             self._stops.raise_if_stopped_since(prepared.requested_at)
             is_scan, arm = prepared.purpose == "scan", self._equipment.arm
             settings, nominal = self.settings.hand_eye, self._equipment.nominal_hand_eye
@@ -268,8 +275,7 @@ class Cell:
             StoppedError: A stop was requested since `requested_at`: the arm may not be home, and should not be moved.
         """
         with self._exclusive(HOME_TIMEOUT_S):
-            if self._status.now.state == "fault":
-                raise AcknowledgeRequiredError(self._status.now.reason)
+            self._raise_if_fault()
             self._stops.raise_if_stopped_since(requested_at)
             self._equipment.release_arm()
             reason = "the arm was released for other programs: connect, or start a live scan"
@@ -309,6 +315,11 @@ class Cell:
             self._equipment.close()
             if self._status.now.state != "fault":  # a fault stays until a person acknowledges it
                 self._status.change(state="not_ready", slug="not-ready", reason="the service is ending")
+
+    def _raise_if_fault(self) -> None:
+        status = self._status.now
+        if status.state == "fault":
+            raise AcknowledgeRequiredError(status.reason)
 
     @contextlib.contextmanager
     def _exclusive(self, timeout_s: float = LOCK_TIMEOUT_S) -> Iterator[None]:

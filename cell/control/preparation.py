@@ -71,6 +71,7 @@ class Preparation:
         connected = self.connect(None)
         camera_id, robot_serial = connected.camera.device_id, connected.arm.serial
         try:
+            _require_images(connected.camera)
             hand_eye = guess.choose(camera_id, robot_serial)
             plan = plan_calibration(self._settings, board, hand_eye.T_flange_camera, self._q_rad, poses, held_out)
         except CellError:
@@ -87,6 +88,7 @@ class Preparation:
         self._stops.raise_if_stopped_since(requested_at)
         self._equipment.lay_board(board)
         connected = self.connect(lambda: hand_eye)
+        _require_images(connected.camera)
         plan = plan_verification(self._settings, board, hand_eye.T_flange_camera, self._q_rad)
         self._stops.raise_if_stopped_since(requested_at)
         ids = connected.camera.device_id, connected.arm.serial
@@ -195,4 +197,12 @@ class Preparation:
                 "robot": f"{arm.model} {arm.serial}, software {arm.software}",
                 "calibration_sha256": hand_eye.sha256,
             },
+        )
+
+
+def _require_images(camera: CameraInfo) -> None:
+    if not camera.has_images:
+        raise CalibrationError(
+            f"{camera.product} takes no intensity images, so it cannot see a calibration board: determine "
+            "T_flange_camera in another way and write it to hand_eye.json in hand_eye.folder"
         )

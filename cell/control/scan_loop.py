@@ -123,6 +123,8 @@ def _follow(arm: Arm, waypoints_rad: NDArray[np.float64]) -> ArmState:
 
 def _capture(means: ScanMeans, index: int, at_rest: ArmState) -> View:
     frame = means.camera.capture(time.monotonic() + means.settle_s, means.with_image)
+    if means.with_image and frame.image is None:
+        raise BadFrameError("the camera's driver returned no intensity image, although one was requested")
     # The pose is read again: a person may have pushed the arm, or the arm may have swung.
     T_base_flange = means.arm.state().T_base_flange
     moved = inverse(at_rest.T_base_flange) @ T_base_flange

@@ -30,6 +30,7 @@ UNITS = {
     "fps": "images/s",
     "width": "px",
     "height": "px",
+    "px": "px",
     "s": "s",
     "m": "m",
 }

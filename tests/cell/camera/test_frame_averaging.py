@@ -83,6 +83,12 @@ def test_images_that_show_nothing_are_refused(depth: NDArray[np.uint16], reason:
         combine([Exposure(depth, K, 0.0)] * 3, 0.0001)
 
 
+@pytest.mark.parametrize("depth", [plane().astype(np.float32), plane().astype(np.uint8), np.stack([plane()] * 3, 2)])
+def test_images_of_another_type_or_shape_are_refused(depth: NDArray) -> None:
+    with pytest.raises(BadFrameError, match=r"\(height, width\) and uint16 are needed"):
+        combine([Exposure(depth, K, 0.0)], 0.0001)
+
+
 def test_images_that_do_not_belong_together_are_refused() -> None:
     first = Exposure(plane(), K, 0.0)
     for other in (Exposure(plane()[1:], K, 0.0), Exposure(plane(), K + np.diag([1.0, 1, 0]), 0.0)):

@@ -70,7 +70,17 @@ class FileDriver:
 
     def info(self) -> CameraInfo:
         """Describe the camera."""
-        return CameraInfo("file camera", self._settings.device_id, 640, 400, "files", None, (), DEPTH_UNIT_M)
+        return CameraInfo(
+            product="file camera",
+            device_id=self._settings.device_id,
+            width=640,
+            height=400,
+            connection="files",
+            temperature_c=None,
+            warnings=(),
+            depth_unit_m=DEPTH_UNIT_M,
+            has_images=False,
+        )
 
     def fault(self, kind: Fault) -> None:
         """Raise CellError: this camera does not fail on request."""

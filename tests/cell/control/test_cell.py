@@ -18,6 +18,7 @@ from cell.control.cell import Cell
 from cell.control.prepared import PreparedScan
 from cell.devices import View
 from cell.errors import (
+    AcknowledgeRequiredError,
     CameraUnreachableError,
     MissingViewsError,
     RobotNotReadyError,
@@ -89,6 +90,18 @@ def scan(cell: Cell, path: Path, listener: Told, prepared: PreparedScan | None =
     prepared = prepared or prepared_scan(cell)
     with RecordingWriter(path, prepared.header) as writer, cell.run(prepared, writer, listener) as views:
         return list(views)
+
+
+def connected(cell: Cell) -> Cell:
+    cell.connect()
+    return cell
+
+
+def wait_for_fault(cell: Cell) -> None:
+    deadline = time.monotonic() + 30
+    while cell.status.state != "fault":
+        assert time.monotonic() < deadline, "nobody noticed"
+        time.sleep(0.02)
 
 
 def controller(cell: Cell) -> AdminClient:
@@ -227,6 +240,21 @@ def test_a_fault_is_not_forgotten_because_somebody_plans(tmp_path: Path) -> None
         assert (cell.status.state, cell.status.slug) == ("fault", "protective-stop")
         assert cell.status.arm_state is not None
         assert cell.status.arm_state.safety_mode == "protective_stop"
+
+
+def test_a_fault_since_the_preparation_must_be_acknowledged_before_the_run(tmp_path: Path) -> None:
+    with opened(simulated()) as cell, closing(controller(connected(cell))) as admin:
+        prepared = prepared_scan(cell, 2)
+        statuses: list[str] = []
+        cell.on_status(lambda status: statuses.append(status.state))
+        admin.protective_stop()
+        wait_for_fault(cell)
+        before = controller_q(cell)
+        with pytest.raises(AcknowledgeRequiredError, match="protective stop"):
+            scan(cell, tmp_path / "scan.mcap", Told(), prepared)
+        assert statuses == ["fault"]  # it was never busy
+        assert cell.status.slug == "protective-stop"
+        np.testing.assert_array_equal(controller_q(cell), before)
 
 
 def test_a_camera_that_shows_nothing_fails_the_scan_and_leaves_the_arm_home(tmp_path: Path) -> None:

@@ -1,24 +1,29 @@
 """A further kind of camera is one file and one entry: the whole cell works with it, in a child process as always."""
 
 import time
+from dataclasses import replace
 from datetime import UTC, datetime
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from calibration.storage.hand_eye_file import write_hand_eye
+from calibration.target.board import Board
 from cell.config.arm_config import ArmSettings, SimulatedArm, URArm
 from cell.config.camera_config import CameraSettings, OakCamera, SimulatedCamera
 from cell.config.cell_config import CellSettings, HandEyeSettings, ScanSettings
+from cell.control.calibration_run import BoardObservation, run_calibration
 from cell.control.cell import Cell
-from cell.control.equipment import ARM_KINDS, CAMERA_KINDS
-from cell.errors import CalibrationError, CameraUnreachableError
+from cell.control.equipment import ARM_KINDS, CAMERA_KINDS, CameraKind
+from cell.devices import CameraInfo
+from cell.errors import CalibrationError, CameraUnreachableError, MissingViewsError
 from cell.recording.reader import read_recording
 from cell.recording.writer import RecordingWriter
 from cell.self_test.self_test import check_cell
 from cell.simulation.pose_errors import T_FLANGE_CAMERA
-from tests.cell.control.file_camera import DEPTH_UNIT_M, KIND, FileCamera
+from tests.cell.control.file_camera import DEPTH_UNIT_M, KIND, FileCamera, FileDriver
 from tests.cell.loopback import free_host
 
 pytestmark = pytest.mark.xdist_group("cell")  # one at a time: each is several busy processes
@@ -30,6 +35,16 @@ class Silent:
     def moving(self, index: int) -> None: ...
     def recorded(self, index: int) -> None: ...
     def missing(self, index: int, reason: str) -> None: ...
+    def detected(self, index: int, board: BoardObservation, coverage: float) -> None: ...
+    def not_detected(self, index: int, reason: str) -> None: ...
+    def home(self) -> None: ...
+
+
+class DriverWithoutPromisedImages(FileDriver):
+    """A driver that says it has images and returns none."""
+
+    def info(self) -> CameraInfo:
+        return replace(super().info(), has_images=True)
 
 
 def images(folder: Path, count: int) -> list[np.ndarray]:
@@ -90,5 +105,34 @@ def test_its_errors_cross_from_the_child(monkeypatch: pytest.MonkeyPatch, tmp_pa
     try:
         with pytest.raises(CameraUnreachableError, match=r"check camera\.folder"):
             cell.camera.connect()
+    finally:
+        cell.close()
+
+
+def test_a_camera_without_images_is_not_calibrated(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setitem(CAMERA_KINDS, FileCamera, KIND)
+    images(tmp_path, 1)
+    cell = Cell(settings_with(FileCamera(folder=tmp_path), HandEyeSettings(rough_xyz_m=(0.03, -0.06, 0.05))))
+    try:
+        with pytest.raises(CalibrationError, match="file camera takes no intensity images"):
+            cell.prepare_calibration(Board(), time.monotonic())
+        assert cell.status.state == "not_ready"  # there is no calibration to scan with
+    finally:
+        cell.close()
+
+
+def test_a_frame_without_the_requested_image_is_a_missing_view(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    kind = CameraKind(lambda camera, _: partial(DriverWithoutPromisedImages, camera), KIND.open_timeout_s)
+    monkeypatch.setitem(CAMERA_KINDS, FileCamera, kind)
+    images(tmp_path, 40)
+    camera, hand_eye = FileCamera(folder=tmp_path, settle_s=0.0), HandEyeSettings(rough_xyz_m=(0.03, -0.06, 0.05))
+    cell = Cell(settings_with(camera, hand_eye))
+    try:
+        prepared = cell.prepare_calibration(Board(), time.monotonic())
+        with pytest.raises(MissingViewsError, match="the camera's driver returned no intensity image"):
+            run_calibration(cell, prepared, tmp_path / "calibration", Silent())
+        state = cell.status.arm_state
+        assert state is not None
+        np.testing.assert_allclose(state.q_rad, prepared.plan.home_q_rad, atol=2e-3)
     finally:
         cell.close()
