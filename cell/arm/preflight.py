@@ -68,7 +68,7 @@ def find_driving_errors(
     """
     if info.model.upper().removesuffix("E") != model.removesuffix("e").upper():
         yield RobotNotReadyError(
-            f"arm.model is {model!r}, but the robot is a {info.model}: correct arm.model, or arm.host"
+            f"the robot is a {info.model}, not {model!r} as arm.model says: correct arm.model, or arm.host"
         )
     if dashboard.ask("is in remote control").lower() != "true":
         yield RobotNotReadyError(

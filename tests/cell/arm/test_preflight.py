@@ -56,7 +56,7 @@ def test_what_keeps_it_from_being_driven(controller: RunningController, fault: s
 
 def test_another_model_is_refused_with_the_key_to_correct(controller: RunningController):
     fresh(controller)
-    with pytest.raises(RobotNotReadyError, match=r"arm\.model is 'ur10e', but the robot .* a UR5"):
+    with pytest.raises(RobotNotReadyError, match=r"the robot is a UR5, not 'ur10e' as arm\.model says"):
         probe(controller.host, "ur10e")
 
 

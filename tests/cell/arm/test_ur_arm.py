@@ -151,7 +151,7 @@ def test_nobody_there_is_told_soon():
 def test_an_arm_of_another_size_is_refused(controller: RunningController, monkeypatch: pytest.MonkeyPatch):
     begin = fresh(controller)
     settings = FAST.model_copy(update={"model": "ur3e"})
-    with pytest.raises(RobotNotReadyError, match=r"arm\.model is 'ur3e'.*but the robot is a UR5"):
+    with pytest.raises(RobotNotReadyError, match=r"the robot is a UR5, not 'ur3e' as arm\.model says"):
         UrArm(settings, controller.host).connect()
     assert not kinds(controller.admin.log(begin), "script_upload")
     # One that says nothing of its size gives itself away by where its flange is; nothing has moved then.
