@@ -1,4 +1,7 @@
-"""The views of a scan and the protocols of the devices that deliver them: live, simulated or recorded."""
+"""The views of a scan and the protocols of the devices that deliver them: live, simulated or recorded.
+
+The kinds of devices are in `cell.control.equipment`.
+"""
 
 import time
 from dataclasses import dataclass, field

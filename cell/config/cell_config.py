@@ -145,10 +145,10 @@ class CellSettings(StrictSettings):
     @model_validator(mode="after")
     def _possible(self) -> Self:
         # a forgotten camera must not become a simulated one, whose strings do not exist
-        if isinstance(self.arm, URArm) and "kind" not in self.camera.model_fields_set:
+        if not isinstance(self.arm, SimulatedArm) and "kind" not in self.camera.model_fields_set:
             raise ValueError(
-                'arm.kind is "ur", and camera.kind is missing: set it to "oak", or to "simulated" for a rehearsal with '
-                "UR's simulator"
+                f'arm.kind is "{self.arm.kind}", and camera.kind is missing: set it to "oak", or to "simulated" for a '
+                "rehearsal with UR's simulator"
             )
         self._refuse_base_within()
         return self

@@ -5,12 +5,13 @@
 
 | change | by | thread |
 |---|---|---|
-| not_ready -> ready | `connect` and `prepare_*`, if all devices answer | caller, with the lock of the equipment |
-| not_ready or ready -> fault or not_ready | an error of `connect` or `prepare_*` | caller, with the lock |
+| not_ready -> ready | `connect`, `prepare_*`: devices and calibration can be used | caller, with the equipment's lock |
+| not_ready or ready -> fault or not_ready | `connect`, `prepare_*`: they cannot | caller, with the lock |
 | not_ready or ready -> busy -> ready | `run`, at its start and its end | caller, with the lock |
 | busy -> fault or not_ready | an error of the run, as soon as the arm is at rest | `motion` |
 | busy -> not_ready | `run`, at its end after a stop or without a usable calibration | caller, with the lock |
 | ready -> not_ready | `stop`, `calibration_changed` | any, without the lock |
+| ready -> not_ready | a request older than a stop that is later than the connection | caller, with the lock |
 | ready -> fault or not_ready | the idle monitor | `cell-monitor`, with the lock |
 | not_ready or ready -> not_ready | `release`, `close` | caller, with the lock |
 | fault -> not_ready | `acknowledge` | caller, with the lock |
@@ -38,7 +39,7 @@ from cell.control.equipment import Equipment
 from cell.control.idle_monitor import IdleMonitor
 from cell.control.preparation import Preparation
 from cell.control.prepared import Prepared, PreparedCalibration, PreparedScan, PreparedVerification
-from cell.control.scan_loop import ScanListener, ScanMeans, ViewWriter, return_home, take_views
+from cell.control.scan_loop import ScanContext, ScanListener, ViewWriter, return_home, take_views
 from cell.control.status import FAULTS, CellStatus, Listener, SharedStatus
 from cell.control.stop_requests import StopRequests
 from cell.errors import (
@@ -211,7 +212,7 @@ class Cell:
             self._stops.raise_if_stopped_since(prepared.requested_at)
             is_scan, arm = prepared.purpose == "scan", self._equipment.arm
             settings, nominal = self.settings.hand_eye, self._equipment.nominal_hand_eye
-            means = ScanMeans(
+            context = ScanContext(
                 arm=arm,
                 camera=self._equipment.camera,
                 T_flange_camera=prepared.hand_eye.T_flange_camera,
@@ -225,7 +226,7 @@ class Cell:
                 self._status.change(reason=reason)
                 return_home(arm, prepared.plan)
 
-            views = take_views(means, prepared.plan, writer, listener, prepared.min_views)
+            views = take_views(context, prepared.plan, writer, listener, prepared.min_views)
             # a failure changes the state at once, whatever the body is doing
             scan = BackgroundScan(views, home, on_failure=partial(self._status.set_outcome, faults=FAULTS))
             self._status.change(state="busy", slug="cell-busy", reason=f"a {prepared.purpose} is under way")

@@ -74,10 +74,10 @@ class Preparation:
             _require_images(connected.camera)
             hand_eye = guess.choose(camera_id, robot_serial)
             plan = plan_calibration(self._settings, board, hand_eye.T_flange_camera, self._q_rad, poses, held_out)
+            self._stops.raise_if_stopped_since(requested_at)
         except CellError:
             self.require_usable()
             raise
-        self._stops.raise_if_stopped_since(requested_at)
         return PreparedCalibration(plan, hand_eye, requested_at, MIN_VIEWS, board, camera_id, robot_serial)
 
     def verification(self, requested_at: float) -> PreparedVerification:
@@ -88,9 +88,13 @@ class Preparation:
         self._stops.raise_if_stopped_since(requested_at)
         self._equipment.lay_board(board)
         connected = self.connect(lambda: hand_eye)
-        _require_images(connected.camera)
-        plan = plan_verification(self._settings, board, hand_eye.T_flange_camera, self._q_rad)
-        self._stops.raise_if_stopped_since(requested_at)
+        try:
+            _require_images(connected.camera)
+            plan = plan_verification(self._settings, board, hand_eye.T_flange_camera, self._q_rad)
+            self._stops.raise_if_stopped_since(requested_at)
+        except CellError:
+            self.require_usable()
+            raise
         ids = connected.camera.device_id, connected.arm.serial
         return PreparedVerification(plan, hand_eye, requested_at, len(plan.viewpoints), board, *ids)
 

@@ -49,7 +49,7 @@ def missing_view(index: int, reason: str) -> str:
 
 
 @dataclass(frozen=True, eq=False)
-class ScanMeans:
+class ScanContext:
     """Devices and settings of a scan."""
 
     arm: Arm
@@ -67,7 +67,7 @@ class ScanMeans:
 
 
 def take_views(
-    means: ScanMeans, plan: ViewpointPlan, writer: ViewWriter, listener: ScanListener, min_views: int
+    context: ScanContext, plan: ViewpointPlan, writer: ViewWriter, listener: ScanListener, min_views: int
 ) -> Iterator[View]:
     """Yield the views of the planned viewpoints in the order of the plan, each when it is on the disk.
 
@@ -76,7 +76,7 @@ def take_views(
 
     Raises:
         RobotNotReadyError: The arm is not at the start of the plan.
-        CellError: An error of the arm's `move` or of `means.check`, which ends the scan.
+        CellError: An error of the arm's `move` or of `context.check`, which ends the scan.
         MissingViewsError: The camera gave fewer than `min_views` views.
         RecordingError: A view cannot be recorded.
         OSError: A view cannot be written.
@@ -84,17 +84,17 @@ def take_views(
     for viewpoint in plan.viewpoints:
         if viewpoint.reason is not None:
             listener.missing(viewpoint.index, viewpoint.reason)
-    if np.abs(means.arm.state().q_rad - plan.start_q_rad).max() > START_RAD:
+    if np.abs(context.arm.state().q_rad - plan.start_q_rad).max() > START_RAD:
         raise RobotNotReadyError("the arm was moved after its path was planned: start again")
     taken, failure = 0, ""
     for leg in plan.legs:
         if leg.view is None:
             continue
-        means.check()
+        context.check()
         listener.moving(leg.view)
-        at_rest = _follow(means.arm, leg.waypoints_rad)
+        at_rest = _follow(context.arm, leg.waypoints_rad)
         try:
-            view = _capture(means, leg.view, at_rest)
+            view = _capture(context, leg.view, at_rest)
         except (CameraLostError, BadFrameError) as error:
             failure = str(error)
             listener.missing(leg.view, failure)
@@ -121,12 +121,12 @@ def _follow(arm: Arm, waypoints_rad: NDArray[np.float64]) -> ArmState:
     return state
 
 
-def _capture(means: ScanMeans, index: int, at_rest: ArmState) -> View:
-    frame = means.camera.capture(time.monotonic() + means.settle_s, means.with_image)
-    if means.with_image and frame.image is None:
+def _capture(context: ScanContext, index: int, at_rest: ArmState) -> View:
+    frame = context.camera.capture(time.monotonic() + context.settle_s, context.with_image)
+    if context.with_image and frame.image is None:
         raise BadFrameError("the camera's driver returned no intensity image, although one was requested")
     # The pose is read again: a person may have pushed the arm, or the arm may have swung.
-    T_base_flange = means.arm.state().T_base_flange
+    T_base_flange = context.arm.state().T_base_flange
     moved = inverse(at_rest.T_base_flange) @ T_base_flange
     if np.linalg.norm(moved[:3, 3]) > STILL_M or rotation_angle(moved) > STILL_RAD:
         raise BadFrameError(
@@ -139,7 +139,7 @@ def _capture(means: ScanMeans, index: int, at_rest: ArmState) -> View:
         depth_unit_m=frame.depth_unit_m,
         K=frame.K,
         T_base_flange=T_base_flange,
-        T_flange_camera=means.T_flange_camera,
+        T_flange_camera=context.T_flange_camera,
         stamp_s=frame.stamp_s,
         colour_jpeg=frame.colour_jpeg,
         image=frame.image,

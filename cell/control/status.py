@@ -23,7 +23,7 @@ State = Literal["not_ready", "ready", "busy", "fault"]
 SAFETY_STOPS = (ProtectiveStopError, EmergencyStopError)
 """Errors that always make a fault. A person must inspect the cell and acknowledge it."""
 FAULTS = (*SAFETY_STOPS, RobotLostError, MotionError)
-"""Errors that make a fault if the arm was moving, because the posture of the arm is then unknown."""
+"""Errors that make a fault during a run, because the posture of the arm is then unknown."""
 
 
 @dataclass(frozen=True)

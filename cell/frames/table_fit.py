@@ -68,8 +68,8 @@ def share_on_table(units: NDArray[np.float64], unit_m: float) -> float:
 
 
 def fitting_units(frames: Frames, units: NDArray[np.float64]) -> list[float]:
-    """Return the customary depth units that put the table where the poses say it is, by the result of `table_units`."""
-    return [unit for unit in _customary(frames) if share_on_table(units, unit) >= SURE_SHARE]
+    """Return the common depth units that put the table where the poses say it is, by the result of `table_units`."""
+    return [unit for unit in _common_units(frames) if share_on_table(units, unit) >= SURE_SHARE]
 
 
 def table_offset_m(frames: Frames, table_z_m: float, unit_m: float) -> float | None:
@@ -84,7 +84,7 @@ def table_offset_m(frames: Frames, table_z_m: float, unit_m: float) -> float | N
 
 
 def guess_unit(frames: Frames, table_z_m: float, units: NDArray[np.float64]) -> float:
-    """Return the only customary depth unit that puts the table where the poses say it is; floats are metres.
+    """Return the only common depth unit that puts the table where the poses say it is; floats are metres.
 
     Args:
         frames: The images and their poses.
@@ -95,7 +95,7 @@ def guess_unit(frames: Frames, table_z_m: float, units: NDArray[np.float64]) -> 
         Metres per count, or per unit of floats.
 
     Raises:
-        FramesError: No customary unit does so, or several do.
+        FramesError: No common unit does so, or several do.
     """
     fitting = fitting_units(frames, units)
     if len(fitting) > 1:
@@ -115,12 +115,12 @@ def guess_unit(frames: Frames, table_z_m: float, units: NDArray[np.float64]) -> 
             f"{table_z_m:g} m: give --depth-unit, metres per unit"
         )
     usual = float(np.nanmedian(units)) if np.isfinite(units).any() else float("nan")
-    would = f"; {usual:.3g} m per count would, but that is not a customary unit" if np.isfinite(usual) else ""
+    would = f"; {usual:.3g} m per count would, but that is not a common unit" if np.isfinite(usual) else ""
     poses = "the poses"
     if frames.pose_name == "T_base_camera":
         poses += " (poses of the flange need --hand-eye)"
     raise FramesError(
-        f"the depth unit is not given, and no customary one puts the table at z = {table_z_m:g} m{would}: check "
+        f"the depth unit is not given, and no common one puts the table at z = {table_z_m:g} m{would}: check "
         f"{poses}, the camera matrix and --table-z, and that depth is along the optical axis, not along the ray; or "
         "give --depth-unit, metres per count"
     )
@@ -140,7 +140,7 @@ def check_poses(frames: Frames, table_z_m: float, unit_m: float | None, units: N
     """
     fault = _fault(frames, table_z_m)
     inverted = frames.inverted()
-    candidates = _customary(frames) if unit_m is None else (unit_m,)
+    candidates = _common_units(frames) if unit_m is None else (unit_m,)
     given_share, inverted_share = (
         max(share_on_table(each, unit) for unit in candidates) for each in (units, table_units(inverted, table_z_m))
     )
@@ -173,7 +173,7 @@ def _sampled(frames: Frames) -> Iterator[tuple[float, NDArray[np.float64], NDArr
         yield float(T[2, 3]), rays, values[rows, columns].astype(np.float64)
 
 
-def _customary(frames: Frames) -> tuple[float, ...]:
+def _common_units(frames: Frames) -> tuple[float, ...]:
     return FLOAT_UNITS_M if frames.values[0].dtype.kind == "f" else COUNT_UNITS_M
 
 

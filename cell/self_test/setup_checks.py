@@ -22,7 +22,7 @@ HIDDEN_COSINE = float(np.cos(np.deg2rad(150.0)))
 """Cosine of the largest angle between the camera's view and the flange's z. Beyond it the arm hides the workspace: 20
 to 82 % of the table in the views of a ur5e at 150 degrees, 55 to 100 % at 180 degrees."""
 MISPLACED = 3.0
-"""Factor on what recognition corrects, beyond which the table is not where the configuration has it."""
+"""Multiple of the table offset that recognition can correct. Beyond it, the configured height is wrong."""
 
 
 def calibration(context: CheckContext) -> CheckResult:

@@ -30,7 +30,7 @@ from cell.control.calibration_run import BoardObservation, CalibrationRun, run_c
 from cell.control.cell import Cell
 from cell.control.prepared import PreparedCalibration
 from cell.devices import View
-from cell.errors import CalibrationError, MissingViewsError, StoppedError
+from cell.errors import CalibrationError, MissingViewsError, StoppedError, ViewpointsError
 from cell.simulation.devices.world import simulated_world
 from cell.simulation.pose_errors import T_FLANGE_CAMERA
 from cell.simulation.ur_controller.admin_client import AdminClient
@@ -227,6 +227,23 @@ def test_a_verification_goes_by_the_calibration_that_it_was_planned_with(
         with pytest.raises(CalibrationError, match="changed during its verification: verify it again"):
             run_verification(cell, prepared, tmp_path / "run", Told())
         np.testing.assert_array_equal(controller_q(cell), before)
+    finally:
+        active.unlink()
+
+
+def test_a_verification_that_cannot_be_planned_leaves_a_cell_with_an_old_calibration_not_ready(
+    cell: Cell, folder: Path, done: tuple[CalibrationRun, Told, Path]
+) -> None:
+    active = folder / HAND_EYE_FILE
+    activate(done[2] / HAND_EYE_FILE, active)
+    try:
+        document = json.loads(active.read_text())
+        document["created"] = "2020-01-01T00:00:00+00:00"
+        document["T_flange_camera"]["xyz_m"][2] += 0.9  # no arm holds it over the table
+        active.write_text(json.dumps(document))
+        with pytest.raises(ViewpointsError):
+            cell.prepare_verification(time.monotonic())
+        assert (cell.status.state, cell.status.slug) == ("not_ready", "calibration")
     finally:
         active.unlink()
 
