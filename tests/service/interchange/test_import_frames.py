@@ -357,7 +357,7 @@ def one_entry(row: int, column: int, value: float) -> Change:
         (lambda folder: (folder / "camera.json").write_text("{"), "camera.json is not JSON"),
         (
             images(lambda depth: depth // 3),
-            "the depth unit is not given, and no customary one puts the table at z = 0 m",
+            "the depth unit is not given, and no common one puts the table at z = 0 m",
         ),
         (image(lambda depth: (depth // 256).astype(np.uint8)), "9.png has 8 bits a pixel"),
         (image(lambda depth: np.dstack([depth] * 3)), "9.png is colour (RGB), not depth"),
