@@ -44,7 +44,6 @@ from cell.control.status import FAULTS, CellStatus, Listener, SharedStatus
 from cell.control.stop_requests import StopRequests
 from cell.errors import (
     STOPPED,
-    AcknowledgeRequiredError,
     CalibrationError,
     CellBusyError,
     NothingToAcknowledgeError,
@@ -208,7 +207,7 @@ class Cell:
             CellError: An error of the arm, or a changed calibration, ended the run.
         """
         with self._exclusive():
-            self._raise_if_fault()
+            self._status.raise_if_fault()
             self._stops.raise_if_stopped_since(prepared.requested_at)
             is_scan, arm = prepared.purpose == "scan", self._equipment.arm
             settings, nominal = self.settings.hand_eye, self._equipment.nominal_hand_eye
@@ -276,7 +275,7 @@ class Cell:
             StoppedError: A stop was requested since `requested_at`: the arm may not be home, and should not be moved.
         """
         with self._exclusive(HOME_TIMEOUT_S):
-            self._raise_if_fault()
+            self._status.raise_if_fault()
             self._stops.raise_if_stopped_since(requested_at)
             self._equipment.release_arm()
             reason = "the arm was released for other programs: connect, or start a live scan"
@@ -316,11 +315,6 @@ class Cell:
             self._equipment.close()
             if self._status.now.state != "fault":  # a fault stays until a person acknowledges it
                 self._status.change(state="not_ready", slug="not-ready", reason="the service is ending")
-
-    def _raise_if_fault(self) -> None:
-        status = self._status.now
-        if status.state == "fault":
-            raise AcknowledgeRequiredError(status.reason)
 
     @contextlib.contextmanager
     def _exclusive(self, timeout_s: float = LOCK_TIMEOUT_S) -> Iterator[None]:

@@ -1,8 +1,9 @@
 """Preparation of a scan, a calibration or a verification: connect, plan, check. The arm does not move."""
 
+import contextlib
 import logging
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -23,7 +24,7 @@ from cell.control.prepared import PreparedCalibration, PreparedScan, PreparedVer
 from cell.control.status import SharedStatus
 from cell.control.stop_requests import StopRequests
 from cell.devices import ArmInfo, CameraInfo
-from cell.errors import AcknowledgeRequiredError, CalibrationError, CameraLostError, CellError, StoppedError
+from cell.errors import CalibrationError, CameraLostError, CellError, StoppedError
 from cell.planning.calibration_poses import plan_calibration, plan_verification
 from cell.planning.viewpoints import ViewpointPlan, plan_viewpoints, require_enough
 from cell.recording.header import RecordingHeader
@@ -70,14 +71,11 @@ class Preparation:
         self._equipment.lay_board(board)
         connected = self.connect(None)
         camera_id, robot_serial = connected.camera.device_id, connected.arm.serial
-        try:
+        with self._unready_if_failed():
             _require_images(connected.camera)
             hand_eye = guess.choose(camera_id, robot_serial)
             plan = plan_calibration(self._settings, board, hand_eye.T_flange_camera, self._q_rad, poses, held_out)
             self._stops.raise_if_stopped_since(requested_at)
-        except CellError:
-            self.require_usable()
-            raise
         return PreparedCalibration(plan, hand_eye, requested_at, MIN_VIEWS, board, camera_id, robot_serial)
 
     def verification(self, requested_at: float) -> PreparedVerification:
@@ -88,13 +86,10 @@ class Preparation:
         self._stops.raise_if_stopped_since(requested_at)
         self._equipment.lay_board(board)
         connected = self.connect(lambda: hand_eye)
-        try:
+        with self._unready_if_failed():
             _require_images(connected.camera)
             plan = plan_verification(self._settings, board, hand_eye.T_flange_camera, self._q_rad)
             self._stops.raise_if_stopped_since(requested_at)
-        except CellError:
-            self.require_usable()
-            raise
         ids = connected.camera.device_id, connected.arm.serial
         return PreparedVerification(plan, hand_eye, requested_at, len(plan.viewpoints), board, *ids)
 
@@ -110,9 +105,8 @@ class Preparation:
             CellError: Arm, camera or calibration cannot be used.
             StoppedError: A stop was requested meanwhile.
         """
+        self._status.raise_if_fault()
         status, started_at = self._status.now, time.monotonic()
-        if status.state == "fault":
-            raise AcknowledgeRequiredError(status.reason)
         if status.state != "ready":
             self._status.change(reason="arm and camera are being connected: nothing moves")
         try:
@@ -164,6 +158,15 @@ class Preparation:
             self._status.leave_ready(error.slug, str(error))
             return False
         return True
+
+    @contextlib.contextmanager
+    def _unready_if_failed(self) -> Iterator[None]:
+        """After a CellError of the body, make the cell not ready if a scan could not use its calibration."""
+        try:
+            yield
+        except CellError:
+            self.require_usable()
+            raise
 
     @property
     def _q_rad(self) -> NDArray[np.float64] | None:

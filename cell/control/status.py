@@ -13,7 +13,14 @@ from typing import Any, Literal
 
 from calibration.storage.hand_eye_file import HandEye
 from cell.devices import ArmInfo, ArmState, CameraInfo
-from cell.errors import CellError, EmergencyStopError, MotionError, ProtectiveStopError, RobotLostError
+from cell.errors import (
+    AcknowledgeRequiredError,
+    CellError,
+    EmergencyStopError,
+    MotionError,
+    ProtectiveStopError,
+    RobotLostError,
+)
 from cell.planning.viewpoints import ViewpointPlan
 
 log = logging.getLogger(__name__)
@@ -80,6 +87,12 @@ class SharedStatus:
         """Return when the state is not busy, or after the timeout."""
         with self._changed:
             self._changed.wait_for(lambda: self._status.state != "busy", timeout_s)
+
+    def raise_if_fault(self) -> None:
+        """Raise AcknowledgeRequiredError in state `fault`."""
+        status = self._status
+        if status.state == "fault":
+            raise AcknowledgeRequiredError(status.reason)
 
     def change(self, **values: Any) -> None:
         """Set fields of the status."""

@@ -105,8 +105,8 @@ def test_all_that_is_wrong_with_a_robot_is_told_at_once(robot: RunningController
     robot.admin.power_off()
     time.sleep(0.05)
     step = robot_step(robot, hand_eye_file, model="ur10e")
-    for told in ("the robot is a UR5, not 'ur10e' as arm.model says", "local mode", "not switched on"):
-        assert told in step.words
+    for reason in ("the robot is a UR5, not 'ur10e' as arm.model says", "local mode", "not switched on"):
+        assert reason in step.words
     assert step.what_to_do is not None
     assert step.what_to_do.count(";") >= 2
 
