@@ -21,7 +21,7 @@ from cell.simulation.rendering.depth_camera import camera_model
 from cell.simulation.scenes.scenes import make_scene
 from recognition.errors import RecognitionError
 from recognition.preprocessing import deproject
-from service.workflow import recognise_recording, to_ply
+from service.processing.results import recognise_recording, to_ply
 
 
 @dataclass(frozen=True)

@@ -1,1 +1,5 @@
-"""The service around the cell: HTTP, jobs, results on disk, configuration and the command line."""
+"""The service around the cell: its HTTP API, its jobs, its data on disk, and the command line.
+
+A request enters in `api`, becomes a job in `jobs`, and its recording is recognised in `processing`; `storage` keeps the
+rows and files. `cli` starts the service and has the commands that need none.
+"""

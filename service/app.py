@@ -11,25 +11,11 @@ from fastapi import Depends, FastAPI
 from starlette.staticfiles import StaticFiles
 
 from cell.control.cell import Cell
-from service.config import ServiceConfig, load_config
-from service.context import Context
-from service.data_folder import DataFolder
-from service.description import describe_better, operation_id
-from service.events.cell_event import publish_changes
-from service.events.slots import StreamSlots
-from service.idempotency import IdempotencyKeys
-from service.jobs import Jobs
-from service.known_parameters import refuse_unknown
-from service.observing.metrics import Metrics
-from service.observing.request_watch import RequestWatch
-from service.observing.scan_metrics import ScanMetrics
-from service.observing.state_metrics import StateMetrics
-from service.pictures import Pictures
-from service.problems import install_problem_handlers
-from service.reading import Reading
-from service.recording_resource import RECORDINGS
-from service.retention import Retention
-from service.routes import (
+from service.api.dependencies import Context
+from service.api.image_cache import Pictures
+from service.api.openapi import describe_better, operation_id
+from service.api.response_cache import Reading
+from service.api.routes import (
     calibration,
     cell,
     console,
@@ -43,15 +29,29 @@ from service.routes import (
     session,
     views,
 )
-from service.routes import metrics as metrics_route
-from service.security.audit import SERVICE, AuditLog
-from service.security.headers import MANUAL
-from service.security.install import install_security
-from service.security.roles import CONSOLE_FILES, DOCS_FILES
-from service.stop_first import StopFirst
-from service.store import Store
-from service.supervision.fault_memory import FaultMemory
-from service.supervision.loop_watch import LoopWatch
+from service.api.routes import metrics as metrics_route
+from service.api.schemas.recording_resource import RECORDINGS
+from service.api.stop_priority import StopFirst
+from service.api.strict_query import refuse_unknown
+from service.config.loader import ServiceConfig, load_config
+from service.events.cell_events import publish_changes
+from service.events.stream_slots import StreamSlots
+from service.jobs.manager import Jobs
+from service.metrics.registry import Metrics
+from service.metrics.requests import RequestWatch
+from service.metrics.scans import ScanMetrics
+from service.metrics.state import StateMetrics
+from service.problems.document import install_problem_handlers
+from service.security.audit.log import SERVICE, AuditLog
+from service.security.auth.roles import CONSOLE_FILES, DOCS_FILES
+from service.security.middleware.headers import MANUAL
+from service.security.middleware.install import install_security
+from service.server.event_loop_watchdog import LoopWatch
+from service.storage.data_folder import DataFolder
+from service.storage.fault_memory import FaultMemory
+from service.storage.idempotency_keys import IdempotencyKeys
+from service.storage.retention import Retention
+from service.storage.store import Store
 
 API_VERSION = "1"
 

@@ -34,7 +34,7 @@ print(json.dumps(places))
 """
 SHOW_HELP = """
 import json, sys
-from service.cli import main
+from service.cli.main import main
 try:
     status = main(["--help"])
 except SystemExit as stop:

@@ -8,7 +8,7 @@ import re
 import textwrap
 from collections.abc import Iterator
 
-from service.cli import _parser
+from service.cli.main import _parser
 
 WIDTH = 100
 """Columns of a usage line."""

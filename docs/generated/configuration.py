@@ -14,8 +14,8 @@ from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
 from recognition.grasping.gripper import Gripper
-from service.config import PREFIX, ServiceConfig
-from service.config_sections import GripperConfig
+from service.config.loader import PREFIX, ServiceConfig
+from service.config.sections import GripperConfig
 
 UNITS = {
     "rad_s2": "rad/s²",

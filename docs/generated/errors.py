@@ -2,7 +2,7 @@
 
 from typing import get_args
 
-from service.problem_types import PROBLEM_TYPES, Group, ProblemType
+from service.problems.problem_types import PROBLEM_TYPES, Group, ProblemType
 
 INTRODUCTION = """\
 # Errors

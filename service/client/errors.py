@@ -5,7 +5,7 @@ from typing import Any
 
 import httpx
 
-from service.schemas import Problem, ScanResource
+from service.api.schemas.scans import Problem, ScanResource
 
 NOT_SENT = (httpx.ConnectError, httpx.ConnectTimeout, httpx.PoolTimeout)
 """With these the service has not got the request; with any other loss it may have."""

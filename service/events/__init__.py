@@ -1,1 +1,1 @@
-"""What happens, told as it happens: written with what it tells of, and sent to those who follow."""
+"""Events in memory: from the threads that publish them to the streams that send them."""

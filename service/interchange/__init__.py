@@ -1,1 +1,1 @@
-"""Other programs' files: ROS bags in, point clouds and tables of models out."""
+"""Other programs' files: bags, clouds and depth images in; point clouds and tables of models out."""

@@ -8,7 +8,7 @@ from calibration.errors import HandEyeError
 from cell.bag.import_bag import BagRequest, ImportedBag, import_bag
 from cell.recording.errors import shown
 from service.interchange.scene_options import given_box, given_hand_eye, given_radius
-from service.problems import INPUT_ERRORS
+from service.problems.document import INPUT_ERRORS
 
 COMMAND = "pointchain import bag"
 

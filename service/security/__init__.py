@@ -1,1 +1,1 @@
-"""Who may speak to the service, what each may do, how much a request may take, and the record of who did what."""
+"""Access to the service: who may call what, how large a request may be, and the audit log."""

@@ -14,10 +14,10 @@ import yaml
 from packaging.requirements import Requirement
 
 from cell.config.arm_config import URArm
-from service.config import load_config
-from service.security.binding import check_binding
-from service.security.hosts import AllowedHosts, is_loopback
-from service.supervision.supervisor import Patience
+from service.config.loader import load_config
+from service.security.auth.allowed_hosts import AllowedHosts, is_loopback
+from service.security.auth.bind_policy import check_binding
+from service.server.supervisor import Patience
 
 ROOT = Path(__file__).resolve().parents[2]
 DOCKER = ROOT / "docker"

@@ -17,7 +17,7 @@ from typing import Any
 
 import pytest
 
-from service.config import load_config
+from service.config.loader import load_config
 from tests.cell.loopback import free_host
 from tests.docs import setting_up
 from tests.docs.pages import ROOT, Block, blocks, commands, name_of, pages
@@ -26,21 +26,21 @@ from tests.service.live_cell import LiveCell, live_cell
 
 ADDRESS = "http://127.0.0.1:8000"
 ELSEWHERE = {
-    "make demo": "tests/service/test_cli.py::test_demo_tells_the_truth_and_can_be_repeated",
+    "make demo": "tests/service/cli/test_main.py::test_demo_tells_the_truth_and_can_be_repeated",
     "make test": ".ci/run::make --keep-going lint test",
-    "make serve": "tests/service/test_serve.py::test_at_a_terminal_they_are_lines",
+    "make serve": "tests/service/cli/commands/test_serve.py::test_at_a_terminal_they_are_lines",
     "make setup": "Makefile::setup:",
     "source .venv/bin/activate": ".ci/setup::venv",
-    "pointchain check": "tests/service/test_check.py::test_an_operator_reads_what_is_wrong_and_what_to_do",
-    "pointchain calibrate run": "tests/service/calibrate/test_run.py::test_from_nothing_to_a_calibration_in_use",
-    "pointchain calibrate verify": "tests/service/calibrate/test_run.py"
+    "pointchain check": "tests/service/cli/commands/test_check.py::test_an_operator_reads_what_is_wrong_and_what_to_do",
+    "pointchain calibrate run": "tests/service/cli/calibrate/test_run.py::test_from_nothing_to_a_calibration_in_use",
+    "pointchain calibrate verify": "tests/service/cli/calibrate/test_run.py"
     "::test_from_nothing_to_a_calibration_in_use_that_is_verified",
-    "pointchain calibrate solve": "tests/service/calibrate/test_solve.py::test_a_folder_is_solved_and_solved_again",
-    "pointchain calibrate activate": "tests/service/calibrate/test_solve.py::test_activation",
-    "pointchain audit": "tests/service/security/test_audit.py::main([",
-    "pointchain bench": "tests/service/test_bench.py::test_people_get_tables",
-    "pointchain recognise recordings --cluster": "tests/service/archive/test_cluster.py::test_it_recognises_there",
-    "pointchain token remove": "tests/service/security/test_tokens.py::",
+    "pointchain calibrate solve": "tests/service/cli/calibrate/test_solve.py::test_a_folder_is_solved_and_solved_again",
+    "pointchain calibrate activate": "tests/service/cli/calibrate/test_solve.py::test_activation",
+    "pointchain audit": "tests/service/security/audit/test_log.py::main([",
+    "pointchain bench": "tests/service/benchmark/test_command.py::test_people_get_tables",
+    "pointchain recognise recordings --cluster": "tests/service/batch/test_cluster.py::test_it_recognises_there",
+    "pointchain token remove": "tests/service/security/auth/test_tokens.py::",
     "docker compose": "tests/docker/test_docker.py::test_the_compose_file_is_as_specified",
     "docker run --rm -v pointchain_cell": "docker/compose.yaml::name: pointchain",
     "sudo cp docker/80-oak.rules": "docker/80-oak.rules::sudo cp docker/80-oak.rules",
@@ -49,7 +49,7 @@ ELSEWHERE = {
     "::test_it_takes_connections_when_start_returns",
     ".venv/bin/python -c 'from cell.simulation": "tests/cell/simulation/ur_controller/test_faults.py::protective_stop",
     "pytest -m ursim": "pyproject.toml::ursim: any UR controller",
-    "curl -H": "tests/service/security/test_binding.py::",
+    "curl -H": "tests/service/security/auth/test_bind_policy.py::",
 }
 """By how a command begins: what takes too long here, or needs what a test machine lacks."""
 CELL_COMMANDS = ("pointchain scan", "pointchain calibrate", "pointchain viewpoints", "curl")

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from service.cli import _parser
+from service.cli.main import _parser
 from tests.docs.pages import DOCS, ROOT
 
 PAGE = DOCS / "reference/command-line.md"

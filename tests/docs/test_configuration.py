@@ -12,7 +12,7 @@ from pydantic import BaseModel
 
 from cell.config.arm_config import SimulatedArm, URArm
 from cell.config.camera_config import OakCamera, SimulatedCamera
-from service.config import ServiceConfig, load_config
+from service.config.loader import ServiceConfig, load_config
 from tests.docs.pages import DOCS, blocks
 
 PAGE = DOCS / "integrator/configuration.md"

@@ -9,7 +9,7 @@ from pydantic import TypeAdapter
 import service.client
 from recognition.model.document import ModelDocument
 from recognition.model.model import PointChainModel
-from service.security.roles import LEAST_ROLE
+from service.security.auth.roles import LEAST_ROLE
 from tests.docs.pages import DOCS, blocks
 
 PLANNER = DOCS / "planner"

@@ -18,10 +18,10 @@ from fastapi import FastAPI
 from cell.simulation.offline_scan import simulate, write_simulation
 from cell.simulation.rendering.depth_camera import camera_model
 from cell.simulation.scenes.scenes import make_scene
+from service.api.schemas.scans import ACTIVE_STATES
 from service.app import create_app
-from service.config import ServiceConfig
-from service.schemas import ACTIVE_STATES
-from service.serve import SWITCH_S, Server
+from service.cli.commands.serve import SWITCH_S, Server
+from service.config.loader import ServiceConfig
 from tests.service.faults.figures import Figures
 
 # Generous, because it only bounds a hang: a loaded machine may take long to start a process.

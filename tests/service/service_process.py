@@ -12,7 +12,7 @@ from pathlib import Path
 import httpx
 
 ROOT = Path(__file__).resolve().parents[2]
-SERVE = "import sys; from service.cli import main; sys.exit(main(['serve', '--unsupervised']))"
+SERVE = "import sys; from service.cli.main import main; sys.exit(main(['serve', '--unsupervised']))"
 
 
 @contextmanager

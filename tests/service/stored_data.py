@@ -9,14 +9,14 @@ from pathlib import Path
 
 from calibration.atomic_write import write_synced
 from cell.recording.writer import RecordingWriter, read_recording
-from service.calibrations.store import CalibrationStore
-from service.data_folder import DataFolder
-from service.doctor.doctor import Examined, examine
-from service.doctor.repair import repair
-from service.new_rows import NOBODY, new_calibration, new_scan
-from service.recording_rows import describe_recording
-from service.store import Store
-from service.tables import ScanRow, ViewRow, insert
+from service.integrity.check import Examined, examine
+from service.integrity.repair import repair
+from service.jobs.new_rows import NOBODY, new_calibration, new_scan
+from service.processing.recording_metadata import describe_recording
+from service.storage.calibration_store import CalibrationStore
+from service.storage.data_folder import DataFolder
+from service.storage.rows import ScanRow, ViewRow, insert
+from service.storage.store import Store
 
 LIVE, REPLAY, UPLOAD = "20260101t000000-000001-aaaaaaaa", "20260101t000000-000002-bbbbbbbb", "upload-1"
 

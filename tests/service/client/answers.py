@@ -7,7 +7,7 @@ from typing import Any
 import httpx
 
 from service.client import Client
-from service.problems import MEDIA_TYPE, problem_document
+from service.problems.document import MEDIA_TYPE, problem_document
 
 Answer = Callable[[httpx.Request], httpx.Response]
 

@@ -6,9 +6,10 @@ from typing import Any
 import httpx
 import pytest
 
-from service.client import ProblemError, ScanProgress, UnreachableError, patience
-from service.client.patience import Patience
+from service.client import ProblemError, ScanProgress, UnreachableError
+from service.client import retry as patience
 from service.client.progress import follow
+from service.client.retry import Patience
 from tests.service.client.answers import SCAN, SERVICE, Answer, Answers, events, found, lost, proxy, refused
 
 

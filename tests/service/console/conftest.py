@@ -14,9 +14,9 @@ import httpx
 import pytest
 from playwright.sync_api import Browser, ConsoleMessage, Page, Request, expect, sync_playwright
 
-from service.routes.console import BUILT
-from service.security.caller import ROLES, Role
-from service.security.tokens import add_token
+from service.api.routes.console import BUILT
+from service.security.auth.caller import ROLES, Role
+from service.security.auth.tokens import add_token
 from tests.service.conftest import PATIENCE_S, Serve, wait_until
 from tests.service.live_cell import LiveCell, live_cell
 

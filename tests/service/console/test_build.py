@@ -6,7 +6,7 @@ import tomllib
 from pathlib import Path
 
 import service
-from service.routes.console import BUILT
+from service.api.routes.console import BUILT
 
 WEB = BUILT.parent / "web"
 ROOT = Path(service.__file__).parents[1]

@@ -7,8 +7,8 @@ import pytest
 from playwright.sync_api import expect
 
 from calibration.target.board import Board, board_with_defaults
-from service.new_rows import new_calibration
-from tests.service.calibrations.test_api import REFUSED
+from service.jobs.new_rows import new_calibration
+from tests.service.api.routes.test_calibration import REFUSED
 from tests.service.conftest import Serve, ServedClient
 from tests.service.console.conftest import Open
 from tests.service.live_cell import LiveCell, live_cell

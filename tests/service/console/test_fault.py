@@ -7,7 +7,7 @@ import pytest
 from playwright.sync_api import expect
 
 from cell.control.status import FAULTS
-from service.routes.console import BUILT
+from service.api.routes.console import BUILT
 from tests.service.console.conftest import Cell, Open
 
 CHECK_FIRST = json.loads((BUILT.parent / "web/src/words/check_first.json").read_text())

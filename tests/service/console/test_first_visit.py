@@ -7,7 +7,7 @@ import httpx
 import pytest
 from playwright.sync_api import expect
 
-from service.routes import console
+from service.api.routes import console
 from tests.service.conftest import Serve, ServedClient
 from tests.service.console.conftest import Open
 from tests.service.security.conftest import without_recognition

@@ -10,8 +10,8 @@ import httpx
 import pytest
 from playwright.sync_api import expect
 
-from service.new_rows import NOBODY, new_scan
-from service.problems import problem_document
+from service.jobs.new_rows import NOBODY, new_scan
+from service.problems.document import problem_document
 from tests.service.conftest import Serve, ServedClient
 from tests.service.console.conftest import Open
 

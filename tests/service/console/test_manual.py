@@ -6,8 +6,8 @@ import pytest
 from axe_playwright_python.sync_playwright import Axe
 from playwright.sync_api import Page, expect
 
-from service.routes.manual import START
-from service.security.headers import MANUAL_FOLDER
+from service.api.routes.manual import START
+from service.security.middleware.headers import MANUAL_FOLDER
 from tests.service.conftest import ServedClient
 from tests.service.console.conftest import Cell, Open
 

@@ -16,8 +16,8 @@ from cell.simulation.offline_scan import simulate, write_simulation
 from cell.simulation.rendering.depth_camera import camera_model
 from cell.simulation.scenes.scenes import make_scene
 from recognition.grasping.candidates import MAX_RELEVANT_DISTANCE_M
-from service.new_rows import NOBODY, new_scan
-from service.problems import problem_document
+from service.jobs.new_rows import NOBODY, new_scan
+from service.problems.document import problem_document
 from tests.service.conftest import Serve, ServedClient, wait_until
 from tests.service.console.conftest import Open, drawn, frames
 from tests.service.security.conftest import without_recognition

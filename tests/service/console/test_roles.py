@@ -7,7 +7,7 @@ import httpx
 import pytest
 from playwright.sync_api import expect
 
-from service.security.tokens import add_token, remove_token
+from service.security.auth.tokens import add_token, remove_token
 from tests.service.console.conftest import Cell, Open
 
 pytestmark = pytest.mark.xdist_group("cell")  # one at a time: each is several busy processes

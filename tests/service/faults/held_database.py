@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from service.data_folder import DATABASE
+from service.storage.data_folder import DATABASE
 
 PROGRAM = """
 import sqlite3, sys

@@ -9,17 +9,17 @@ from pathlib import Path
 from calibration.atomic_write import write_synced
 from cell.devices import View
 from recognition.pipeline import Recognition
-from service.recording_rows import describe_recording
-from service.tables import RecordingRow
-from service.worker import TaskFailedError
-from service.worker_process import Task
-from service.workflow import DONE_BEFORE, Outcome, recognise_recording, write_results
+from service.processing.recording_metadata import describe_recording
+from service.processing.results import DONE_BEFORE, Outcome, recognise_recording, write_results
+from service.processing.worker import TaskFailedError
+from service.processing.worker_main import Task
+from service.storage.rows import RecordingRow
 
 PICTURE = b"\x89PNG\r\n\x1a\n of nothing"
 
 
 class PretendedRecognition:
-    """In the place of `service.worker.RecognitionWorker`."""
+    """In the place of `service.processing.worker.RecognitionWorker`."""
 
     alive, starts = True, 1
     not_ready = None
@@ -74,5 +74,5 @@ def _recognised(recording: Path) -> Recognition:
 
 
 def describe_here(recording_id: str, path: Path, sha256: str) -> RecordingRow:
-    """In the place of `service.foreign_recording.describe_foreign_recording`: without a process of its own."""
+    """In the place of `service.processing.upload_sandbox.describe_foreign_recording`: without a process of its own."""
     return describe_recording(recording_id, path, sha256)

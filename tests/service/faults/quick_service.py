@@ -64,16 +64,16 @@ def quick_services(recording: Path, log: Path) -> Iterator[QuickServices]:
 
 def main(recording: str) -> None:
     """The program."""
+    import service.api.routes.recordings
     import service.app
-    import service.jobs
-    import service.retention
-    import service.routes.recordings
+    import service.jobs.manager
+    import service.storage.retention
     from tests.service.faults.pretended_recognition import describe_here, pretended
 
-    service.jobs.RecognitionWorker = pretended(Path(recording))  # type: ignore[misc,assignment]
-    service.routes.recordings.describe_foreign_recording = describe_here
-    service.retention.STEADY_S, service.retention.EVERY_S = 0.0, 0.05
-    service.retention.UNTOUCHED = timedelta(seconds=3)
+    service.jobs.manager.RecognitionWorker = pretended(Path(recording))  # type: ignore[misc,assignment]
+    service.api.routes.recordings.describe_foreign_recording = describe_here
+    service.storage.retention.STEADY_S, service.storage.retention.EVERY_S = 0.0, 0.05
+    service.storage.retention.UNTOUCHED = timedelta(seconds=3)
     for line in sys.stdin:
         data, retention, host = line.split()
         listening = socket.create_server(("127.0.0.1", 0))
@@ -92,8 +92,8 @@ def _serve(data: Path, retention: bool, host: str, listening: socket.socket) -> 
     from cell.config.arm_config import SimulatedArm
     from cell.config.camera_config import SimulatedCamera
     from service.app import create_app
-    from service.config import ServiceConfig
-    from service.server import Server
+    from service.config.loader import ServiceConfig
+    from service.server.uvicorn_server import Server
 
     settings = {
         "data_dir": data,

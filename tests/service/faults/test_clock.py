@@ -15,14 +15,14 @@ import pytest
 
 from calibration.storage.hand_eye_file import write_hand_eye
 from cell.simulation.pose_errors import T_FLANGE_CAMERA
-from service.config_sections import RetentionConfig
-from service.data_folder import DataFolder
-from service.database import new_id
-from service.new_rows import NOBODY, new_scan
-from service.retention import Retention
-from service.store import Store
-from service.tables import insert
-from service.wall_clock import Steadiness
+from service.clock import Steadiness
+from service.config.sections import RetentionConfig
+from service.jobs.new_rows import NOBODY, new_scan
+from service.storage.data_folder import DataFolder
+from service.storage.database import new_id
+from service.storage.retention import Retention
+from service.storage.rows import insert
+from service.storage.store import Store
 from tests.service.conftest import Serve, wait_until
 from tests.service.faults.pretended_recognition import pretended
 from tests.service.following import folded, told
@@ -48,7 +48,7 @@ class Clock:
 def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
     """Of the service, and of the cell where it judges a calibration's age."""
     clock = Clock()
-    monkeypatch.setattr("service.wall_clock.present", clock.present)
+    monkeypatch.setattr("service.clock.present", clock.present)
 
     class Moment(datetime):
         @classmethod
@@ -76,9 +76,9 @@ def test_ids_rise_in_order_of_their_making(clock: Clock, days: int) -> None:
 
 NEW_ID = """
 import datetime, pathlib, sys
-from service.data_folder import DataFolder
-from service.new_rows import NOBODY, new_scan
-from service.store import Store
+from service.storage.data_folder import DataFolder
+from service.jobs.new_rows import NOBODY, new_scan
+from service.storage.store import Store
 from service import wall_clock
 off = datetime.timedelta(days=float(sys.argv[2]))
 wall_clock.present = lambda real=wall_clock.present: real() + off
@@ -116,8 +116,8 @@ def test_ids_that_are_not_ours_are_no_moments(tmp_path: Path) -> None:
 
 def test_a_clock_that_was_set_is_found_out(clock: Clock, monkeypatch: pytest.MonkeyPatch) -> None:
     now_s = 1000.0
-    monkeypatch.setattr("service.wall_clock.time.monotonic", lambda: now_s)
-    monkeypatch.setattr("service.wall_clock.present", lambda: datetime.fromtimestamp(now_s, UTC) + clock.off)
+    monkeypatch.setattr("service.clock.time.monotonic", lambda: now_s)
+    monkeypatch.setattr("service.clock.present", lambda: datetime.fromtimestamp(now_s, UTC) + clock.off)
     steady = Steadiness()
     now_s += 5000.0
     clock.off += timedelta(seconds=2)  # as a clock that is brought to the right time slowly
@@ -140,9 +140,9 @@ def kept_for_a_week(store: Store) -> Iterator[None]:
 def test_nothing_is_removed_because_the_clock_was_set(
     clock: Clock, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("service.retention.AGAIN_S", 0.02)
-    monkeypatch.setattr("service.retention.EVERY_S", 0.02)
-    monkeypatch.setattr("service.retention.STEADY_S", 0.3)
+    monkeypatch.setattr("service.storage.retention.AGAIN_S", 0.02)
+    monkeypatch.setattr("service.storage.retention.EVERY_S", 0.02)
+    monkeypatch.setattr("service.storage.retention.STEADY_S", 0.3)
     with closing(DataFolder(tmp_path)) as folder, closing(Store(folder)) as store:
         store.add_scan(new_scan("replay", "graph", None, NOBODY))
         (scan,) = store.scans(1)
@@ -175,7 +175,7 @@ def test_a_scan_goes_on(
     days: int,
 ) -> None:
     """Of a calibration that is nearly too old, or made a moment ago, whichever the clock could spoil."""
-    monkeypatch.setattr("service.jobs.RecognitionWorker", pretended(recording_file))
+    monkeypatch.setattr("service.jobs.manager.RecognitionWorker", pretended(recording_file))
     file = tmp_path / "hand_eye.json"
     write_hand_eye(
         file, T_FLANGE_CAMERA, created=datetime.now(UTC) - (timedelta(days=89.9) if days > 0 else timedelta())

@@ -10,9 +10,9 @@ from typing import Any
 import httpx
 import pytest
 
-from service.doctor.doctor import examine
-from service.removal import oldest_first, remove
-from service.schemas import ACTIVE_STATES
+from service.api.schemas.scans import ACTIVE_STATES
+from service.integrity.check import examine
+from service.storage.removal import oldest_first, remove
 from tests.service.conftest import Serve, ServedClient, wait_until
 from tests.service.faults.full_disk import FullDisk, full_disk
 from tests.service.faults.pretended_recognition import PretendedRecognition, describe_here, pretended
@@ -35,9 +35,9 @@ def recognition(recording_file: Path) -> Make:
 @pytest.fixture
 def quick(monkeypatch: pytest.MonkeyPatch, recognition: Make) -> None:
     """What is not about the disk takes no time."""
-    monkeypatch.setattr("service.jobs.RecognitionWorker", recognition)
-    monkeypatch.setattr("service.last_word.AGAIN_S", 0.02)
-    monkeypatch.setattr("service.routes.recordings.describe_foreign_recording", describe_here)
+    monkeypatch.setattr("service.jobs.manager.RecognitionWorker", recognition)
+    monkeypatch.setattr("service.jobs.final_state.AGAIN_S", 0.02)
+    monkeypatch.setattr("service.api.routes.recordings.describe_foreign_recording", describe_here)
 
 
 @pytest.fixture

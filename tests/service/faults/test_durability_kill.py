@@ -13,9 +13,9 @@ from typing import Any
 import httpx
 import pytest
 
-from service.doctor.doctor import examine, service_runs
-from service.doctor.repair import repair
-from service.schemas import ACTIVE_STATES
+from service.api.schemas.scans import ACTIVE_STATES
+from service.integrity.check import examine, service_runs
+from service.integrity.repair import repair
 from tests.cell.loopback import free_host
 from tests.service.conftest import wait_until
 from tests.service.faults.pretended_recognition import describe_here
@@ -166,7 +166,7 @@ def assert_there(client: httpx.Client, told: Acknowledged, retention: bool) -> N
 def test_what_was_acknowledged_outlives_any_kill(
     recording_file: Path, tmp_path: Path, lives: int, live_every: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("service.doctor.repair.describe_foreign_recording", describe_here)
+    monkeypatch.setattr("service.integrity.repair.describe_foreign_recording", describe_here)
     chance, content = random.Random(20), recording_file.read_bytes()
     folders = [range(first, min(first + LIVES_OF_A_FOLDER, lives)) for first in range(0, lives, LIVES_OF_A_FOLDER)]
     with quick_services(recording_file, tmp_path / "services.log") as services:

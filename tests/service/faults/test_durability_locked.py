@@ -10,7 +10,7 @@ from typing import Any
 import httpx
 import pytest
 
-from service.doctor.doctor import examine
+from service.integrity.check import examine
 from tests.service.conftest import Serve, wait_until
 from tests.service.faults.held_database import OtherProcess
 from tests.service.faults.pretended_recognition import PretendedRecognition, pretended
@@ -38,10 +38,10 @@ def recognition(recording_file: Path) -> Make:
 @pytest.fixture
 def busy_s(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch, recognition: Make) -> float | None:
     """How long the service waits; None: as it is."""
-    monkeypatch.setattr("service.jobs.RecognitionWorker", recognition)
+    monkeypatch.setattr("service.jobs.manager.RecognitionWorker", recognition)
     if request.param is not None:
-        monkeypatch.setattr("service.database.BUSY_S", request.param)
-        monkeypatch.setattr("service.last_word.AGAIN_S", 0.1)
+        monkeypatch.setattr("service.storage.database.BUSY_S", request.param)
+        monkeypatch.setattr("service.jobs.final_state.AGAIN_S", 0.1)
     return request.param
 
 

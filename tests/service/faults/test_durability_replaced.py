@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from calibration.atomic_write import replace_synced
-from service.security.tokens import FILE, TokensError, add_token, read_tokens
+from service.security.auth.tokens import FILE, TokensError, add_token, read_tokens
 from tests.service.faults.full_disk import full_disk
 
 pytestmark = pytest.mark.fault(19)

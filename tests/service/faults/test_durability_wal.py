@@ -12,13 +12,13 @@ from pathlib import Path
 import pytest
 
 from calibration.atomic_write import write_synced
-from service.data_folder import DATABASE, DataFolder
-from service.doctor.doctor import examine
-from service.doctor.repair import repair
-from service.idempotency import Key
-from service.new_rows import Asked, new_scan
-from service.recording_rows import describe_recording
-from service.store import Store
+from service.integrity.check import examine
+from service.integrity.repair import repair
+from service.jobs.new_rows import Asked, new_scan
+from service.processing.recording_metadata import describe_recording
+from service.storage.data_folder import DATABASE, DataFolder
+from service.storage.idempotency_keys import Key
+from service.storage.store import Store
 from tests.service.faults.pretended_recognition import describe_here
 from tests.service.stored_data import examined
 
@@ -138,7 +138,7 @@ def test_cut_anywhere_it_tells_what_was_committed(written: Written, tmp_path: Pa
 def test_the_store_and_the_doctor_go_on_from_there(
     written: Written, tmp_path: Path, cuts: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("service.doctor.repair.describe_foreign_recording", describe_here)
+    monkeypatch.setattr("service.integrity.repair.describe_foreign_recording", describe_here)
     size, chance = written.commits[-1][0], random.Random(22)
     for number in range(cuts):
         root = damaged(written, tmp_path / f"{number}", chance.randrange(size + 1), b"").root

@@ -14,7 +14,7 @@ from pathlib import Path
 import httpx
 import pytest
 
-from service.doctor.doctor import examine
+from service.integrity.check import examine
 from tests.service.faults.hostile_recordings import NAMES, hostile
 from tests.service.service_process import process
 from tests.service.stored_data import examined

@@ -10,9 +10,9 @@ from typing import Any
 import httpx
 import pytest
 
-from service.bench_load import Load, Wanted, asking
-from service.config_sections import LimitsConfig
-from service.events.scan_events import ScanEvent
+from service.benchmark.load_generator import Load, Wanted, asking
+from service.config.sections import LimitsConfig
+from service.storage.event_log import ScanEvent
 from tests.processes import rss_bytes
 from tests.service.conftest import Serve, wait_until
 from tests.service.faults.figures import Figures, rounds

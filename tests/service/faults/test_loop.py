@@ -9,7 +9,7 @@ from typing import Any
 import httpx
 import pytest
 
-from service.observing.health_schemas import Health
+from service.api.schemas.health import Health
 from tests.service.conftest import PATIENCE_S, Serve
 from tests.service.faults.figures import Figures, rounds
 from tests.service.faults.moves import assert_one_way, now_in, still_s, wait_for_middle, wait_for_stop
@@ -60,7 +60,7 @@ def test_a_hanging_loop_stops_the_arm(
         wait_for_middle(cell)
         since, hanging = now_in(cell), Hanging()
         with ThreadPoolExecutor(1) as pool, monkeypatch.context() as patched:
-            patched.setattr("service.routes.health.Health", hanging)
+            patched.setattr("service.api.routes.health.Health", hanging)
             try:
                 answer = pool.submit(cell.client.get, "/healthz")
                 assert hanging.begun.wait(PATIENCE_S)

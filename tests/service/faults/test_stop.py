@@ -13,8 +13,8 @@ from typing import Any
 import httpx
 import pytest
 
-from service.jobs import BY_ITSELF_S
-from service.security.audit_reader import read_audit
+from service.jobs.manager import BY_ITSELF_S
+from service.security.audit.reader import read_audit
 from tests.cell.arm.virtual_arm import dashboard_commands
 from tests.service.conftest import Serve, wait_until
 from tests.service.faults.figures import Figures, rounds
@@ -69,7 +69,7 @@ def assert_stopped(cell: LiveCell, begin: int, scan: dict[str, Any]) -> None:
 def test_in_the_middle_of_a_move(
     cell: LiveCell, finished: Finished, figures: Figures, count: int, caplog: pytest.LogCaptureFixture
 ) -> None:
-    caplog.set_level(logging.INFO, "service.scan_runner")
+    caplog.set_level(logging.INFO, "service.jobs.scan_job")
     chance, waits, rests = random.Random(4), [], []
     for number in range(count):
         cell.is_well()

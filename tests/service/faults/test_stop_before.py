@@ -14,9 +14,9 @@ import pytest
 from cell.control import cell as cell_module
 from cell.control.cell import Cell
 from cell.control.preparation import Preparation
-from service.jobs import Jobs
-from service.submissions import Submissions
-from service.worker import RecognitionWorker
+from service.jobs.manager import Jobs
+from service.jobs.submission import Submissions
+from service.processing.worker import RecognitionWorker
 from tests.cell.arm.virtual_arm import stops
 from tests.service.conftest import PATIENCE_S, Serve, wait_until
 from tests.service.faults.moves import now_in, seen
@@ -61,7 +61,7 @@ def one_being_planned_and_one_waiting(
     cell: LiveCell, monkeypatch: pytest.MonkeyPatch, **named: Any
 ) -> Iterator[tuple[Future[httpx.Response], Future[httpx.Response]]]:
     """Two live scans are asked for, the first with what `named` says; both are decided on behind the body."""
-    monkeypatch.setattr("service.place.SOON_S", PATIENCE_S)
+    monkeypatch.setattr("service.jobs.cell_lock.SOON_S", PATIENCE_S)
     with ThreadPoolExecutor() as pool, monkeypatch.context() as patched:
         planning, asking = Gate(patched, Preparation, "plan_scan"), Gate(patched, Submissions, "live", hold=False)
         try:

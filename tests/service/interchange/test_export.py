@@ -19,9 +19,9 @@ from cell.recording.writer import RecordingWriter, read_recording, read_result
 from cell.simulation.offline_scan import simulate, write_simulation
 from cell.simulation.rendering.depth_camera import camera_model
 from cell.simulation.scenes.scenes import make_scene
-from service.cli import main
+from service.cli.main import main
 from service.interchange.point_files import VERTEX
-from service.workflow import recognise_recording
+from service.processing.results import recognise_recording
 
 
 @pytest.fixture(scope="module")

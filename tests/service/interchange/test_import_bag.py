@@ -13,8 +13,8 @@ from cell.recording.writer import read_recording
 from cell.simulation.offline_scan import SimulatedScan, simulate, write_simulation
 from cell.simulation.rendering.depth_camera import camera_model
 from cell.simulation.scenes.scenes import make_scene
-from service.cli import main
-from service.workflow import recognise_recording
+from service.cli.main import main
+from service.processing.results import recognise_recording
 from tests.cell.bag.bags import KINDS, Kind, Recorded, one_image_each, write_bag
 
 

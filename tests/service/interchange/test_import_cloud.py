@@ -17,8 +17,8 @@ from cell.simulation.pose_errors import NO_ERRORS
 from cell.simulation.rendering.depth_camera import camera_model
 from cell.simulation.scenes.scenes import make_scene
 from recognition.preprocessing.target_cloud import deproject
-from service.cli import main
-from service.workflow import recognise_recording
+from service.cli.main import main
+from service.processing.results import recognise_recording
 
 Points = NDArray[np.float64]
 

@@ -15,8 +15,8 @@ from cell.recording.writer import Recording, read_recording
 from cell.simulation.offline_scan import simulate, write_simulation
 from cell.simulation.rendering.depth_camera import camera_model
 from cell.simulation.scenes.scenes import make_scene
-from service.cli import main
-from service.workflow import recognise_recording
+from service.cli.main import main
+from service.processing.results import recognise_recording
 
 Change = Callable[[Path], object]
 

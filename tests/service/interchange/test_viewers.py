@@ -13,7 +13,7 @@ from cell.recording.writer import RecordingWriter
 from cell.simulation.offline_scan import simulate
 from cell.simulation.rendering.depth_camera import camera_model
 from cell.simulation.scenes.scenes import make_scene
-from service.workflow import recognise_views
+from service.processing.results import recognise_views
 
 RERUN = shutil.which("rerun")
 pytestmark = pytest.mark.skipif(RERUN is None, reason="rerun is not installed")

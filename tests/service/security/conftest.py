@@ -11,10 +11,10 @@ from typing import Any
 import httpx
 import pytest
 
-from service.jobs import Jobs
-from service.security.caller import ROLES
-from service.security.tokens import add_token
-from service.server import Server
+from service.jobs.manager import Jobs
+from service.security.auth.caller import ROLES
+from service.security.auth.tokens import add_token
+from service.server.uvicorn_server import Server
 from tests.service.conftest import PATIENCE_S, Serve, ServedClient, wait_until
 
 

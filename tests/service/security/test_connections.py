@@ -10,10 +10,10 @@ from pathlib import Path
 import httpx
 import pytest
 
-from service.open_files import open_files, raise_open_files
-from service.security import connection
-from service.security.connection import GuardedConnection, backlog, most_connections
-from service.security.tokens import add_token
+from service.security.auth.tokens import add_token
+from service.server import connections as connection
+from service.server.connections import GuardedConnection, backlog, most_connections
+from service.server.file_limit import open_files, raise_open_files
 from tests.service import service_process
 from tests.service.conftest import PATIENCE_S, Serve, ServedClient, wait_until
 from tests.service.security.conftest import bearer, connect, port_of, read_all, without_recognition

@@ -7,7 +7,7 @@ from pathlib import Path
 import httpx
 import pytest
 
-from service.data_folder import DataFolder, OutsideError
+from service.storage.data_folder import DataFolder, OutsideError
 from tests.service.conftest import ServedClient
 from tests.service.security.conftest import connect, port_of, read_all
 

@@ -1,0 +1,125 @@
+"""Hand-eye calibration: the one in use, calibrations and verifications by the cell."""
+
+from typing import Annotated, Any
+
+from anyio import to_thread
+from fastapi import APIRouter, Depends, Path, Response
+from fastapi.responses import FileResponse
+
+from calibration.target.board import BoardError
+from cell.errors import CellError
+from service.api.dependencies import SPACE, Before, Id, Limit, Service
+from service.api.file_responses import NOT_MODIFIED, IfNoneMatch, send_file
+from service.api.openapi import links
+from service.api.routes.recordings import BINARY
+from service.api.schemas.calibration import BoardRequest, CalibrationRequest, CalibrationStatus, RunList, RunResource
+from service.api.schemas.calibration_resources import RUNS, calibration_warnings, in_use, run_resource
+from service.jobs.calibration_activation import activate_run
+from service.jobs.calibration_job import picture_file, run_folder
+from service.logs.request_time import arrived_s
+from service.problems.document import ProblemError, problem_responses
+from service.storage.rows import CalibrationRow
+
+router = APIRouter(prefix="/api/calibration", tags=["calibration"])
+
+
+def _find(id: Id, service: Service) -> CalibrationRow:  # noqa: A002 (the path's own name)
+    row = service.store.calibrations.get(id)
+    if row is None:
+        raise ProblemError(404, "calibration-not-found", f"there is no calibration {id}; GET {RUNS} lists them")
+    return row
+
+
+Run = Annotated[CalibrationRow, Depends(_find)]
+"""The run that the address names, or a problem 404."""
+Index = Annotated[int, Path(ge=0, le=999)]
+STARTED = {202: links("get_run", "cancel_run", "activate", "get_picture")}
+
+
+@router.get("", responses=problem_responses())
+def get_calibration(service: Service) -> CalibrationStatus:
+    """The calibration in use: how sure it is, how old, and what recent scans tell of it. Asks no device anything."""
+    running = service.jobs.calibration
+    calibration, reason, hand_eye, drift = None, None, None, None
+    try:
+        hand_eye = service.cell.hand_eye()
+        drift = service.jobs.drift.drift(hand_eye)
+        calibration = in_use(hand_eye, drift)
+    except CellError as error:
+        reason = str(error)
+    return CalibrationStatus(
+        calibration=calibration,
+        reason=reason,
+        warnings=calibration_warnings(hand_eye, drift, service.store.calibrations),
+        under_way=None if running is None else f"{RUNS}/{running}",
+    )
+
+
+@router.post("/runs", status_code=202, dependencies=[SPACE], responses=problem_responses(409, 422, 503, 507) | STARTED)
+def start_run(response: Response, service: Service, wanted: CalibrationRequest | None = None) -> RunResource:
+    """Calibrates: the arm moves through poses from which the camera sees the board, which must lie flat on the table in
+    the middle of the workspace. The result is not in use before it is activated. One thing at a time: 409 names what is
+    under way."""
+    wanted = wanted or CalibrationRequest()
+    try:
+        board = (wanted.board or BoardRequest()).board()
+    except BoardError as error:
+        raise ProblemError(422, error.slug, str(error)) from error
+    row = service.jobs.submit.calibration(board, wanted.poses, arrived_s())
+    response.headers["Location"] = f"{RUNS}/{row.id}"
+    return run_resource(row, ())
+
+
+@router.post("/verify", status_code=202, dependencies=[SPACE], responses=problem_responses(409, 503, 507) | STARTED)
+def start_verification(response: Response, service: Service) -> RunResource:
+    """Looks from two poses at the board of the calibration in use, which must lie on the table: does it still hold, and
+    was the board moved? A run of its own; the arm moves."""
+    row = service.jobs.submit.verification(arrived_s())
+    response.headers["Location"] = f"{RUNS}/{row.id}"
+    return run_resource(row, ())
+
+
+@router.get("/runs", responses=problem_responses(422))
+def list_runs(service: Service, limit: Limit = 100, before: Before = None) -> RunList:
+    """Calibrations and verifications, the newest first."""
+    rows = service.store.calibrations.newest(limit, before)
+    views = service.store.calibrations.views([row.id for row in rows])
+    return RunList(runs=[run_resource(row, [view for view in views if view.calibration == row.id]) for row in rows])
+
+
+@router.get("/runs/{id}", responses=problem_responses(404, 422))
+def get_run(run: Run, service: Service) -> RunResource:
+    """State, progress and result of a run."""
+    return run_resource(run, service.store.calibrations.views([run.id]))
+
+
+@router.post("/runs/{id}/cancel", responses=problem_responses(404, 409, 422))
+async def cancel_run(id: Id, service: Service) -> RunResource:  # noqa: A002 (the path's own name)
+    """Stops a run, the arm first. It may have ended just before: the answer says in which state it is."""
+
+    def cancel() -> RunResource:
+        service.jobs.cancel(id, lambda: _find(id, service))
+        return get_run(_find(id, service), service)
+
+    return await to_thread.run_sync(cancel, limiter=service.stopping)
+
+
+@router.post("/runs/{id}/activate", responses=problem_responses(404, 409, 422))
+def activate(run: Run, service: Service) -> RunResource:
+    """Makes the result the calibration in use, from the next scan on; the former one is kept beside it. Not while
+    anything is under way."""
+    with service.jobs.nothing_else():
+        activate_run(run, service.store.calibrations, service.cell)
+    return get_run(_find(run.id, service), service)
+
+
+PNG: dict[int | str, dict[str, Any]] = {200: {"content": {"image/png": BINARY}}} | NOT_MODIFIED
+
+
+@router.get("/runs/{id}/views/{index}.png", response_class=FileResponse, responses=PNG | problem_responses(404, 422))
+def get_picture(run: Run, index: Index, service: Service, has: IfNoneMatch) -> Response:
+    """The picture that was taken at a view."""
+    path = picture_file(run_folder(service.cell, run.id), index)
+    if path is None:
+        raise ProblemError(404, "no-result", f"{run.kind} {run.id} has no picture of view {index}")
+    return send_file(path, "image/png", has)

@@ -1,0 +1,16 @@
+"""What Prometheus asks for."""
+
+from fastapi import APIRouter, Request, Response
+from prometheus_client.exposition import CONTENT_TYPE_PLAIN_0_0_4
+
+from service.problems.document import problem_responses
+
+router = APIRouter(tags=["health"])
+
+TEXT = {200: {"content": {"text/plain": {"schema": {"type": "string"}}}}}
+
+
+@router.get("/metrics", response_class=Response, responses=TEXT | problem_responses())
+def get_metrics(request: Request) -> Response:
+    """Scans, recognition, stops, the cell's state, requests and the disk, in Prometheus' text format."""
+    return Response(request.app.state.metrics.text(), media_type=CONTENT_TYPE_PLAIN_0_0_4)

@@ -1,0 +1,144 @@
+"""Rows, files and judgements of hand-eye calibration as what goes over HTTP."""
+
+import logging
+import sqlite3
+from collections.abc import Sequence
+
+import numpy as np
+
+from calibration.storage.document import CalibrationResult, FindingResource, VerificationResource
+from calibration.storage.hand_eye_file import HandEye
+from calibration.verification.drift import Drift
+from cell.control.cell import Cell
+from cell.errors import CellError
+from service import clock
+from service.api.schemas.calibration import (
+    CalibrationInUse,
+    CalibrationProgress,
+    CalibrationView,
+    CellWarning,
+    DriftResource,
+    RunLinks,
+    RunResource,
+)
+from service.api.schemas.scans import ACTIVE_STATES, Problem
+from service.jobs.calibration_activation import why_not_activated
+from service.jobs.calibration_drift import DriftWatch
+from service.storage.calibration_store import CalibrationStore
+from service.storage.rows import CalibrationRow, CalibrationViewRow
+
+log = logging.getLogger(__name__)
+
+RUNS = "/api/calibration/runs"
+
+
+def usable_hand_eye(cell: Cell) -> HandEye | None:
+    """The calibration in use, as its file is now; None where none can be used, which is told where it is needed."""
+    try:
+        return cell.hand_eye()
+    except CellError:
+        return None
+
+
+def recent_drift(hand_eye: HandEye, watch: DriftWatch) -> Drift | None:
+    """What recent scans tell of it; None where the database does not answer: the cell's state is told without it."""
+    try:
+        return watch.drift(hand_eye)
+    except sqlite3.Error:
+        log.exception("whether the calibration has drifted is not known")
+        return None
+
+
+def calibration_warnings(hand_eye: HandEye | None, drift: Drift | None, store: CalibrationStore) -> list[CellWarning]:
+    """What speaks against the calibration in use: its last verification, and recent scans."""
+    warnings = []
+    verified = None if hand_eye is None else _last_verification(hand_eye, store)
+    if verified is not None and verified.verification is not None and not verified.verification["passed"]:
+        words = f"the verification of {verified.ended_at} failed: {verified.verification['words']}"
+        warnings.append(CellWarning(code="verification-failed", words=words))
+    if drift is not None and drift.drifted:
+        warnings.append(CellWarning(code="calibration-drift", words=drift.message))
+    return warnings
+
+
+def _last_verification(hand_eye: HandEye, store: CalibrationStore) -> CalibrationRow | None:
+    """None too where the database does not answer."""
+    try:
+        return store.last_verification(hand_eye.sha256)
+    except sqlite3.Error:
+        log.exception("whether the calibration was verified is not known")
+        return None
+
+
+def in_use(hand_eye: HandEye, drift: Drift) -> CalibrationInUse:
+    """The calibration in use and what scans tell of it as JSON."""
+    covariance, created = hand_eye.covariance, hand_eye.created
+    return CalibrationInUse(
+        T_flange_camera=hand_eye.T_flange_camera.tolist(),
+        covariance=None if covariance is None else covariance.tolist(),
+        sigma_m=None if covariance is None else float(np.sqrt(np.trace(covariance[3:, 3:]))),
+        sigma_rad=None if covariance is None else float(np.sqrt(np.trace(covariance[:3, :3]))),
+        eight_views_m=hand_eye.repeatability_95_m,
+        verdict=hand_eye.verdict,
+        findings=[FindingResource.model_validate(finding) for finding in hand_eye.findings],
+        created_at=None if created is None else created.isoformat(),
+        age_s=None if created is None else (clock.present() - created).total_seconds(),
+        camera_id=hand_eye.camera_id,
+        robot_serial=hand_eye.robot_serial,
+        board=None if hand_eye.board is None else hand_eye.board.to_json(),
+        sha256=hand_eye.sha256,
+        warnings=list(hand_eye.warnings),
+        drift=DriftResource(
+            scans=drift.scans,
+            off_m=drift.off_m,
+            off_rad=drift.off_rad,
+            off_from="first-scans" if drift.from_first else "calibration",
+            chance=drift.p_value,
+            drifted=drift.drifted,
+            words=drift.message,
+        ),
+    )
+
+
+def run_resource(row: CalibrationRow, views: Sequence[CalibrationViewRow]) -> RunResource:
+    """A run and its views as JSON."""
+    own = f"{RUNS}/{row.id}"
+    return RunResource(
+        id=row.id,
+        kind=row.kind,
+        board=row.board,
+        poses=row.poses,
+        warnings=row.warnings,
+        state=row.state,
+        progress=CalibrationProgress(
+            stage=row.stage,
+            fraction=row.fraction,
+            coverage=row.coverage,
+            views=[
+                CalibrationView(
+                    index=view.view,
+                    state=view.state,
+                    reason=view.reason,
+                    corners=view.corners,
+                    possible=view.possible,
+                    rms_px=view.rms_px,
+                    cells=view.cells,
+                    picture=f"{own}/views/{view.view}.png" if view.state == "recorded" else None,
+                )
+                for view in views
+            ],
+        ),
+        created_at=row.created_at,
+        started_at=row.started_at,
+        ended_at=row.ended_at,
+        activated_at=row.activated_at,
+        calibration_sha256=row.calibration_sha256,
+        result=CalibrationResult.model_validate(row.result) if row.result else None,
+        verification=VerificationResource.model_validate(row.verification) if row.verification else None,
+        problem=Problem.model_validate(row.problem | {"instance": own}) if row.problem else None,
+        links=RunLinks(
+            self=own,
+            cancel=f"{own}/cancel" if row.state in ACTIVE_STATES else None,
+            activate=f"{own}/activate" if why_not_activated(row) is None else None,
+        ),
+    )

@@ -1,0 +1,72 @@
+"""Scans as their resources."""
+
+from collections import defaultdict
+from collections.abc import Sequence
+
+from service.api.schemas.scans import (
+    ACTIVE_STATES,
+    RESULT_STATES,
+    Problem,
+    Progress,
+    ScanLinks,
+    ScanResource,
+    ScanSummary,
+    ViewProgress,
+)
+from service.storage.rows import ScanRow, ViewRow
+
+SCANS = "/api/scans"
+
+
+def scan_resource(row: ScanRow, views: Sequence[ViewRow]) -> ScanResource:
+    """The scan as it is told; `views` are its own."""
+    own = f"{SCANS}/{row.id}"
+    return ScanResource(
+        id=row.id,
+        mode=row.mode,
+        recording=row.recording,
+        source=row.source,
+        method=row.method,
+        string_radius_m=row.string_radius_m,
+        state=row.state,
+        progress=Progress(
+            stage=row.stage,
+            fraction=row.fraction,
+            views=[ViewProgress(index=view.view, state=view.state, reason=view.reason) for view in views],
+        ),
+        created_at=row.created_at,
+        started_at=row.started_at,
+        ended_at=row.ended_at,
+        summary=ScanSummary.model_validate(row.summary) if row.summary else None,
+        problem=Problem.model_validate(row.problem | {"instance": own}) if row.problem else None,
+        asked_by=row.asked_by,
+        kept=row.kept,
+        calibration_sha256=row.calibration_sha256,
+        links=_links(row, own),
+    )
+
+
+def scan_resources(rows: Sequence[ScanRow], views: Sequence[ViewRow]) -> list[ScanResource]:
+    """Several; `views` are those of all of them."""
+    of_scan: defaultdict[str, list[ViewRow]] = defaultdict(list)
+    for view in views:
+        of_scan[view.scan].append(view)
+    return [scan_resource(row, of_scan[row.id]) for row in rows]
+
+
+def _links(row: ScanRow, own: str) -> ScanLinks:
+    active, done = row.state in ACTIVE_STATES, row.state in RESULT_STATES
+    return ScanLinks(
+        self=own,
+        events=f"{own}/events",
+        cancel=f"{own}/cancel" if active else None,
+        reprocess=f"{own}/reprocess" if row.recording and not active else None,
+        source=f"{SCANS}/{row.source}" if row.source else None,
+        recording=f"{own}/recording" if row.recording else None,
+        model=f"{own}/model" if done else None,
+        grasps=f"{own}/grasps" if done else None,
+        cloud=f"{own}/cloud.ply" if done else None,
+        preview=f"{own}/preview.png" if done else None,
+        thumbnail=f"{own}/thumbnail.png" if done else None,
+        views=f"{own}/views" if row.recording or row.mode == "live" else None,
+    )

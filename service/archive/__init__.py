@@ -1,1 +1,0 @@
-"""Many recordings at once: recognised by many processes or machines, kept as lines, compared between two runs."""

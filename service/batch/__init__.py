@@ -1,0 +1,1 @@
+"""Recognition of many recordings by many processes or machines, and the comparison of two runs."""

@@ -1,0 +1,128 @@
+"""Lines in a file: as JSON lines, or as a Parquet table with a row for each."""
+
+import json
+import os
+from collections.abc import Iterable, Iterator
+from contextlib import suppress
+from itertools import islice
+from pathlib import Path
+from typing import Any
+
+from calibration.atomic_write import sync_folder
+from service.batch.errors import EXTRA, ArchiveError
+
+PARQUET = ".parquet"
+SUFFIXES = (".jsonl", PARQUET)
+ROWS = 200
+"""That are held at a time: a model has some ten kilobytes."""
+
+
+def lines_of(path: Path) -> Iterator[str]:
+    """The lines of a file that `write_lines` wrote, or of what `pointchain recognise` printed.
+
+    Raises:
+        ArchiveError: it is not such a file.
+        OSError: it cannot be read.
+    """
+    if path.suffix == PARQUET:
+        yield from _parquet_lines(path)
+        return
+    with path.open(encoding="utf-8") as file:
+        try:
+            yield from (line.rstrip("\n") for line in file)
+        except UnicodeDecodeError as error:
+            raise ArchiveError(f"{path} is not a file of JSON lines: {error}") from error
+
+
+def write_lines(path: Path, lines: Iterable[str]) -> None:
+    """Writes a file; one of that name is replaced in one step. On return it is on the disk.
+
+    Raises:
+        ArchiveError: the packages for Parquet are missing.
+        OSError: it cannot be written; what was there before is left alone.
+    """
+    fresh = path.with_name(f"{path.name}.new")
+    try:
+        if path.suffix == PARQUET:
+            _write_parquet(fresh, iter(lines))
+        else:
+            with fresh.open("w", encoding="utf-8") as file:
+                file.writelines(f"{line}\n" for line in lines)
+        with fresh.open("rb+") as file:
+            os.fsync(file.fileno())
+        fresh.replace(path)
+    except BaseException:
+        with suppress(OSError):
+            fresh.unlink()
+        raise
+    sync_folder(path.parent)
+
+
+def require_parquet() -> None:
+    """Raises ArchiveError when its packages are missing: known before hours of work rather than after them."""
+    try:
+        import pyarrow.parquet  # noqa: F401 -- only whether it is there
+    except ImportError as error:
+        raise ArchiveError(f"Parquet needs the extra `archive`: {EXTRA}") from error
+
+
+def _write_parquet(path: Path, lines: Iterator[str]) -> None:
+    require_parquet()
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    schema = pa.schema(
+        [
+            pa.field("file", pa.string()),
+            pa.field("sha256", pa.string()),
+            pa.field("method", pa.string()),
+            pa.field("error", pa.string()),
+            pa.field("detail", pa.string()),
+            pa.field("chains", pa.int32()),
+            pa.field("length_m", pa.float64()),
+            pa.field("crossings", pa.int32()),
+            pa.field("grasps", pa.int32()),
+            pa.field("ambiguities", pa.list_(pa.string())),
+            pa.field("warnings", pa.list_(pa.string())),
+            pa.field("document", pa.string()),
+        ]
+    )
+    with pq.ParquetWriter(path, schema, compression="zstd") as writer:
+        while rows := [_row(line) for line in islice(lines, ROWS)]:
+            writer.write_table(pa.Table.from_pylist(rows, schema))
+
+
+def _row(line: str) -> dict[str, Any]:
+    """What is asked for most in columns of their own; None where there is no model."""
+    document = json.loads(line)
+    recording, method = document["recording"], document["asked"]["method"]
+    row = {"file": _utf8(recording["file"]), "sha256": recording["sha256"], "method": method, "document": line}
+    if "error" in document:
+        error = document["error"]
+        return row | {"error": error["type"].removeprefix("urn:pointchain:"), "detail": _utf8(error["detail"])}
+    return row | {
+        "chains": len(document["chains"]),
+        "length_m": sum(chain["length_m"] for chain in document["chains"]),
+        "crossings": len(document["crossings"]),
+        "grasps": len(document["grasps"]),
+        "ambiguities": document["quality"]["ambiguities"],
+        "warnings": [_utf8(warning) for warning in document["quality"]["warnings"]],
+    }
+
+
+def _utf8(text: str) -> str:
+    """A file's name, or what tells of it, may hold bytes that are no text: Parquet takes none."""
+    return text.encode("utf-8", "backslashreplace").decode()
+
+
+def _parquet_lines(path: Path) -> Iterator[str]:
+    require_parquet()
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    try:
+        with pq.ParquetFile(path) as table:
+            for batch in table.iter_batches(ROWS, columns=["document"]):
+                yield from batch.column(0).to_pylist()
+    except (pa.ArrowInvalid, KeyError, IndexError) as error:
+        raise ArchiveError(f"{path} is not the output of pointchain recognise: {error}") from error

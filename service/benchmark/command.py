@@ -1,0 +1,215 @@
+"""`pointchain bench`: measure accuracy, speed, the simulated cell and the service; print tables or JSON."""
+
+import json
+import os
+import sys
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict
+from itertools import islice
+from platform import python_version
+from typing import Any
+
+from cell.simulation.benchmark import accuracy, tables
+from cell.simulation.benchmark.cases import TIERS
+from cell.simulation.benchmark.scaling import Growth, measure_growth
+from cell.simulation.benchmark.speed import Speed, measure_speed
+from recognition.model.model import METHODS
+from service.benchmark.cell import cell_table, measure_cell
+from service.benchmark.estimate import (
+    accuracy_s,
+    cell_s,
+    duration,
+    measure_probe,
+    remaining_s,
+    scene_cost,
+    service_s,
+    speed_s,
+)
+from service.benchmark.service import measure_service, service_json, service_table
+from service.benchmark.service_process import MeasurementError
+
+PARTS = ("speed", "cell", "service", "accuracy")
+REPORT_S = 15.0
+"""Time between two messages on the progress of the accuracy part, where stderr is not a terminal."""
+
+Emit = Callable[[str], None]
+
+
+class Progress:
+    """Report on stderr what is measured, and about how long the rest takes."""
+
+    def __init__(self, estimates_s: Mapping[str, float]) -> None:
+        self._estimates_s = dict(estimates_s)
+        self._part = ""
+        self._began_s = 0.0
+
+    def begin(self, part: str) -> None:
+        """Note that this part begins, and that the part before it has ended."""
+        self._estimates_s.pop(self._part, None)
+        self._part, self._began_s = part, time.monotonic()
+
+    def left(self, share_done: float | None = None) -> str:
+        """Return the time that this part and those after it still need.
+
+        Args:
+            share_done: Share of the work of this part that is done, 0 to 1; None when it is not known.
+        """
+        pending_s = sum(self._estimates_s.values()) - self._estimates_s[self._part]
+        part_s = remaining_s(self._estimates_s[self._part], time.monotonic() - self._began_s, share_done)
+        return f"about {duration(pending_s + part_s)} left"
+
+    def say(self, message: str) -> None:
+        """Print a message with the time that is left."""
+        _say(f"{message} ({self.left()})")
+
+
+def bench(only: str | None, tiers: Sequence[str], seeds: int, jobs: int | None, as_json: bool) -> int:
+    """Run one part or all parts, and print the results on stdout.
+
+    Each table is printed as soon as it is known, and the accuracy table tier by tier. JSON is one document at the end.
+
+    Args:
+        only: One of `PARTS`; None for all.
+        tiers: Names of `cell.simulation.benchmark.cases.TIERS`; all when empty.
+        seeds: Number of scenes of each tier. Every method recognises each scene.
+        jobs: Number of processes of the accuracy part; None for one on each core.
+        as_json: Print one JSON document instead of Markdown tables.
+
+    Returns:
+        The exit code: 0, or 1 when an argument is wrong or a part failed.
+    """
+    unknown = [tier for tier in tiers if tier not in TIERS]
+    if unknown:
+        return _refuse(f"there is no tier {unknown[0]!r}; known are {', '.join(TIERS)}")
+    if seeds < 1 or (jobs is not None and jobs < 1):
+        return _refuse("--seeds and --jobs must be at least 1")
+    tiers = tuple(dict.fromkeys(tiers or TIERS))
+    jobs = min(jobs or os.cpu_count() or 1, len(tiers) * seeds)
+    parts = PARTS if only is None else (only,)
+
+    def emit(text: str) -> None:
+        if not as_json:
+            print(text, flush=True)
+
+    progress = Progress(_estimates_s(parts, tiers, seeds, jobs))
+    document: dict[str, Any] = {"machine": {"cores": os.cpu_count(), "python": python_version()}}
+    for part in parts:
+        progress.begin(part)
+        if part != parts[0]:
+            emit("")
+        try:
+            match part:
+                case "speed":
+                    document |= _speed(progress, emit)
+                case "cell":
+                    times = measure_cell(progress.say)
+                    emit(cell_table(times))
+                    document["cell"] = {name: round(value, 4) for name, value in asdict(times).items()}
+                case "service":
+                    served = measure_service(progress.say)
+                    emit(service_table(served))
+                    document["service"] = service_json(served)
+                case _:
+                    document |= _accuracy(tiers, seeds, jobs, progress, emit)
+        except MeasurementError as error:
+            return _refuse(f"the {part} part failed: {error}; run it on a machine that does nothing else")
+    if as_json:
+        print(json.dumps(document, allow_nan=False))
+    return 0
+
+
+def _estimates_s(parts: Sequence[str], tiers: Sequence[str], seeds: int, jobs: int) -> dict[str, float]:
+    """Time a probe on this machine, and return and announce the expected seconds of each part."""
+    _say("timing a short probe to estimate the duration")
+    estimates_s: dict[str, float] = {}
+    if set(parts) - {"accuracy"}:
+        probe = measure_probe(1)
+        all_s = {"speed": speed_s(probe), "cell": cell_s(probe), "service": service_s(probe)}
+        estimates_s |= {part: all_s[part] for part in parts if part in all_s}
+    if "accuracy" in parts:
+        estimates_s["accuracy"] = accuracy_s(tiers, seeds, jobs, measure_probe(jobs))
+    described = {
+        "speed": "speed, memory and growth",
+        "cell": "the simulated cell",
+        "service": "the service under load",
+        "accuracy": f"accuracy on {len(tiers) * seeds} scenes by {', '.join(METHODS)} "
+        f"in {jobs} process{'es' if jobs > 1 else ''}",
+    }
+    _say(f"this takes about {duration(sum(estimates_s.values()))}: {'; '.join(described[part] for part in parts)}")
+    return estimates_s
+
+
+def _speed(progress: Progress, emit: Emit) -> dict[str, Any]:
+    speed = measure_speed(progress.say)
+    emit(f"{tables.speed_table(speed)}\n\n{tables.stages_table(speed.stages)}\n")
+    growth = measure_growth(progress.say)
+    emit(tables.growth_table(growth))
+    return _speed_json(speed, growth)
+
+
+def _accuracy(tiers: Sequence[str], seeds: int, jobs: int, progress: Progress, emit: Emit) -> dict[str, Any]:
+    """Recognise all cases, with a progress bar on a terminal, else with a message from time to time."""
+    from tqdm import tqdm
+
+    costs = iter([scene_cost(tier, seed) for tier in tiers for seed in range(seeds)])
+    total = sum(scene_cost(tier, seed) for tier in tiers for seed in range(seeds))
+    done, reported_s = 0.0, time.monotonic()
+    results: list[accuracy.CaseResult] = []
+    emit(tables.table_head(tables.ACCURACY_COLUMNS))
+    with tqdm(
+        total=len(tiers) * seeds,
+        bar_format="accuracy: {n_fmt} of {total_fmt} scenes |{bar}| {desc}",
+        disable=not sys.stderr.isatty(),
+    ) as bar:
+
+        def on_done(tier: str) -> None:
+            nonlocal done, reported_s
+            done += next(costs)
+            left = progress.left(done / total)
+            bar.set_description_str(left, refresh=False)
+            bar.update()
+            if bar.disable and time.monotonic() - reported_s > REPORT_S and done < total:
+                _say(f"accuracy: at tier {tier} ({left})")
+                reported_s = time.monotonic()
+
+        coming = accuracy.run_cases(tiers, seeds, jobs, on_done)
+        for tier in tiers:
+            of_tier = list(islice(coming, seeds * len(METHODS)))
+            results += of_tier
+            bar.clear()  # a terminal shows both stdout and the bar
+            for row in tables.accuracy_rows(accuracy.summarise(of_tier)):
+                emit(row)
+            bar.refresh()
+            if bar.disable:
+                _say(f"accuracy: tier {tier} is done ({progress.left(done / total)})")
+                reported_s = time.monotonic()
+    summaries, sigma = accuracy.summarise(results), accuracy.sigma_by_tier(results)
+    emit(f"\n{tables.sigma_table(sigma)}")
+    return {
+        "accuracy": {
+            tier: {method: asdict(summary) for method, summary in methods.items()}
+            for tier, methods in summaries.items()
+        },
+        "sigma": sigma,
+        "cases": [accuracy.case_json(result) for result in results],
+    }
+
+
+def _speed_json(speed: Speed, growth: Growth) -> dict[str, Any]:
+    figures = asdict(speed)
+    stages = figures.pop("stages")
+    return {
+        "speed": {name: round(value, 4) for name, value in figures.items()},
+        "stages": {stage: round(seconds, 4) for stage, seconds in stages.items()},
+        "growth": asdict(growth) | {"linear": growth.linear()},
+    }
+
+
+def _refuse(reason: str) -> int:
+    _say(reason)
+    return 1
+
+
+def _say(text: str) -> None:
+    print(f"pointchain bench: {text}", file=sys.stderr, flush=True)

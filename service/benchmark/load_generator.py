@@ -1,0 +1,212 @@
+"""Load a service with many clients at once, for `pointchain bench`.
+
+The load has its own process, so that its work does not slow the service. It needs the standard library only.
+
+    python -m service.benchmark.load_generator '{"port": 8000, "connections": 8, "requests": [...], "streams": [...]}'
+
+It sends requests until its stdin ends, and then prints its results on stdout, as one JSON document.
+"""
+
+import asyncio
+import gc
+import itertools
+import json
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+ROOT = Path(__file__).resolve().parents[2]
+HOST = "127.0.0.1"
+HEAD_END = b"\r\n\r\n"
+AGAIN_S = 5.0
+"""Time after which a refused client requests the event stream again, as the Retry-After of the service says."""
+STALLED_BYTES = 4096
+"""Size of the receive buffer of a client that never reads."""
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """A request that is sent again and again."""
+
+    name: str
+    """Name of its kind, for the results."""
+    path: str
+    status: int = 200
+    """The expected status."""
+    has: str | None = None
+    """ETag of the copy that the client has."""
+
+    def request(self, port: int) -> bytes:
+        """Return the bytes of the request."""
+        has = "" if self.has is None else f"If-None-Match: {self.has}\r\n"
+        return f"GET {self.path} HTTP/1.1\r\nHost: {HOST}:{port}\r\n{has}\r\n".encode()
+
+
+@dataclass(frozen=True)
+class Load:
+    """The requests and the number of clients."""
+
+    port: int
+    connections: int
+    """Number of clients. Each sends one request after the other."""
+    requests: Sequence[Wanted]
+    pause_s: float = 0.0
+    """Time between an answer and the next request."""
+    streams: int = 0
+    """Number of further clients that request the event stream. Every other one never reads."""
+    stream_path: str = "/api/events"
+
+    def to_json(self) -> str:
+        """Return the load as JSON, for the other process."""
+        return json.dumps(asdict(self))
+
+    @staticmethod
+    def from_json(text: str) -> "Load":
+        """Return the load that `to_json` wrote."""
+        known = json.loads(text)
+        return Load(**known | {"requests": [Wanted(**one) for one in known["requests"]]})
+
+
+@dataclass
+class Met:
+    """Results of all clients."""
+
+    seconds: dict[str, list[float]] = field(default_factory=dict)
+    """Time from each request to the end of its answer, by kind."""
+    wrong: list[str] = field(default_factory=list)
+    """Unexpected answers and lost connections."""
+    let_in: int = 0
+    """Number of event streams that the service accepted."""
+    refused: int = 0
+    """Number of event streams that the service refused."""
+    news_bytes: int = 0
+    """Bytes that the reading clients received from their event streams."""
+
+
+class Asking(asyncio.Protocol):
+    """One client. It sends the next request when the last answer is complete."""
+
+    def __init__(self, load: Load, requests: Iterator[Wanted], met: Met, ending: asyncio.Event) -> None:
+        self._load, self._requests, self._met, self._ending = load, requests, met, ending
+        self._received, self._whole = b"", 0
+        self._asked_s = 0.0
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        """Send the first request."""
+        assert isinstance(transport, asyncio.Transport)
+        self._transport = transport
+        self._ask()
+
+    def data_received(self, data: bytes) -> None:
+        """Collect an answer; when it is complete, note its time and send the next request."""
+        self._received += data
+        if not self._whole:
+            end = self._received.find(HEAD_END)
+            if end < 0:
+                return
+            self._whole = end + len(HEAD_END) + length_of(self._received[:end])
+        if len(self._received) < self._whole:
+            return
+        if self._ending.is_set():  # the results are final
+            self._transport.close()
+            return
+        self._met.seconds.setdefault(self._wanted.name, []).append(time.perf_counter() - self._asked_s)
+        status = int(self._received[9:12])
+        if status != self._wanted.status:
+            self._met.wrong.append(f"{self._wanted.path}: {status} instead of {self._wanted.status}")
+        if self._load.pause_s > 0:
+            asyncio.get_running_loop().call_later(self._load.pause_s, self._ask)
+        else:
+            self._ask()
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        """Note a lost connection, unless the load is ending."""
+        if not self._ending.is_set():
+            self._met.wrong.append(f"{self._wanted.path}: the connection was lost")
+
+    def _ask(self) -> None:
+        if self._transport.is_closing():
+            return
+        self._received, self._whole = b"", 0
+        self._wanted = next(self._requests)
+        self._asked_s = time.perf_counter()
+        self._transport.write(self._wanted.request(self._load.port))
+
+
+def length_of(head: bytes) -> int:
+    """Return the Content-Length of a head; 0 when it has none."""
+    _, found, rest = head.lower().partition(b"\r\ncontent-length:")
+    return int(rest.split(b"\r\n", 1)[0]) if found else 0
+
+
+async def follow(load: Load, met: Met, reading: bool) -> None:
+    """Request the event stream, and again after a refusal. A client that is not `reading` reads the head only."""
+    loop = asyncio.get_running_loop()
+    wanted = Wanted("events", load.stream_path).request(load.port)
+    while True:
+        connection = socket.socket()
+        if not reading:
+            connection.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, STALLED_BYTES)
+        connection.setblocking(False)
+        with connection:
+            await loop.sock_connect(connection, (HOST, load.port))
+            await loop.sock_sendall(connection, wanted)
+            head = await loop.sock_recv(connection, 512)
+            if head[9:12] == b"200":
+                met.let_in += 1
+                await _stay(connection, met, reading)
+            elif head[9:12] == b"503":
+                met.refused += 1
+            else:
+                met.wrong.append(f"{load.stream_path}: {head[:12]!r}")
+        await asyncio.sleep(AGAIN_S)
+
+
+async def _stay(connection: socket.socket, met: Met, reading: bool) -> None:
+    if not reading:
+        await asyncio.Event().wait()
+    while data := await asyncio.get_running_loop().sock_recv(connection, 1 << 16):
+        met.news_bytes += len(data)
+
+
+async def run(load: Load) -> dict[str, Any]:
+    """Send requests until stdin ends, and return the results."""
+    loop, met, ending = asyncio.get_running_loop(), Met(), asyncio.Event()
+    following = [asyncio.create_task(follow(load, met, number % 2 == 0)) for number in range(load.streams)]
+    begin = time.perf_counter()
+    for number in range(load.connections):
+        # Each client begins with another request, so that they do not all send the same one at once.
+        requests = itertools.islice(itertools.cycle(load.requests), number, None)
+        await loop.create_connection(lambda requests=requests: Asking(load, requests, met, ending), HOST, load.port)
+    await asyncio.to_thread(sys.stdin.read)
+    ending.set()
+    seconds = time.perf_counter() - begin
+    for task in following:
+        task.cancel()
+    broken = [error for error in await asyncio.gather(*following, return_exceptions=True) if isinstance(error, OSError)]
+    met.wrong += [f"{load.stream_path}: {error}" for error in broken]
+    return vars(met) | {"duration_s": seconds}
+
+
+@contextmanager
+def asking(load: Load) -> Iterator[dict[str, Any]]:
+    """Run the load inside the `with` block. The dictionary is filled with the results when the block ends."""
+    met: dict[str, Any] = {}
+    command = [sys.executable, "-m", __name__, load.to_json()]
+    with subprocess.Popen(command, cwd=ROOT, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as process:
+        try:
+            yield met
+            met |= json.loads(process.communicate()[0])
+        finally:
+            process.kill()
+
+
+if __name__ == "__main__":
+    gc.disable()  # its pauses would count as those of the service
+    print(json.dumps(asyncio.run(run(Load.from_json(sys.argv[1])))))

@@ -1,0 +1,234 @@
+"""Measure the service under load: answers per second, idle and during a live scan, and how soon a stop stops the arm.
+
+The simulated cell has the speed of a real one. Service, clients, controller and camera are processes on this machine
+and share its cores.
+"""
+
+import json
+import random
+import secrets
+import tempfile
+import time
+from collections.abc import Callable, Sequence
+from contextlib import closing
+from dataclasses import asdict, dataclass
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cell.simulation.benchmark.tables import table
+from cell.simulation.ur_controller.admin_client import AdminClient
+from service.benchmark.load_generator import Load, Wanted, asking
+from service.benchmark.service_process import BenchedService, MeasurementError, served
+
+CLIENTS = 8
+"""Number of clients that send requests without a pause."""
+STREAMS = 200
+"""Number of clients that request the event stream. Every other one never reads what it receives."""
+IDLE_S = 5.0
+SCANS = 2
+"""Number of scans with load, and of scans without."""
+STOPS = 40
+SEED = 1
+
+
+@dataclass(frozen=True)
+class Answers:
+    """Rate and times of the answers to several clients at once."""
+
+    per_s: float
+    p50_s: float
+    p99_s: float
+
+
+@dataclass(frozen=True)
+class ServiceTimes:
+    """Results. Times are in seconds."""
+
+    idle: Answers
+    scanning: Answers
+    """The answers during live scans."""
+    kinds: dict[str, Answers]
+    """The answers during live scans, by the kind of request."""
+    scan_s: float
+    """A scan without load, from its start until its result is stored."""
+    loaded_scan_s: float | None
+    """The same under load; None when no scan succeeded."""
+    failed_scans: int
+    """Number of scans under load that failed."""
+    stopping: Answers
+    """The answers during live scans that are stopped, with the event streams too."""
+    streams_let_in: int
+    """Number of event streams that the service accepted. A client whose stream was dropped requests it again."""
+    streams_refused: int
+    """Number of event streams that the service refused."""
+    wrong: list[str]
+    """Unexpected answers and lost connections."""
+    stops: int
+    wire_p50_s: float
+    """From the request for a stop until the controller receives it."""
+    wire_p99_s: float
+    answer_p50_s: float
+    """From the request until its answer. The arm is still by then; the scan may not have ended."""
+    answer_p99_s: float
+    still_p99_s: float
+    """From the request until the arm is still."""
+
+
+def measure_service(say: Callable[[str], None]) -> ServiceTimes:
+    """Measure a service as configured by default, under load.
+
+    `say` is called with a message on what is measured.
+    """
+    host = ".".join(["127", *(str(secrets.randbelow(254) + 1) for _ in range(3))])
+    with tempfile.TemporaryDirectory(prefix="pointchain-") as root, served(Path(root), host) as service:
+        say("service: first scan, whose result the clients request")
+        scan = service.finished(service.start())
+        mix = _mix(service, scan["links"]["self"])
+        say("service: idle")
+        with asking(Load(service.port, CLIENTS, mix)) as idle:
+            time.sleep(IDLE_S)
+        scans, loaded, during = [], [], []
+        for number in range(SCANS):
+            say(f"service: scan {number + 1} of {SCANS}, without and with load")
+            scans.append(_duration(service.finished(service.start())))
+            location = service.start()
+            service.wait(location, "scanning")
+            with asking(Load(service.port, CLIENTS, mix)) as met:
+                loaded.append(service.ended(location))
+            during.append(met)
+        with (
+            closing(AdminClient(host)) as controller,
+            asking(Load(service.port, CLIENTS, mix, streams=STREAMS)) as stopping,
+        ):
+            stops = _stops(service, controller, say)
+    loaded_s = [_duration(scan) for scan in loaded if scan["state"] == "succeeded"]
+    names = dict.fromkeys(one.name for one in mix)
+    return ServiceTimes(
+        idle=_answers([idle]),
+        scanning=_answers(during),
+        kinds={name: _answers(during, name) for name in names},
+        scan_s=float(np.median(scans)),
+        loaded_scan_s=float(np.median(loaded_s)) if loaded_s else None,
+        failed_scans=len(loaded) - len(loaded_s),
+        stopping=_answers([stopping]),
+        streams_let_in=stopping["let_in"],
+        streams_refused=stopping["refused"],
+        wrong=[words for one in (idle, *during, stopping) for words in one["wrong"]],
+        stops=len(stops),
+        wire_p50_s=float(np.percentile([stop.wire_s for stop in stops], 50)),
+        wire_p99_s=float(np.percentile([stop.wire_s for stop in stops], 99)),
+        answer_p50_s=float(np.percentile([stop.answer_s for stop in stops], 50)),
+        answer_p99_s=float(np.percentile([stop.answer_s for stop in stops], 99)),
+        still_p99_s=float(np.percentile([stop.still_s for stop in stops], 99)),
+    )
+
+
+def service_json(times: ServiceTimes) -> dict[str, Any]:
+    """Return the results for `--json`."""
+    return json.loads(json.dumps(asdict(times)), parse_float=lambda text: round(float(text), 5))
+
+
+def service_table(times: ServiceTimes) -> str:
+    """Return one table of the answers, and one with a row for each other figure."""
+    rows = [
+        _row(f"idle, {CLIENTS} clients", times.idle),
+        _row("during a live scan", times.scanning),
+        *(_row(f"during a live scan: {name}", answers) for name, answers in times.kinds.items()),
+        _row(f"during stops, {STREAMS} clients request events", times.stopping),
+    ]
+    more = [
+        ("a live scan without load", f"{times.scan_s:.1f} s"),
+        ("a live scan under load", _loaded(times)),
+        ("scans that failed under load", f"{times.failed_scans} of {SCANS}"),
+        ("event streams accepted", str(times.streams_let_in)),
+        ("event streams refused", str(times.streams_refused)),
+        ("wrong answers and lost connections", str(len(times.wrong))),
+        (f"stop to the controller, 50 % and 99 % of {times.stops}", _both(times.wire_p50_s, times.wire_p99_s)),
+        ("stop to its answer, 50 % and 99 %", _both(times.answer_p50_s, times.answer_p99_s)),
+        ("stop to a still arm, 99 %", f"{times.still_p99_s * 1000:.0f} ms"),
+    ]
+    answers = table(("answers of the service", "per second", "50 %", "99 %"), rows)
+    return f"{answers}\n\n{table(('the service under load', ''), more)}"
+
+
+def _loaded(times: ServiceTimes) -> str:
+    if times.loaded_scan_s is None:
+        return "none succeeded"
+    return f"{times.loaded_scan_s:.1f} s, {times.loaded_scan_s / times.scan_s:.2f} times as long"
+
+
+def _row(what: str, answers: Answers) -> tuple[str, str, str, str]:
+    return what, f"{answers.per_s:.0f}", f"{answers.p50_s * 1000:.1f} ms", f"{answers.p99_s * 1000:.1f} ms"
+
+
+def _both(p50_s: float, p99_s: float) -> str:
+    return f"{p50_s * 1000:.0f} ms, {p99_s * 1000:.0f} ms"
+
+
+def _mix(service: BenchedService, location: str) -> list[Wanted]:
+    etag = service.ask("GET", f"{location}/model")[1]["etag"]
+    return [
+        Wanted("a scan", location),
+        Wanted("the cell", "/api/cell"),
+        Wanted("twenty scans", "/api/scans?limit=20"),
+        Wanted("a model", f"{location}/model"),
+        Wanted("a model that the client has", f"{location}/model", 304, etag),
+    ]
+
+
+def _answers(met: Sequence[dict[str, Any]], kind: str | None = None) -> Answers:
+    """Return the rate and times of the answers of one kind, or of all when None."""
+    seconds = [s for one in met for name, times in one["seconds"].items() if kind in (None, name) for s in times]
+    duration_s = sum(one["duration_s"] for one in met)
+    return Answers(len(seconds) / duration_s, float(np.percentile(seconds, 50)), float(np.percentile(seconds, 99)))
+
+
+def _duration(scan: dict[str, Any]) -> float:
+    began, ended = (datetime.fromisoformat(scan[name]) for name in ("started_at", "ended_at"))
+    return (ended - began).total_seconds()
+
+
+@dataclass(frozen=True)
+class Stop:
+    """One stop of a moving arm, in seconds after its request."""
+
+    wire_s: float
+    answer_s: float
+    still_s: float
+
+
+def _stops(service: BenchedService, controller: AdminClient, say: Callable[[str], None]) -> list[Stop]:
+    rng, stops = random.Random(SEED), []
+    for number in range(STOPS):
+        if number % 10 == 0:
+            say(f"service: stop {number + 1} of {STOPS} under load")
+        stops.append(stop_once(service, controller, rng.uniform(0.05, 1.0)))
+    return stops
+
+
+def stop_once(service: BenchedService, controller: AdminClient, after_s: float) -> Stop:
+    """Start a scan, and stop its arm `after_s` after it began to move."""
+    location = service.start()
+    while not controller.state().moving:
+        time.sleep(0.01)
+    time.sleep(after_s)
+    while not controller.state().moving:  # it was at a viewpoint
+        time.sleep(0.002)
+    begin, asked_s = controller.state().events, time.monotonic()
+    status, _, body = service.ask("POST", "/api/cell/stop")
+    answer_s = time.monotonic() - asked_s
+    if status != 200:
+        raise MeasurementError(f"the answer to the stop was {status}: {body.decode()}")
+    while controller.state().moving:
+        time.sleep(0.01)
+    ended = service.wait(location, "aborted")
+    if ended["state"] != "aborted":
+        raise MeasurementError(f"the state of the stopped scan is {ended['state']}, not aborted")
+    # The stamps are of the monotonic clock of this machine.
+    events = [event for event in controller.log(begin) if event["stamp_s"] >= asked_s]
+    arrived = [event["stamp_s"] for event in events if event["kind"] in ("braking", "command", "dashboard")]
+    still = [event["stamp_s"] for event in events if event["kind"] in ("still", "motion_done")]
+    return Stop(min(arrived) - asked_s, answer_s, max(still, default=asked_s) - asked_s)

@@ -1,0 +1,122 @@
+"""Run a service in its own process, for `pointchain bench`, with a client."""
+
+import http.client
+import json
+import os
+import re
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import closing, contextmanager
+from pathlib import Path
+from typing import Any
+
+from service.benchmark.load_generator import HOST
+from service.config.loader import FILE_VARIABLE, PREFIX
+
+ROOT = Path(__file__).resolve().parents[2]
+SERVE = "import sys; from service.cli.main import main; sys.exit(main(['serve', '--unsupervised']))"
+SCAN = {"mode": "live", "string_radius_m": 0.0042}
+START_S = 60.0
+"""Timeout for the service to listen, and for each answer."""
+
+
+class MeasurementError(RuntimeError):
+    """A scan, a stop or the service failed, so that there is nothing to measure."""
+
+
+class BenchedService:
+    """A client of the service in the other process."""
+
+    def __init__(self, port: int) -> None:
+        self.port = port
+        self._connection = http.client.HTTPConnection(HOST, port, timeout=START_S)
+
+    def ask(self, method: str, path: str, body: dict[str, Any] | None = None) -> tuple[int, dict[str, str], bytes]:
+        """Send a request, and return the status, the headers by their names in lower case, and the body."""
+        sent = None if body is None else json.dumps(body)
+        self._connection.request(method, path, sent, {} if sent is None else {"Content-Type": "application/json"})
+        answer = self._connection.getresponse()
+        headers = {name.lower(): value for name, value in answer.getheaders()}
+        return answer.status, headers, answer.read()
+
+    def start(self) -> str:
+        """Start a live scan, when the last one has ended, and return its path."""
+        while True:
+            status, headers, body = self.ask("POST", "/api/scans", SCAN)
+            if status == 202:
+                return headers["location"]
+            problem = json.loads(body)["type"]
+            if problem == "urn:pointchain:acknowledge-required":  # a scan has failed
+                self.ask("POST", "/api/cell/acknowledge")
+            elif problem != "urn:pointchain:cell-busy":
+                raise MeasurementError(f"the service started no scan: {body.decode()}")
+            time.sleep(0.05)
+
+    def scan(self, location: str) -> dict[str, Any]:
+        """Return the scan as it is now."""
+        return json.loads(self.ask("GET", location)[2])
+
+    def wait(self, location: str, state: str) -> dict[str, Any]:
+        """Wait until the scan is in a state, or has ended, and return it."""
+        while (scan := self.scan(location))["state"] != state and scan["ended_at"] is None:
+            time.sleep(0.05)
+        return scan
+
+    def ended(self, location: str) -> dict[str, Any]:
+        """Wait until the scan has ended, and return it."""
+        return self.wait(location, "succeeded")
+
+    def finished(self, location: str) -> dict[str, Any]:
+        """Wait until the scan has ended, and return it. Raises MeasurementError when it did not succeed."""
+        scan = self.ended(location)
+        if scan["state"] != "succeeded":
+            raise MeasurementError(f"the scan ended {scan['state']}: {scan['problem'] or scan['summary']}")
+        return scan
+
+    def close(self) -> None:
+        """Close the connection."""
+        self._connection.close()
+
+
+@contextmanager
+def served(data_dir: Path, controller_host: str) -> Iterator[BenchedService]:
+    """Run a service as configured by default. The configuration in the environment does not count."""
+    own = {name: value for name, value in os.environ.items() if not name.upper().startswith(PREFIX)}
+    own |= {f"{PREFIX}DATA_DIR": str(data_dir / "data"), f"{PREFIX}PORT": "0", f"{PREFIX}ARM__HOST": controller_host}
+    own.pop(FILE_VARIABLE, None)
+    log = data_dir / "log"
+    with log.open("wb") as output:
+        running = subprocess.Popen([sys.executable, "-c", SERVE], cwd=ROOT, env=own, stdout=output, stderr=output)
+    try:
+        service = BenchedService(_port(running, log))
+        with closing(service):
+            while service.ask("GET", "/readyz")[0] != 200:
+                time.sleep(0.1)
+            yield service
+    except OSError as error:
+        raise MeasurementError(f"the service failed: {error}; its log ends with\n{log.read_text()[-2000:]}") from error
+    finally:
+        running.terminate()
+        running.wait()
+
+
+def _port(running: "subprocess.Popen[bytes]", log: Path) -> int:
+    deadline = time.monotonic() + START_S
+    while not (found := re.search(r"pointchain: http://[\d.]+:(\d+) ", log.read_text())) or not _listens(found[1]):
+        if running.poll() is not None or time.monotonic() > deadline:
+            raise MeasurementError(f"the service did not start; this is its log:\n{log.read_text()}")
+        time.sleep(0.05)
+    return int(found[1])
+
+
+def _listens(port: str) -> bool:
+    connection = http.client.HTTPConnection(HOST, int(port), timeout=1.0)
+    try:
+        connection.request("GET", "/healthz")
+        return connection.getresponse().status == 200
+    except OSError:
+        return False
+    finally:
+        connection.close()

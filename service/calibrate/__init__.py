@@ -1,1 +1,0 @@
-"""The command line's calibrating: `pointchain calibrate board | run | verify | solve | activate`."""

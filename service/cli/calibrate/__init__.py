@@ -1,0 +1,1 @@
+"""The commands `pointchain calibrate board | run | verify | solve | activate`."""

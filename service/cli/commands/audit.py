@@ -1,0 +1,85 @@
+"""`pointchain audit`: who did what, from the service's log; also while it runs."""
+
+import argparse
+import json
+import sys
+from datetime import UTC, datetime
+from pathlib import Path
+
+from service.clock import stamp
+
+
+def add_audit_command(commands: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
+    """Adds `audit`."""
+    audit = commands.add_parser(
+        "audit",
+        help="print the audit log: who requested what, and the outcome",
+        description="Print the audit log, the newest entries last: time, client and role, request, status and problem "
+        "of the answer, state of the cell, and scan. Entries of the service itself and of the command line have no "
+        "status (0 in JSON).",
+    )
+    audit.add_argument(
+        "--since",
+        type=_moment,
+        metavar="WHEN",
+        help="entries since this time, as 2026-01-31 or 2026-01-31T08:00:00+01:00; UTC without a time zone (all)",
+    )
+    audit.add_argument(
+        "--scan", metavar="ID", help="entries about this scan: started, stopped, kept, reprocessed (all)"
+    )
+    audit.add_argument(
+        "--who",
+        metavar="NAME",
+        help="entries of this client: name of a token, local, service, console, or an address (all)",
+    )
+    audit.add_argument(
+        "--limit",
+        type=_limit,
+        default=100,
+        metavar="N",
+        help="maximum number of entries, the newest ones (%(default)s)",
+    )
+    audit.add_argument("--json", action="store_true", help="print one JSON document per line")
+    audit.add_argument("--config", type=Path, metavar="TOML", help="configuration file of the service")
+    audit.add_argument("--data-dir", type=Path, metavar="DIR", help="data folder of the service")
+    audit.set_defaults(run=_audit)
+
+
+def _moment(text: str) -> str:
+    try:
+        moment = datetime.fromisoformat(text)
+        moment = moment.replace(tzinfo=UTC) if moment.tzinfo is None else moment.astimezone(UTC)
+    except (ValueError, OverflowError):
+        raise argparse.ArgumentTypeError(f"{text!r} is no date or time, as 2026-01-31 or 2026-01-31T08:00:00") from None
+    return stamp(moment)
+
+
+def _limit(text: str) -> int:
+    if not (text.isascii() and text.isdigit() and 1 <= int(text) <= 1_000_000):
+        raise argparse.ArgumentTypeError(f"{text!r}: from 1 to 1000000 entries are possible")
+    return int(text)
+
+
+def _audit(options: argparse.Namespace) -> int:
+    from service.config.loader import ConfigError, load_config
+    from service.security.audit.reader import AuditError, read_audit
+
+    try:
+        data_dir = load_config(options.config, data_dir=options.data_dir).data_dir
+        entries = read_audit(data_dir, options.since, options.scan, options.who, options.limit + 1)
+    except (ConfigError, AuditError) as error:
+        print(f"pointchain audit: {error}", file=sys.stderr)
+        return 1
+    for entry in entries[-options.limit :]:
+        if options.json:
+            print(json.dumps(vars(entry)))
+        else:
+            told = "" if entry.result is None else f" {entry.result}"
+            about = "" if entry.scan is None else f", scan {entry.scan}"
+            status = entry.status or "-"
+            print(f"{entry.at}  {entry.who} ({entry.role})  {entry.what}  {status}{told}  cell {entry.cell}{about}")
+    if not entries:
+        print("there is no such entry", file=sys.stderr)
+    if len(entries) > options.limit:
+        print(f"there are older ones: these are the newest {options.limit}; --limit shows more", file=sys.stderr)
+    return 0

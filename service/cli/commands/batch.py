@@ -1,0 +1,144 @@
+"""The commands that are about recordings and their models: `pointchain recognise` and `compare`."""
+
+import argparse
+import math
+import sys
+from pathlib import Path
+
+from service.cli.commands.cell import METHODS
+
+SUFFIXES = (".jsonl", ".parquet")
+"""As of `service.batch.formats`, which is not imported for --help."""
+MOST_JOBS = 512
+
+
+def add_archive_commands(commands: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
+    """Adds `recognise` and `compare`."""
+    recognise = commands.add_parser(
+        "recognise",
+        help="recognise recordings and print one JSON document per line",
+        description="Recognise the strings in recordings. Print one JSON document per line on stdout, in the order "
+        "given. A file that fails gives a document with `error` on its line, and exit code 1 at the end. With --out a "
+        "run that was stopped or killed continues with the same command.",
+    )
+    recognise.add_argument(
+        "files",
+        nargs="+",
+        type=Path,
+        metavar="FILE",
+        help="recording (MCAP), or folder with recordings, including its subfolders",
+    )
+    recognise.add_argument(
+        "--radius", type=float, metavar="M", help="radius of the strings (the one in the recording, else measured)"
+    )
+    recognise.add_argument("--method", choices=METHODS, default="graph", help="method of recognition (%(default)s)")
+    recognise.add_argument(
+        "--set",
+        action="append",
+        type=_setting,
+        default=[],
+        dest="settings",
+        metavar="NAME=VALUE",
+        help="set a parameter of the method in place of its value for the radius, as r_cn=0.015; lengths in metres; "
+        "may be repeated",
+    )
+    recognise.add_argument("--config", type=Path, metavar="TOML", help="configuration file: the gripper")
+    recognise.add_argument(
+        "--out", type=_output, metavar="FILE", help="write to FILE.jsonl or FILE.parquet instead of stdout"
+    )
+    how = recognise.add_mutually_exclusive_group()
+    how.add_argument("--jobs", type=_jobs, metavar="N", help="use N processes of this machine (1)")
+    how.add_argument(
+        "--cluster", metavar="ADDRESS", help="use the workers of this Dask scheduler, which must see the same files"
+    )
+    how.add_argument(
+        "--trace", type=Path, metavar="DIR", help="write a picture of each stage, into a folder per recording"
+    )
+    recognise.set_defaults(run=_recognise)
+
+    compare = commands.add_parser(
+        "compare",
+        help="compare two runs over the same recordings",
+        description="Compare the models of two outputs of `recognise`, recording by recording: topology, over and "
+        "under, and how far the lines moved. Exit code 0: nothing changed, 1: something changed, 2: the comparison "
+        "failed.",
+    )
+    compare.add_argument("before", type=Path, metavar="A", help="first output of `recognise` (JSON lines or .parquet)")
+    compare.add_argument("after", type=Path, metavar="B", help="second output")
+    compare.add_argument(
+        "--tolerance",
+        type=float,
+        default=1e-5,
+        metavar="M",
+        help="distance below which a moved line is not reported (%(default)s)",
+    )
+    compare.add_argument("--json", action="store_true", help="print one JSON document")
+    compare.set_defaults(run=_compare)
+
+
+def _output(text: str) -> Path:
+    path = Path(text)
+    if path.suffix not in SUFFIXES:
+        raise argparse.ArgumentTypeError(f"{text!r} ends neither in {' nor in '.join(SUFFIXES)}")
+    return path
+
+
+def _setting(text: str) -> tuple[str, float]:
+    """Parse NAME=VALUE. Names are checked later: their table is not imported for --help."""
+    name, separator, value = text.partition("=")
+    if not (separator and name):
+        raise argparse.ArgumentTypeError(f"{text!r} is not NAME=VALUE, as in r_cn=0.015")
+    try:
+        number = float(value)
+    except ValueError:
+        number = math.nan
+    if not math.isfinite(number):
+        raise argparse.ArgumentTypeError(f"{name} is {value!r}; a finite number is needed")
+    return name, number
+
+
+def _jobs(text: str) -> int:
+    if not (text.isascii() and text.isdigit() and 1 <= int(text) <= MOST_JOBS):
+        raise argparse.ArgumentTypeError(f"{text!r}: from 1 to {MOST_JOBS} processes are possible")
+    return int(text)
+
+
+def _recognise(options: argparse.Namespace) -> int:
+    from recognition.errors import InvalidParametersError
+    from service.config.loader import ConfigError, load_config
+
+    try:
+        settings = _settings(options)
+        gripper = load_config(options.config).gripper.value
+    except (ConfigError, InvalidParametersError) as error:
+        print(f"pointchain recognise: {error}", file=sys.stderr)
+        return 1
+    from service.batch.recognise import Where, recognise
+    from service.batch.recognise_file import Asked
+
+    asked = Asked(options.method, options.radius, gripper, settings=settings)
+    return recognise(options.files, asked, Where(options.out, options.jobs, options.cluster, options.trace))
+
+
+def _settings(options: argparse.Namespace) -> dict[str, float]:
+    """Return the values of --set by name. Raises InvalidParametersError."""
+    from recognition.errors import InvalidParametersError
+    from recognition.parameters import ChainParameters, check_settings
+
+    names = [name for name, _ in options.settings]
+    twice = sorted({name for name in names if names.count(name) > 1})
+    if twice:
+        raise InvalidParametersError(f"--set gives {twice[0]} more than once: give it once")
+    if "r" in names:
+        raise InvalidParametersError("--set does not take r, the string radius: use --radius")
+    settings = dict(sorted(options.settings))
+    check_settings(settings, options.method)
+    if settings and options.radius is not None:
+        ChainParameters.for_radius(options.radius).with_settings(settings)
+    return settings
+
+
+def _compare(options: argparse.Namespace) -> int:
+    from service.batch.compare import compare
+
+    return compare(options.before, options.after, options.tolerance, options.json)

@@ -1,0 +1,85 @@
+"""The commands that are about the configured cell: `pointchain scan`, `check` and `viewpoints`."""
+
+import argparse
+import sys
+from pathlib import Path
+
+METHODS = ("matching", "enhanced", "graph")
+"""As `recognition.model.Method`, which is not imported for --help."""
+
+
+def add_cell_commands(commands: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
+    """Adds `scan`, `check` and `viewpoints`."""
+    scan = commands.add_parser(
+        "scan",
+        help="make one live scan with the configured cell: the arm moves",
+        description="Move the arm through the viewpoints and recognise the strings. The model goes to stdout as one "
+        "JSON document. Ctrl-C stops the arm.",
+    )
+    scan.add_argument("out", nargs="?", type=Path, metavar="OUT.mcap", help="new file for the recording (not kept)")
+    scan.add_argument("--config", type=Path, metavar="TOML", help="configuration file: the cell and the gripper")
+    scan.add_argument(
+        "--radius", type=float, metavar="M", help="radius of the strings (the configured one, else measured)"
+    )
+    scan.add_argument("--method", choices=METHODS, default="graph", help="method of recognition (%(default)s)")
+    scan.add_argument("--views", type=_views, metavar="N", help="number of viewpoints (the configured one)")
+    scan.set_defaults(run=_scan)
+
+    check = commands.add_parser(
+        "check",
+        help="test the configured cell step by step; nothing moves",
+        description="Test configuration, robot, camera, calibration, table, viewpoints and disk, and report what is "
+        "wrong and what to do. Nothing moves. Exit code 1 if a step failed.",
+    )
+    check.add_argument("--config", type=Path, metavar="TOML", help="configuration file: the cell")
+    check.add_argument("--json", action="store_true", help="print one JSON document")
+    check.set_defaults(run=_check)
+
+    viewpoints = commands.add_parser(
+        "viewpoints",
+        help="plan the viewpoints of the configured cell; nothing moves",
+        description="Plan the viewpoints from the home posture of the arm and report which are reachable, in which "
+        "order, and why others are not. No device is used. Exit code 1 if too few are reachable.",
+    )
+    viewpoints.add_argument("--config", type=Path, metavar="TOML", help="configuration file: the cell")
+    viewpoints.add_argument("--views", type=_views, metavar="N", help="number of viewpoints (the configured one)")
+    viewpoints.add_argument(
+        "--picture", type=Path, metavar="OUT.png", help="write a picture of arm, workspace and cameras"
+    )
+    viewpoints.add_argument("--json", action="store_true", help="print the plan as one JSON document")
+    viewpoints.set_defaults(run=_viewpoints)
+
+
+def _views(text: str) -> int:
+    least, most = 2, 32  # as `cell.config.cell_config.ScanSettings`, which is not imported for --help
+    if not (text.isascii() and text.isdigit() and least <= int(text) <= most):
+        raise argparse.ArgumentTypeError(f"{text!r}: from {least} to {most} views are possible")
+    return int(text)
+
+
+def _scan(options: argparse.Namespace) -> int:
+    from service.config.loader import ConfigError, load_config
+
+    try:
+        config = load_config(options.config)
+    except ConfigError as error:
+        print(f"pointchain scan: {error}", file=sys.stderr)
+        return 1
+    from service.cli.commands.scan import Wanted, scan_once
+
+    wanted = Wanted(
+        options.out, options.radius, options.method, options.views, config.gripper.value, config.limits.recognition_s
+    )
+    return scan_once(config.cell, wanted)
+
+
+def _check(options: argparse.Namespace) -> int:
+    from service.cli.commands.check import check
+
+    return check(options.config, options.json)
+
+
+def _viewpoints(options: argparse.Namespace) -> int:
+    from service.cli.commands.viewpoints import show_viewpoints
+
+    return show_viewpoints(options.config, options.views, options.picture, options.json)

@@ -1,0 +1,128 @@
+"""`pointchain demo`: scan a simulated string, recognise it, and compare the model with the known truth."""
+
+import json
+import shlex
+import shutil
+import sys
+import threading
+from collections.abc import Sequence
+from contextlib import closing
+from pathlib import Path
+from typing import Any
+
+from cell.config.arm_config import SimulatedArm
+from cell.config.cell_config import CellSettings
+from cell.control.cell import Cell
+from cell.errors import CellError
+from cell.recording.writer import read_recording
+from cell.simulation.devices.world import simulated_world, world_truth
+from cell.simulation.evaluation.metrics import score
+from cell.simulation.offline_scan import truth_path
+from recognition.model.model import PointChainModel
+from service.cli.commands.scan import Wanted, take_scan
+from service.processing.results import recognise_recording, write_preview, write_results
+from service.processing.stage_figures import write_trace
+from service.processing.worker import RecognitionWorker, TaskFailedError
+from service.storage.data_folder import MODEL, PREVIEW
+
+TIME_FACTOR = 4.0
+"""Speed of the simulated arm relative to a real arm. A scan at real speed takes about 20 seconds."""
+MAKEFILE = Path(__file__).resolve().parents[3] / "Makefile"
+"""Exists in a source checkout, and not beside an installed package."""
+
+
+def demo(folder: Path) -> int:
+    """Scan with the simulated cell, recognise the recording, and print the result and the next steps.
+
+    Args:
+        folder: Where the recording, the results and the pictures go. The files of an earlier demo are replaced.
+
+    Returns:
+        The exit code: 0 when the model has the true topology; 1 when it has not, or when the scan failed.
+    """
+    files = [folder / name for name in ("scan.mcap", "scan.truth.json", "result", "trace")]
+    if folder.exists() and {path.name for path in folder.iterdir()} - {path.name for path in files}:
+        print(f"pointchain demo: {folder} contains other files; name another folder", file=sys.stderr)
+        return 1
+    for path in files:
+        shutil.rmtree(path) if path.is_dir() else path.unlink(missing_ok=True)
+    folder.mkdir(parents=True, exist_ok=True)
+    recording, _, results, trace = files
+
+    settings = CellSettings(arm=SimulatedArm(time_factor=TIME_FACTOR))
+    try:
+        with closing(Cell(settings)) as cell, closing(RecognitionWorker()) as worker:
+            take_scan(cell, worker, Wanted(recording), _say, threading.Event())
+            status = cell.status
+    except (CellError, TaskFailedError) as error:
+        # The simulated cell has no faults; a machine that is too busy misses the time limits.
+        print(f"pointchain demo: the scan failed: {error}; try again when the machine is less busy", file=sys.stderr)
+        return 1
+    # The scan returns the model only. Recognition of the recording gives the same model and what the pictures need.
+    recognition = recognise_recording(recording)
+    poses = [view.T_base_flange for view in read_recording(recording).views]
+    truth = world_truth(simulated_world(settings), poses)
+    truth_path(recording).write_text(json.dumps(truth))
+    write_results(recognition, results)
+    model = recognition.model
+    (results / MODEL).write_text(indented(model.to_json()) + "\n")
+    write_preview(recognition, results / PREVIEW)
+    pictures = write_trace(recognition, trace, truth)
+    assert status.camera is not None
+    print(f"Live scan          {len(poses)} views by a simulated {settings.arm.model} and a {status.camera.product}")
+    for line in _summary(model):
+        print(line)
+    judged = score(model.to_json(), truth)
+    error = "" if judged.mean_m is None else f", mean error of the centre line {judged.mean_m * 1000:.2f} mm"
+    print(f"Against the truth  topology {'right' if judged.topology else 'WRONG'}{error}")
+    print(f"Recording          {recording}")
+    print(f"Results            {', '.join(str(path) for path in sorted(results.iterdir()))}")
+    print(f"Stage by stage     {len(pictures)} pictures in {trace}/, from {pictures[0].name} to {pictures[-1].name}")
+    for line in _next_steps(recording):
+        print(line)
+    return 0 if judged.topology else 1
+
+
+def indented(value: Any, indent: str = "") -> str:
+    """Return JSON text that a person can read: indented, with each list of plain values on one line."""
+    deeper = indent + "  "
+    if isinstance(value, dict) and value:
+        members = [f"{deeper}{json.dumps(key)}: {indented(member, deeper)}" for key, member in value.items()]
+        return "{\n" + ",\n".join(members) + f"\n{indent}}}"
+    if isinstance(value, Sequence) and any(isinstance(item, dict | list | tuple) for item in value):
+        return "[\n" + ",\n".join(deeper + indented(item, deeper) for item in value) + f"\n{indent}]"
+    return json.dumps(value, allow_nan=False)
+
+
+def _say(message: str) -> None:
+    print(f"  {message}", flush=True)
+
+
+def _summary(model: PointChainModel) -> list[str]:
+    lines = [f"Recognised in      {sum(model.timing_s.values()):.1f} s"]
+    for chain in model.chains:
+        lines.append(
+            f"Chain {chain.id}            {chain.length_m * 1000:.0f} mm, {len(chain.points)} points, "
+            f"ends {' and '.join(chain.ends)}"
+        )
+    for crossing in model.crossings:
+        lines.append(
+            f"Crossing {crossing.id}         chain {crossing.over.chain} at {crossing.over.s_m * 1000:.0f} mm over "
+            f"chain {crossing.under.chain} at {crossing.under.s_m * 1000:.0f} mm, "
+            f"{crossing.gap_m * 1000:.1f} mm apart (confidence {crossing.confidence:.2f})"
+        )
+    lines += [f"Warning            {warning}" for warning in (*model.quality.ambiguities, *model.quality.warnings)]
+    return lines
+
+
+def _next_steps(recording: Path) -> list[str]:
+    # A checkout has the command in .venv, which need not be on the PATH, and builds the console on `make serve`.
+    command = "pointchain" if shutil.which("pointchain") else shlex.quote(sys.argv[0])
+    serve = "make serve" if MAKEFILE.exists() else f"{command} serve"
+    return [
+        "",
+        "Next steps",
+        f"Open the console   {serve}, then open http://127.0.0.1:8000 in a browser",
+        "Read the manual    http://127.0.0.1:8000/manual, while the service runs",
+        f"Recognise again    {command} recognise {shlex.quote(str(recording))}",
+    ]

@@ -1,0 +1,32 @@
+"""The parser of `pointchain doctor`; what it needs is imported when it runs."""
+
+import argparse
+from pathlib import Path
+
+
+def add_doctor_command(commands: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
+    """Adds `doctor`."""
+    doctor = commands.add_parser(
+        "doctor",
+        help="check the integrity of the data folder; repair it with --repair",
+        description="Compare the database with the files: each recording, acknowledged view and result by its hash, "
+        "files without a row, rows without a file, and unfinished work. Changes nothing without --repair, and may run "
+        "beside the service. Exit code 1 if something is found, or remains after a repair.",
+    )
+    doctor.add_argument("--config", type=Path, metavar="TOML", help="configuration file of the service")
+    doctor.add_argument("--data-dir", type=Path, metavar="DIR", help="data folder of the service")
+    doctor.add_argument(
+        "--repair",
+        action="store_true",
+        help="repair what can be repaired; the service must be stopped. Rows are corrected. Nothing that holds data "
+        "is deleted: it is moved to DATA_DIR/lost+found",
+    )
+    doctor.add_argument("--quick", action="store_true", help="compare sizes only; read no file")
+    doctor.add_argument("--json", action="store_true", help="print one JSON document")
+    doctor.set_defaults(run=_doctor)
+
+
+def _doctor(options: argparse.Namespace) -> int:
+    from service.cli.commands.integrity_report import doctor
+
+    return doctor(options.config, options.data_dir, options.repair, options.json, options.quick)

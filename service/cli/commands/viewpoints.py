@@ -1,0 +1,64 @@
+"""`pointchain viewpoints`: from where the cell would look, and what it cannot reach. Nothing moves or is asked."""
+
+import json
+import sys
+from pathlib import Path
+
+import numpy as np
+
+from cell.control.active_calibration import file_in_use, hand_eye_in_use
+from cell.control.cell import Cell
+from cell.errors import CellError
+from cell.planning.viewpoints import ViewpointPlan, require_enough
+from service.config.loader import ConfigError, load_config
+
+
+def show_viewpoints(config_file: Path | None, views: int | None, picture: Path | None, as_json: bool) -> int:
+    """Plans the viewpoints of the configured cell from its home posture, and prints them, one a line.
+
+    0 when enough of them can be reached, else 1. With `picture`, a PNG file is drawn too.
+    """
+    try:
+        config = load_config(config_file)
+        if file_in_use(config.cell.hand_eye) is not None:
+            for warning in hand_eye_in_use(config.cell.hand_eye, None).warnings:
+                print(f"pointchain viewpoints: {warning}", file=sys.stderr)
+        with_cell = Cell(config.cell)
+        try:
+            plan = with_cell.plan(views)
+        finally:
+            with_cell.close()
+        if picture is not None:
+            from cell.planning.plan_plot import draw_plan
+
+            picture.write_bytes(draw_plan(plan, config.cell))
+            print(f"wrote {picture}", file=sys.stderr)
+        print(json.dumps(plan.to_json(), allow_nan=False) if as_json else _table(plan))
+        require_enough(plan, min(config.scan.min_views, len(plan.viewpoints)))
+    except (ConfigError, CellError) as error:
+        print(f"pointchain viewpoints: {error}", file=sys.stderr)
+        return 1
+    except OSError as error:
+        print(f"pointchain viewpoints: {picture} cannot be written: {error.strerror}", file=sys.stderr)
+        return 1
+    return 0
+
+
+def _table(plan: ViewpointPlan) -> str:
+    order = [leg.view for leg in plan.legs if leg.view is not None]
+    lines = ["view  order  azimuth  elevation  distance  roll  reached"]
+    for v in plan.viewpoints:
+        azimuth, elevation, roll = (f"{np.rad2deg(a):.0f}" for a in (v.azimuth_rad, v.elevation_rad, v.roll_rad))
+        turn = str(order.index(v.index) + 1) if v.index in order else "-"
+        reached = f"no: {v.reason}" if v.reason is not None else f"yes{f', {v.fallback}' if v.fallback else ''}"
+        lines.append(
+            f"{v.index:>4}  {turn:>5}  {azimuth:>7}  {elevation:>9}  {v.distance_m:>6.3f} m  {roll:>4}  {reached}"
+        )
+    home = ", ".join(f"{angle:.0f}" for angle in np.rad2deg(plan.home_q_rad))
+    lines.append(
+        f"{plan.reached} of {len(plan.viewpoints)} reached, from home ({home}) and back; the leading joints turn by "
+        f"{np.rad2deg(plan.travel_rad):.0f} in all, angles in degrees. Planned in {plan.planning_s:.2f} s."
+    )
+    if plan.unseen is not None:
+        lines.append(f"Warning: {plan.unseen}.")
+    return "\n".join(lines)

@@ -1,0 +1,218 @@
+"""The command line. Machine output goes to stdout, people's output to stderr.
+
+Each command imports what it needs when it runs, so that `pointchain --help` answers at once.
+"""
+
+import argparse
+import sys
+from collections.abc import Sequence
+from importlib.metadata import version
+from pathlib import Path
+
+from service.cli.calibrate.parser import add_calibrate_commands
+from service.cli.commands.audit import add_audit_command
+from service.cli.commands.batch import add_archive_commands
+from service.cli.commands.cell import add_cell_commands
+from service.cli.commands.integrity import add_doctor_command
+from service.cli.commands.interchange import add_interchange_commands
+from service.cli.commands.tokens import add_token_commands
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Runs one command; the exit code: 0 done, 1 failed, 2 wrongly called."""
+    options = _parser().parse_args(arguments)
+    try:
+        return options.run(options)
+    except KeyboardInterrupt:
+        print("stopped", file=sys.stderr)
+        return 130
+    except BrokenPipeError:
+        # Whoever read stdout has left; nothing more can be said there.
+        sys.stderr.close()
+        return 1
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="pointchain",
+        description="Recognise strings, cables and ropes as ordered 3D point chains, with a depth camera on a robot "
+        "arm.",
+    )
+    parser.add_argument("--version", action="version", version=f"pointchain {version('pointchain')}")
+    commands = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
+
+    add_archive_commands(commands)
+    add_cell_commands(commands)
+    add_calibrate_commands(commands)
+    add_interchange_commands(commands)
+
+    simulate = commands.add_parser(
+        "simulate",
+        help="make a recording of a simulated scene, with its ground truth",
+        description="Write a simulated recording and, beside it, OUT.truth.json with the true centre lines and "
+        "crossings. The same arguments give the same content.",
+    )
+    simulate.add_argument("out", type=Path, metavar="OUT.mcap", help="file to write; it must not exist")
+    simulate.add_argument(
+        "--scene", default="figure-eight", help="name of the scene; an unknown name lists all (%(default)s)"
+    )
+    simulate.add_argument(
+        "--camera", default="oak-d-pro", help="name of the camera; an unknown name lists all (%(default)s)"
+    )
+    simulate.add_argument("--seed", type=int, default=0, metavar="N", help="random seed (%(default)s)")
+    simulate.add_argument(
+        "--radius", type=float, default=0.0042, metavar="M", help="radius of the strings (%(default)s)"
+    )
+    simulate.add_argument("--length", type=float, default=0.4, metavar="M", help="length of each string (%(default)s)")
+    simulate.add_argument(
+        "--softness",
+        type=float,
+        default=1.0,
+        metavar="S",
+        help="height gap at crossings, in units of 2 r, 0.6 to 1 (%(default)s)",
+    )
+    simulate.add_argument(
+        "--crossings", type=int, metavar="N", help="number of crossings, for the scenes coil, several and random"
+    )
+    simulate.add_argument(
+        "--strings", type=int, metavar="N", help="number of strings, for the scenes several and random"
+    )
+    simulate.add_argument(
+        "--clearance",
+        type=float,
+        default=4.5,
+        metavar="R",
+        help="minimum distance of strands, in units of r, 2.4 to 20 (%(default)s)",
+    )
+    simulate.add_argument(
+        "--clutter", type=int, default=0, metavar="N", help="number of boxes beside the strings (%(default)s)"
+    )
+    simulate.add_argument("--views", type=int, default=8, metavar="N", help="number of views (%(default)s)")
+    simulate.add_argument(
+        "--resolution", type=_resolution, metavar="WxH", help="size of the depth image (the camera's own)"
+    )
+    simulate.set_defaults(run=_simulate)
+
+    serve = commands.add_parser(
+        "serve",
+        help="run the HTTP service and the console",
+        description="Run the service until Ctrl-C or SIGTERM. A supervisor process restarts it if it dies or hangs.",
+    )
+    serve.add_argument("--config", type=Path, metavar="TOML", help="configuration file")
+    serve.add_argument("--host", help="address to listen on (127.0.0.1)")
+    serve.add_argument("--port", type=int, help="TCP port (8000)")
+    serve.add_argument("--data-dir", type=Path, metavar="DIR", help="folder of recordings, results and the database")
+    serve.add_argument("--unsupervised", action="store_true", help="run without the supervisor process")
+    serve.add_argument("--supervised", type=int, metavar="N", help=argparse.SUPPRESS)  # the supervisor's own
+    serve.set_defaults(run=_serve)
+    add_token_commands(commands)
+    add_audit_command(commands)
+    add_doctor_command(commands)
+
+    bench = commands.add_parser(
+        "bench",
+        help="measure accuracy, speed, the simulated cell and the service under load",
+        description="Measure speed, memory and growth of recognition on this machine, a live scan of the simulated "
+        "cell, the service under load, and the accuracy of every method on simulated scenes, tier by tier. Print "
+        "Markdown tables on stdout as they are known, and progress with the remaining time on stderr. The scenes are "
+        "the same every time.",
+    )
+    bench.add_argument("--only", choices=("speed", "cell", "service", "accuracy"), help="measure this part only")
+    bench.add_argument("--seeds", type=int, default=40, metavar="N", help="scenes of each tier (%(default)s)")
+    bench.add_argument(
+        "--tiers", type=_names, default=(), metavar="A,B", help="tiers to measure; an unknown name lists all (all)"
+    )
+    bench.add_argument("--jobs", type=int, metavar="N", help="processes of the accuracy part (one per core)")
+    bench.add_argument("--json", action="store_true", help="print one JSON document, with the result of each scene")
+    bench.set_defaults(run=_bench)
+
+    demo = commands.add_parser(
+        "demo", help="scan a simulated string, recognise it and show the result; needs no hardware"
+    )
+    demo.add_argument("folder", nargs="?", type=Path, default=Path("demo"), help="folder to write (%(default)s)")
+    demo.set_defaults(run=_demo)
+
+    openapi = commands.add_parser("openapi", help="print the OpenAPI description of the HTTP interface as JSON")
+    openapi.set_defaults(run=_openapi)
+    return parser
+
+
+def _resolution(text: str) -> tuple[int, int]:
+    width, _, height = text.partition("x")
+    try:
+        return int(width), int(height)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{text!r} is not WxH, as in 640x400") from None
+
+
+def _names(text: str) -> tuple[str, ...]:
+    return tuple(name.strip() for name in text.split(",") if name.strip())
+
+
+def _simulate(options: argparse.Namespace) -> int:
+    from cell.simulation.offline_scan import simulate, write_simulation
+    from cell.simulation.rendering.depth_camera import camera_model
+    from cell.simulation.scenes.scenes import make_scene
+
+    try:
+        camera = camera_model(options.camera, options.resolution)
+        scene = make_scene(
+            options.scene,
+            options.seed,
+            radius_m=options.radius,
+            length_m=options.length,
+            softness=options.softness,
+            crossings=options.crossings,
+            clutter=options.clutter,
+            strings=options.strings,
+            clearance=options.clearance,
+        )
+        truth = write_simulation(simulate(scene, camera, options.seed, views=options.views), options.out)
+    except ValueError as error:
+        print(f"pointchain simulate: {error}", file=sys.stderr)
+        return 1
+    except OSError as error:
+        print(f"pointchain simulate: {options.out} cannot be written: {error.strerror}", file=sys.stderr)
+        return 1
+    print(f"wrote {options.out} and {truth}", file=sys.stderr)
+    return 0
+
+
+def _serve(options: argparse.Namespace) -> int:
+    if options.supervised is None and not options.unsupervised:
+        from service.logs.setup import start_log
+        from service.server.supervisor import supervise
+
+        start_log("auto", "info")
+        given = {"config": options.config, "host": options.host, "port": options.port, "data-dir": options.data_dir}
+        return supervise([f"--{name}={value}" for name, value in given.items() if value is not None])
+
+    from service.config.loader import ConfigError, load_config
+
+    try:
+        config = load_config(options.config, host=options.host, port=options.port, data_dir=options.data_dir)
+    except ConfigError as error:
+        print(f"pointchain serve: {error}", file=sys.stderr)
+        return 1
+    from service.cli.commands.serve import serve
+
+    return serve(config, options.supervised)
+
+
+def _bench(options: argparse.Namespace) -> int:
+    from service.benchmark.command import bench
+
+    return bench(options.only, options.tiers, options.seeds, options.jobs, options.json)
+
+
+def _demo(options: argparse.Namespace) -> int:
+    from service.cli.commands.demo import demo
+
+    return demo(options.folder)
+
+
+def _openapi(options: argparse.Namespace) -> int:
+    from service.app import openapi_document
+
+    sys.stdout.write(openapi_document())
+    return 0

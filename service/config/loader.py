@@ -1,0 +1,178 @@
+"""The service's configuration: a TOML file, `POINTCHAIN_*` variables, and what the command line overrides.
+
+The only place that reads the environment or a configuration file. Later ones win: built-in default, TOML
+file, variable (`POINTCHAIN_PORT`, nested with two underscores: `POINTCHAIN_ARM__HOST`; lists in JSON), override.
+"""
+
+import os
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import platformdirs
+from pydantic import Field, ValidationError, field_validator
+from pydantic.fields import FieldInfo
+from pydantic_settings import (
+    BaseSettings,
+    EnvSettingsSource,
+    InitSettingsSource,
+    PydanticBaseSettingsSource,
+    SettingsConfigDict,
+)
+
+from cell.config.arm_config import SimulatedArm
+from cell.config.camera_config import SimulatedCamera
+from cell.config.cell_config import (
+    AnyArm,
+    AnyCamera,
+    CellSettings,
+    HandEyeSettings,
+    MountingSettings,
+    ScanSettings,
+    WorkspaceSettings,
+)
+from service.config.error_messages import explain, meant
+from service.config.sections import GripperConfig, LimitsConfig, LogConfig, RetentionConfig, SecurityConfig
+
+PREFIX = "POINTCHAIN_"
+FILE_VARIABLE = "POINTCHAIN_CONFIG"
+"""Variable that names the configuration file when no `--config` does."""
+
+
+class ConfigError(ValueError):
+    """A configuration that cannot be used; the message names each key."""
+
+    slug = "config"
+
+
+class ServiceConfig(BaseSettings):
+    """Hold all settings of the service and of its cell."""
+
+    model_config = SettingsConfigDict(
+        extra="forbid", frozen=True, env_prefix=PREFIX, env_nested_delimiter="__", env_ignore_empty=True
+    )
+
+    data_dir: Path = Field(default_factory=lambda: platformdirs.user_data_path("pointchain", appauthor=False))
+    """Folder of recordings, results, calibrations and the database. A relative path counts from the working directory.
+    The default is the platform's folder for application data."""
+    host: str = Field(default="127.0.0.1", min_length=1)
+    """Address on which the service listens. An address other than loopback needs at least one token."""
+    port: int = Field(default=8000, ge=0, le=65535)
+    """TCP port. 0 selects a free port."""
+    limits: LimitsConfig = LimitsConfig()
+    security: SecurityConfig = SecurityConfig()
+    retention: RetentionConfig = RetentionConfig()
+    log: LogConfig = LogConfig()
+    gripper: GripperConfig = GripperConfig()
+    """The parallel gripper for which grasps are computed. Gripper frame: x closing direction, y along the string,
+    z approach."""
+    arm: AnyArm = SimulatedArm()
+    camera: AnyCamera = SimulatedCamera()
+    hand_eye: HandEyeSettings = HandEyeSettings()
+    """Hand-eye calibration. Paths in the file count from the folder of the configuration file; paths in variables count
+    from the working directory."""
+    workspace: WorkspaceSettings = WorkspaceSettings()
+    mounting: MountingSettings = MountingSettings()
+    scan: ScanSettings = ScanSettings()
+
+    @property
+    def cell(self) -> CellSettings:
+        """What a cell is made of. Raises pydantic's ValidationError where its sections contradict one another."""
+        sections = {name: getattr(self, name) for name in CellSettings.model_fields}
+        if self.hand_eye.folder is None:
+            sections["hand_eye"] = self.hand_eye.model_copy(update={"folder": self.data_dir / "calibration"})
+        return CellSettings(**sections)
+
+    @field_validator("data_dir")
+    @classmethod
+    def _absolute(cls, value: Path) -> Path:
+        return value.expanduser().absolute()
+
+    @classmethod
+    def settings_customise_sources(
+        cls,
+        settings_cls: type[BaseSettings],
+        init_settings: PydanticBaseSettingsSource,
+        env_settings: PydanticBaseSettingsSource,
+        dotenv_settings: PydanticBaseSettingsSource,
+        file_secret_settings: PydanticBaseSettingsSource,
+    ) -> tuple[PydanticBaseSettingsSource, ...]:
+        """Overrides before variables; `load_config` adds the file behind them."""
+        return init_settings, _Variables(settings_cls)
+
+
+class _Variables(EnvSettingsSource):
+    def decode_complex_value(self, field_name: str, field: FieldInfo, value: Any) -> Any:
+        """A list or section in JSON. What is none is left to validation, which refuses it by its name."""
+        try:
+            return super().decode_complex_value(field_name, field, value)
+        except ValueError:
+            return value
+
+
+def load_config(path: Path | None = None, **overrides: Any) -> ServiceConfig:
+    """The configuration from the TOML file `path`, variables and `overrides` (those that are not None).
+
+    Without `path`, the variable POINTCHAIN_CONFIG may name the file.
+
+    Raises:
+        ConfigError: the file cannot be read or is not TOML, a key is unknown, a value cannot be, or the cell's
+            sections contradict one another. All that is wrong is told at once.
+    """
+    if path is None and os.environ.get(FILE_VARIABLE):
+        path = Path(os.environ[FILE_VARIABLE])
+    _refuse_unknown_variables()
+    content = {} if path is None else _read(path)
+
+    class FromFile(ServiceConfig):
+        @classmethod
+        def settings_customise_sources(
+            cls, settings_cls: type[BaseSettings], *args: Any, **kwargs: Any
+        ) -> tuple[PydanticBaseSettingsSource, ...]:
+            sources = super().settings_customise_sources(settings_cls, *args, **kwargs)
+            return *sources, InitSettingsSource(settings_cls, content)
+
+    given = {key: value for key, value in overrides.items() if value is not None}
+    try:
+        settings = FromFile(**given)
+        _ = settings.cell
+    except ValidationError as error:
+        wrong = explain(error, ServiceConfig, _variables())
+        where = f" (with {path})" if path else ""
+        told = wrong[0] if len(wrong) == 1 else "".join(f"\n  {line}" for line in wrong)
+        raise ConfigError(f"the configuration{where} cannot be used: {told}") from error
+    return ServiceConfig.model_construct(**{name: getattr(settings, name) for name in ServiceConfig.model_fields})
+
+
+def _read(path: Path) -> dict[str, Any]:
+    """The file's content; relative paths of the hand-eye calibration are of the folder that the file lies in."""
+    try:
+        if not path.is_file():
+            raise ConfigError(f"{path}: there is no such configuration file")
+        content = tomllib.loads(path.read_bytes().decode())
+    except UnicodeDecodeError as error:
+        raise ConfigError(f"{path}: not TOML: it is not UTF-8 text") from error
+    except tomllib.TOMLDecodeError as error:
+        raise ConfigError(f"{path}: not TOML: {error}") from error
+    except OSError as error:
+        raise ConfigError(f"{path}: cannot be read: {error.strerror}") from error
+    hand_eye = content.get("hand_eye")
+    if isinstance(hand_eye, dict):
+        for key in ("file", "folder"):
+            if isinstance(value := hand_eye.get(key), str):
+                hand_eye[key] = str(path.absolute().parent / Path(value).expanduser())
+    return content
+
+
+def _variables() -> dict[str, str]:
+    """Our variables that are set, as `POINTCHAIN_ARM__HOST`, by what they set: `ARM__HOST`."""
+    ours = [name for name, value in os.environ.items() if name.upper().startswith(PREFIX) and value]
+    return {name.upper().removeprefix(PREFIX): name for name in sorted(ours)}
+
+
+def _refuse_unknown_variables() -> None:
+    """pydantic-settings reads past a mistyped variable; nobody should have to find that out."""
+    known = sorted([name.upper() for name in ServiceConfig.model_fields] + [FILE_VARIABLE.removeprefix(PREFIX)])
+    for key, variable in _variables().items():
+        if key.split("__")[0] not in known:
+            raise ConfigError(f"{variable}: there is no such setting; {meant(key.split('__')[0], known, PREFIX)}")

@@ -1,1 +1,0 @@
-"""`pointchain doctor`: whether what the store says is there is there, and what can be mended."""

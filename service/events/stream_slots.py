@@ -1,0 +1,44 @@
+"""So many event streams at a time, and no more: each holds a connection for as long as its client likes."""
+
+from collections import Counter
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from service.problems.document import ProblemError
+
+AGAIN = {"Retry-After": "5"}
+
+
+class StreamSlots:
+    """Counts the open streams. For the event loop's thread."""
+
+    def __init__(self, in_all: int, each: int) -> None:
+        """`each`: so many for one caller."""
+        self._in_all, self._each = in_all, each
+        self._open: Counter[str | None] = Counter()
+
+    @property
+    def open(self) -> int:
+        """How many streams are open."""
+        return self._open.total()
+
+    @contextmanager
+    def taken(self, caller: str | None) -> Iterator[None]:
+        """A slot for as long as it lasts; `caller` None: nobody had to say who he is, so that only all are counted.
+
+        Raises:
+            ProblemError: 503 `too-many-streams`.
+        """
+        if caller is not None and self._open[caller] >= self._each:
+            detail = f"you follow {self._open[caller]} event streams already: close one, or ask at intervals instead"
+            raise ProblemError(503, "too-many-streams", detail, AGAIN)
+        if self.open >= self._in_all:
+            detail = f"{self.open} event streams are open already: ask at intervals instead, or try again later"
+            raise ProblemError(503, "too-many-streams", detail, AGAIN)
+        self._open[caller] += 1
+        try:
+            yield
+        finally:
+            self._open[caller] -= 1
+            if not self._open[caller]:
+                del self._open[caller]

@@ -1,0 +1,1 @@
+"""Scans, calibrations and verifications, one at a time, from acceptance to final state."""

@@ -1,0 +1,1 @@
+"""Problem documents (RFC 9457): the table of all problem types, and the documents themselves."""

@@ -1,0 +1,129 @@
+"""Which role each call needs at least. A call that is not listed here does not exist."""
+
+import re
+from dataclasses import dataclass
+from typing import Literal
+
+from starlette.routing import compile_path
+
+from service.security.auth.caller import Role
+from service.security.middleware.headers import MANUAL
+
+DOCS_FILES = "/static-offline-docs"
+CONSOLE_FILES = "/console"
+
+LEAST_ROLE: dict[str, Role | Literal["open"]] = {
+    # Whether it lives, and its description: nothing of the cell's or of the strings'.
+    "GET /healthz": "open",
+    "GET /readyz": "open",
+    "GET /docs": "open",
+    "GET /docs/start.js": "open",
+    f"GET {DOCS_FILES}/{{path:path}}": "open",
+    f"HEAD {DOCS_FILES}/{{path:path}}": "open",
+    "GET /openapi.json": "open",
+    "HEAD /openapi.json": "open",
+    # The manual: public text, which people also need to sign in.
+    f"GET {MANUAL}": "open",
+    f"HEAD {MANUAL}": "open",
+    f"GET {MANUAL}/{{path:path}}": "open",
+    f"HEAD {MANUAL}/{{path:path}}": "open",
+    # The operator's console, which asks who signs in.
+    "GET /": "open",
+    "HEAD /": "open",
+    f"GET {CONSOLE_FILES}/{{path:path}}": "open",
+    f"HEAD {CONSOLE_FILES}/{{path:path}}": "open",
+    "GET /api/session": "open",
+    "POST /api/session": "open",
+    "DELETE /api/session": "open",
+    # Looking.
+    "GET /metrics": "viewer",
+    "GET /api/events": "viewer",
+    "GET /api/cell": "viewer",
+    "GET /api/cell/room": "viewer",
+    "GET /api/recordings": "viewer",
+    "GET /api/recordings/{id}": "viewer",
+    "GET /api/recordings/{id}/file": "viewer",
+    "GET /api/scans": "viewer",
+    "GET /api/scans/{id}": "viewer",
+    "GET /api/scans/{id}/events": "viewer",
+    "GET /api/scans/{id}/model": "viewer",
+    "GET /api/scans/{id}/grasps": "viewer",
+    "GET /api/scans/{id}/cloud.ply": "viewer",
+    "GET /api/scans/{id}/preview.png": "viewer",
+    "GET /api/scans/{id}/thumbnail.png": "viewer",
+    "GET /api/scans/{id}/views": "viewer",
+    "GET /api/scans/{id}/views/{index}.png": "viewer",
+    "GET /api/scans/{id}/recording": "viewer",
+    "GET /api/calibration": "viewer",
+    "GET /api/calibration/runs": "viewer",
+    "GET /api/calibration/runs/{id}": "viewer",
+    "GET /api/calibration/runs/{id}/views/{index}.png": "viewer",
+    # Stopping: whoever sees that it must be.
+    "POST /api/cell/stop": "viewer",
+    "POST /api/scans/{id}/cancel": "viewer",
+    "POST /api/calibration/runs/{id}/cancel": "viewer",
+    # Scanning, and what belongs to it.
+    "POST /api/cell/connect": "operator",
+    "POST /api/cell/release": "operator",
+    "POST /api/viewpoints/plan": "operator",
+    "GET /api/viewpoints/plan.png": "operator",
+    "POST /api/recordings": "operator",
+    "POST /api/scans": "operator",
+    "POST /api/scans/{id}/reprocess": "operator",
+    "PUT /api/scans/{id}/keep": "operator",
+    # Saying that the cell is safe, or where the camera is.
+    "POST /api/cell/acknowledge": "maintainer",
+    "POST /api/calibration/runs": "maintainer",
+    "POST /api/calibration/verify": "maintainer",
+    "POST /api/calibration/runs/{id}/activate": "maintainer",
+}
+"""Method and path of each call, to the least role."""
+
+STOPS = frozenset(call for call in LEAST_ROLE if call.endswith(("/stop", "/cancel")))
+"""Those that nothing may delay."""
+
+
+@dataclass(frozen=True)
+class Call:
+    """A call as the table has it."""
+
+    name: str
+    """As `GET /api/scans/{id}`."""
+    least: Role | None
+    """None: open to everybody."""
+
+
+@dataclass(frozen=True)
+class OtherMethods:
+    """There is no such call, but there are these at the same address."""
+
+    methods: tuple[str, ...]
+
+
+def _calls() -> tuple[dict[tuple[str, str], Call], list[tuple[str, re.Pattern[str], Call]]]:
+    """Those with a fixed path, and those with a pattern, which is the same as the router's."""
+    fixed, patterns = {}, []
+    for name, role in LEAST_ROLE.items():
+        method, _, path = name.partition(" ")
+        call = Call(name, None if role == "open" else role)
+        if "{" in path:
+            patterns.append((method, compile_path(path)[0], call))
+        else:
+            fixed[method, path] = call
+    return fixed, patterns
+
+
+_FIXED, _PATTERNS = _calls()
+
+
+def find_call(method: str, path: str) -> Call | OtherMethods | None:
+    """The call that a request is; None: there is nothing at this address."""
+    if (call := _FIXED.get((method, path))) is not None:
+        return call
+    others = {known for known, fixed in _FIXED if fixed == path}
+    for known, pattern, call in _PATTERNS:
+        if pattern.match(path):
+            if known == method:
+                return call
+            others.add(known)
+    return OtherMethods(tuple(sorted(others))) if others else None

@@ -1,0 +1,1 @@
+"""Middleware that checks each request before a route sees it."""

@@ -1,0 +1,1 @@
+"""What survives a restart: rows in SQLite, and the files in the data folder."""

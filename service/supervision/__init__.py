@@ -1,1 +1,0 @@
-"""What notices that something hangs or has died, and what a fault leaves behind."""

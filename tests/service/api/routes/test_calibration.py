@@ -1,0 +1,199 @@
+"""Calibrations over HTTP without an arm that moves: what is refused, what a restart leaves, what scans have told."""
+
+import json
+import sqlite3
+import time
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import closing
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import httpx
+import numpy as np
+import pytest
+
+from calibration.target.board import Board
+from cell.config.camera_config import SimulatedCamera
+from cell.config.cell_config import CellSettings
+from cell.control.calibration_run import BoardObservation
+from cell.simulation.devices.world import simulated_world
+from recognition.registration.hand_eye_error import HandEyeErrorEstimate
+from service.api.schemas.scans import ACTIVE_STATES, ScanState
+from service.jobs.new_rows import NOBODY, new_calibration, new_scan
+from service.storage.data_folder import DataFolder
+from service.storage.database import new_id
+from service.storage.rows import CalibrationRow, ScanErrorRow
+from service.storage.store import Store
+from tests.service.conftest import Serve, ServedClient
+
+Problem = Callable[[httpx.Response, int, str], str]
+
+RUNS = "/api/calibration/runs"
+CAMERA = SimulatedCamera(model="ideal")
+DRIFTED = np.array([0.0, 0.0, 0.0, 0.0, 0.004, 0.0])
+
+REFUSED: dict[str, Any] = {
+    "verdict": "refuse",
+    "findings": [{"code": "parallel-axes", "words": "all turns are about one axis: tilt it too", "refuses": True}],
+    "T_flange_camera": None,
+    "T_base_board": None,
+    "covariance": {"matrix": [[None] * 6] * 6, "order": [], "side": "", "units": []},
+    "intrinsics": {},
+    "board": Board().to_json(),
+    "metrics": dict.fromkeys(
+        (
+            "sigma_m", "sigma_rad", "eight_views_m", "left_out_m", "pixel_sigma_px", "robot_sigma_m", "robot_sigma_rad",
+        )
+    )
+    | {"views_given": 12, "views_used": 0},
+    "views": [],
+}  # fmt: skip
+"""As a solver without a solution leaves it."""
+
+
+def told_sha256() -> str:
+    """Of what is told of the simulated cell, which has no calibration file."""
+    return simulated_world(CellSettings(camera=CAMERA)).nominal_hand_eye.sha256
+
+
+def run_in(state: ScanState, **values: Any) -> CalibrationRow:
+    return replace(new_calibration("calibration", Board(), 12), id=new_id(), state=state, **values)
+
+
+@pytest.fixture(scope="module")
+def left() -> dict[str, CalibrationRow]:
+    """What an earlier service left."""
+    return {state: run_in(state) for state in ACTIVE_STATES} | {"refused": run_in("succeeded", result=REFUSED)}
+
+
+@pytest.fixture(scope="module")
+def client(
+    serve: Serve, left: dict[str, CalibrationRow], tmp_path_factory: pytest.TempPathFactory
+) -> Iterator[ServedClient]:
+    root = tmp_path_factory.mktemp("data")
+    with closing(DataFolder(root)) as folder, closing(Store(folder)) as store:
+        for row in left.values():
+            store.calibrations.add(row)
+        store.calibrations.set_view(left["scanning"].id, 0, "recorded")
+        store.calibrations.set_seen(left["scanning"].id, 0, BoardObservation(40, 48, 0.12, (3, 4, 11)))
+        store.calibrations.set_view(left["scanning"].id, 1, "moving")
+        information = np.diag([1e6] * 3 + [4e6] * 3)
+        for _ in range(3):
+            scan = new_scan("live", "graph", None, NOBODY)
+            store.add_scan(replace(scan, state="succeeded"))
+            error = ScanErrorRow(
+                scan.id, told_sha256(), DRIFTED.tolist(), information.tolist(), (information @ DRIFTED).tolist()
+            )
+            store.calibrations.add_scan_error(error)
+    with serve(root, camera=CAMERA) as client:
+        yield client
+
+
+@pytest.mark.parametrize("state", ACTIVE_STATES)
+def test_what_a_killed_service_left_is_interrupted(
+    client: httpx.Client, left: dict[str, CalibrationRow], state: str
+) -> None:
+    run = client.get(f"{RUNS}/{left[state].id}").json()
+    assert (run["state"], run["problem"]["type"]) == ("interrupted", "urn:pointchain:interrupted")
+    assert run["ended_at"] is not None
+    assert (run["links"]["cancel"], run["links"]["activate"]) == (None, None)
+    if state == "scanning":
+        first, second = run["progress"]["views"]
+        assert (first["state"], first["corners"], first["possible"]) == ("recorded", 40, 48)
+        assert (first["rms_px"], first["cells"]) == (0.12, [3, 4, 11])
+        assert (second["rms_px"], second["cells"]) == (None, None)
+        assert (second["state"], second["picture"]) == ("missing", None)
+
+
+def test_runs_are_listed_the_newest_first(client: httpx.Client, left: dict[str, CalibrationRow]) -> None:
+    ids = [run["id"] for run in client.get(RUNS).json()["runs"]]
+    assert ids == sorted((row.id for row in left.values()), reverse=True)
+    assert [run["id"] for run in client.get(f"{RUNS}?limit=2&before={ids[1]}").json()["runs"]] == ids[2:4]
+
+
+def test_a_result_that_is_refused_or_not_there_is_not_activated(
+    client: httpx.Client, left: dict[str, CalibrationRow], assert_problem: Problem
+) -> None:
+    before = client.get("/api/calibration").json()
+    refused = client.get(f"{RUNS}/{left['refused'].id}").json()
+    assert (refused["result"]["verdict"], refused["links"]["activate"]) == ("refuse", None)
+    detail = assert_problem(client.post(f"{RUNS}/{left['refused'].id}/activate"), 409, "calibration-refused")
+    assert "all turns are about one axis" in detail
+    assert_problem(client.post(f"{RUNS}/{left['scanning'].id}/activate"), 409, "no-result")
+    assert_problem(client.post(f"{RUNS}/none/activate"), 404, "calibration-not-found")
+    assert_problem(client.post(f"{RUNS}/{left['refused'].id}/cancel"), 409, "not-cancellable")
+    assert client.get("/api/calibration").json() == before
+
+
+@pytest.mark.parametrize(
+    ("wanted", "slug", "words"),
+    [
+        ({"board": {"pitch_m": 25.0}}, "calibration-board", "millimetres"),
+        ({"board": {"kind": "charuco", "rows": 6}}, "calibration-board", "odd number"),
+        ({"board": {"kind": "stripes"}}, "invalid-request", "board.kind"),
+        ({"board": {"pitch": 0.025}}, "invalid-request", "board.pitch"),
+        ({"poses": 3}, "invalid-request", "poses"),
+    ],
+)
+def test_a_board_or_a_number_that_cannot_be_is_refused(
+    client: httpx.Client, assert_problem: Problem, wanted: dict[str, Any], slug: str, words: str
+) -> None:
+    assert words in assert_problem(client.post(RUNS, json=wanted), 422, slug)
+
+
+def test_what_was_never_seen_is_not_shown(
+    client: httpx.Client, left: dict[str, CalibrationRow], assert_problem: Problem
+) -> None:
+    assert_problem(client.get(f"{RUNS}/{left['scanning'].id}/views/7.png"), 404, "no-result")
+    assert_problem(client.get(f"{RUNS}/{left['scanning'].id}/views/-1.png"), 422, "invalid-request")
+    assert_problem(client.get(f"{RUNS}/none"), 404, "calibration-not-found")
+
+
+def test_a_drift_is_warned_of_wherever_one_looks(client: httpx.Client) -> None:
+    status = client.get("/api/calibration").json()
+    assert status["calibration"]["sha256"] == told_sha256()
+    drift = status["calibration"]["drift"]
+    assert (drift["scans"], drift["drifted"]) == (3, True)
+    # 3.97 of the 4 mm: what the scans do not tell of counts little here.
+    assert drift["off_m"] == pytest.approx(0.004, rel=0.02)
+    assert drift["off_from"] == "calibration"
+    for warnings in (status["warnings"], client.get("/api/cell").json()["warnings"]):
+        (warning,) = warnings
+        assert warning["code"] == "calibration-drift"
+        assert warning["words"] == drift["words"]
+        assert "4.0 mm" in warning["words"]
+    json.dumps(status, allow_nan=False)
+
+
+def test_there_is_no_board_to_verify_by(client: httpx.Client, assert_problem: Problem) -> None:
+    assert "calibrat" in assert_problem(client.post("/api/calibration/verify"), 409, "calibration")
+
+
+def test_an_unusable_file_is_told_and_warns_of_nothing(serve: Serve, tmp_path: Path) -> None:
+    file = tmp_path / "hand_eye.json"
+    file.write_text("{}")
+    with serve(tmp_path / "data", hand_eye={"file": file}) as client:
+        status = client.get("/api/calibration").json()
+        assert status["calibration"] is None
+        assert "T_flange_camera" in status["reason"]
+        assert (status["warnings"], client.get("/api/cell").json()["warnings"]) == ([], [])
+
+
+def test_a_stop_does_not_wait_for_what_a_scan_tells_of_the_calibration(client: ServedClient) -> None:
+    context = client.app.state.context
+    scan = client.get("/api/scans").json()["scans"][0]["id"]
+    error = HandEyeErrorEstimate(np.eye(6), np.zeros(6), np.zeros(6))
+    with closing(sqlite3.connect(context.store.folder.database, isolation_level=None)) as other:
+        other.execute("BEGIN IMMEDIATE")
+        with ThreadPoolExecutor(1) as pool:
+            kept = pool.submit(context.jobs.drift.add, scan, told_sha256(), error)
+            while not kept.running():
+                time.sleep(0.01)
+            stopped = client.post("/api/cell/stop").json()
+            assert not kept.done(), "the database was free"
+            other.execute("ROLLBACK")
+            with pytest.raises(sqlite3.IntegrityError):  # this scan has told already
+                kept.result()
+    assert [warning["code"] for warning in stopped["warnings"]] == ["calibration-drift"]

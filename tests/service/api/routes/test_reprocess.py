@@ -1,0 +1,138 @@
+"""Scans that are done again from what was recorded, whatever became of the first."""
+
+import os
+import signal
+from collections.abc import Callable, Iterator
+from contextlib import closing
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import httpx
+import pytest
+
+from service.api.schemas.scans import LiveScan
+from service.jobs.new_rows import Asked, new_scan
+from service.storage.data_folder import DataFolder
+from service.storage.idempotency_keys import Key, body_hash
+from service.storage.store import Store
+from tests.service.conftest import Serve, ServedClient
+
+AssertProblem = Callable[[httpx.Response, int, str], str]
+Finished = Callable[[httpx.Client, str], dict[str, Any]]
+
+
+def test_a_recording_that_is_not_whole_any_more_is_not_done_again(
+    client: ServedClient, recording: str, finished: Finished, assert_problem: AssertProblem
+) -> None:
+    body = {"mode": "replay", "recording": recording}
+    scan = finished(client, client.post("/api/scans", json=body).headers["Location"])
+    file: Path = client.app.state.context.store.folder.recording(recording)
+    whole = file.read_bytes()
+    file.write_bytes(whole[: len(whole) // 2])
+    try:
+        assert_problem(client.post(scan["links"]["reprocess"]), 500, "damaged")
+        assert_problem(client.post("/api/scans", json=body), 500, "damaged")
+    finally:
+        file.write_bytes(whole)
+
+
+def test_what_is_left_out_is_as_before(
+    client: httpx.Client, recording: str, finished: Finished, assert_problem: AssertProblem, held: int
+) -> None:
+    body = {"mode": "replay", "recording": recording, "string_radius_m": 0.005, "method": "matching"}
+    first = client.post("/api/scans", json=body).headers["Location"]
+    scan = client.get(first).json()
+    assert (scan["links"]["reprocess"], scan["links"]["source"]) == (None, None)
+    assert_problem(client.post(f"{first}/reprocess"), 409, "result-not-ready")
+    os.kill(held, signal.SIGCONT)
+    source = finished(client, first)
+    address = source["links"]["reprocess"]
+
+    same = client.post(address, headers={"Idempotency-Key": "once more"})
+    assert same.status_code == 202, same.text
+    again = finished(client, same.headers["Location"])
+    assert (again["mode"], again["source"], again["recording"]) == ("replay", source["id"], recording)
+    assert (again["method"], again["string_radius_m"]) == ("matching", 0.005)
+    assert again["links"]["source"] == first
+    assert again["summary"] == source["summary"]
+    repeated = client.post(address, json={}, headers={"Idempotency-Key": "once more"})
+    assert (repeated.json()["id"], repeated.headers["Idempotency-Replayed"]) == (again["id"], "true")
+    elsewhere = client.post("/api/scans", json=body, headers={"Idempotency-Key": "once more"})
+    assert_problem(elsewhere, 422, "idempotency-mismatch")
+
+    # The recording tells 4.2 mm; null has it measured nevertheless.
+    measured = client.post(address, json={"string_radius_m": None, "method": "graph"})
+    done = finished(client, measured.headers["Location"])
+    assert (done["state"], done["string_radius_m"], done["method"]) == ("succeeded", None, "graph")
+    (chain,) = client.get(done["links"]["model"]).json()["chains"]
+    assert chain["radius_m"] == pytest.approx(0.0042, rel=0.05)
+    assert chain["radius_m"] != 0.0042
+    assert [found["id"] for found in client.get("/api/scans", params={"source": source["id"]}).json()["scans"]] == [
+        done["id"],
+        again["id"],
+    ]
+
+
+@pytest.mark.parametrize(
+    ("body", "slug"),
+    [
+        ({"string_radius_m": 1.0}, "invalid-parameters"),
+        ({"method": "magic"}, "invalid-request"),
+        ({"recording": "r"}, "invalid-request"),
+    ],
+)
+def test_a_wrong_wish_is_refused(
+    *,
+    client: httpx.Client,
+    recording: str,
+    finished: Finished,
+    assert_problem: AssertProblem,
+    body: dict[str, Any],
+    slug: str,
+) -> None:
+    scans = client.get("/api/scans?state=succeeded&limit=1").json()["scans"]
+    if not scans:
+        started = client.post("/api/scans", json={"mode": "replay", "recording": recording})
+        scans = [finished(client, started.headers["Location"])]
+    assert_problem(client.post(scans[0]["links"]["reprocess"], json=body), 422, slug)
+
+
+@pytest.fixture
+def killed(serve: Serve, recording_file: Path, tmp_path: Path) -> Iterator[tuple[ServedClient, list[str]]]:
+    """A service whose predecessor was killed in the middle of a live scan, and before the first view of another."""
+    with closing(DataFolder(tmp_path)) as folder, closing(Store(folder)) as store:
+        asked = Asked(None, Key("local", "of yesterday", body_hash("/api/scans", LiveScan(mode="live"))))
+        scans = [replace(new_scan("live", "graph", 0.0042, asked), state="scanning") for _ in range(2)]
+        store.add_scan(scans[0], asked.key_row(scans[0]))
+        store.add_scan(scans[1])
+        for index, state in enumerate(("recorded", "recorded", "moving")):
+            store.set_view(scans[0].id, index, state)  # type: ignore[arg-type] (one of a list)
+        store.set_view(scans[0].id, 3, "missing", "out of the arm's reach")
+        content = recording_file.read_bytes()
+        folder.recording(scans[0].id).write_bytes(content[: len(content) * 3 // 4])
+    with serve(tmp_path) as client:
+        yield client, [f"/api/scans/{scan.id}" for scan in scans]
+
+
+def test_an_interrupted_scan_is_done_again_from_its_views(
+    killed: tuple[ServedClient, list[str]], finished: Finished, assert_problem: AssertProblem
+) -> None:
+    client, (cut, bare) = killed
+    scan = client.get(cut).json()
+    assert scan["state"] == "interrupted"
+    assert "can be worked out again" in scan["problem"]["detail"]
+    told = client.get(f"/api/recordings/{scan['recording']}").json()["missing"]
+    assert "view 3 is missing: out of the arm's reach" in told
+    again = finished(client, client.post(scan["links"]["reprocess"]).headers["Location"])
+    assert again["state"] == "partial"
+    assert set(told) <= set(again["summary"]["warnings"])
+    assert client.get(cut).json() == scan  # as it was
+    # Nor does the client that never got its answer start another one.
+    lost = client.post("/api/scans", json={"mode": "live"}, headers={"Idempotency-Key": "of yesterday"})
+    assert (lost.status_code, lost.headers["Idempotency-Replayed"], lost.json()) == (202, "true", scan)
+
+    empty = client.get(bare).json()
+    assert (empty["state"], empty["links"]["reprocess"]) == ("interrupted", None)
+    assert_problem(client.post(f"{bare}/reprocess"), 404, "no-result")
+    assert_problem(client.post("/api/scans/none/reprocess"), 404, "scan-not-found")

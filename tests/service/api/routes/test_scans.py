@@ -1,0 +1,287 @@
+"""Scans over HTTP, from the request to the result, and what happens on the way there."""
+
+import json
+import math
+import os
+import signal
+import time
+from collections.abc import Callable
+from contextlib import AbstractContextManager
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import httpx
+import numpy as np
+import pytest
+
+from calibration.geometry.transforms import from_rotation_vector
+from cell.devices import View
+from cell.recording.writer import RecordingHeader, RecordingWriter, read_recording
+from recognition.model.document import ModelDocument
+from service.api.schemas.scans import GraspsDocument
+from tests.service.conftest import ServedClient, wait_until
+
+AssertProblem = Callable[[httpx.Response, int, str], str]
+Finished = Callable[[httpx.Client, str], dict[str, Any]]
+Serve = Callable[..., AbstractContextManager[httpx.Client]]
+
+
+def start(client: httpx.Client, recording: str, **wish: Any) -> str:
+    """Starts a scan that must be accepted; its address."""
+    answer = client.post("/api/scans", json={"mode": "replay", "recording": recording, **wish})
+    assert answer.status_code == 202, answer.text
+    return answer.headers["location"]
+
+
+def upload(client: httpx.Client, path: Path) -> str:
+    answer = client.post("/api/recordings", content=path.read_bytes())
+    assert answer.status_code == 201, answer.text
+    return answer.json()["id"]
+
+
+@pytest.mark.parametrize("method", ["matching", "enhanced"])
+def test_a_recording_becomes_a_model(client: httpx.Client, recording: str, finished: Finished, method: str) -> None:
+    scan = finished(client, start(client, recording, method=method))
+    assert scan["state"] == "succeeded", scan["problem"]
+    assert (scan["method"], scan["string_radius_m"]) == (method, 0.0042)
+    assert scan["summary"]["chains"] >= 1
+    assert scan["progress"] == {"stage": None, "fraction": 1.0, "views": []}
+    assert scan["created_at"] <= scan["started_at"] <= scan["ended_at"]
+    links = scan["links"]
+    assert links["cancel"] is None
+    model = client.get(links["model"])
+    assert model.headers["content-type"] == "application/json"
+    assert ModelDocument.model_validate_json(model.content).method == method
+    assert len(model.json()["chains"]) == scan["summary"]["chains"]
+    grasps = client.get(links["grasps"])
+    GraspsDocument.model_validate_json(grasps.content)
+    assert grasps.json() == {key: model.json()[key] for key in ("schema", "frame", "grasps")}
+    assert client.get(links["cloud"]).content.startswith(b"ply\n")
+    assert client.get(links["preview"]).content.startswith(b"\x89PNG")
+    assert client.get(links["recording"]).content == client.get(f"/api/recordings/{recording}/file").content
+    assert client.get("/api/scans").json()["scans"][0] == scan
+
+
+def test_the_radius_asked_for_is_used(client: httpx.Client, recording: str, finished: Finished) -> None:
+    scan = finished(client, start(client, recording, string_radius_m=0.005))
+    assert scan["string_radius_m"] == 0.005
+    assert client.get(scan["links"]["model"]).json()["parameters"]["r_m"] == 0.005
+
+
+def test_grasps_are_for_the_configured_gripper(
+    serve: Serve, recording_file: Path, finished: Finished, tmp_path: Path
+) -> None:
+    gripper = {"stroke_m": 0.011, "opening_margin_m": 0.001}
+    with serve(tmp_path, gripper=gripper) as client:
+        scan = finished(client, start(client, upload(client, recording_file)))
+        assert scan["state"] == "succeeded", scan["problem"]
+        grasps = client.get(scan["links"]["grasps"]).json()["grasps"]
+        # 2 r and the margin at least, and never wider than it opens; the default's margin alone makes 12.4 mm.
+        assert all(0.0094 < grasp["opening_m"] <= 0.011 for grasp in grasps)
+        told = any("cannot be grasped" in warning for warning in scan["summary"]["warnings"])
+        assert told == (not grasps)
+
+
+def test_missing_views_make_a_partial_result(
+    client: httpx.Client, recording_file: Path, finished: Finished, tmp_path: Path
+) -> None:
+    content = recording_file.read_bytes()
+    cut = tmp_path / "cut.mcap"
+    cut.write_bytes(content[: len(content) * 3 // 4])
+    scan = finished(client, start(client, upload(client, cut)))
+    assert scan["state"] == "partial"
+    assert any("the file ends" in warning for warning in scan["summary"]["warnings"])
+
+
+def rewritten(source: Path, target: Path, radius_m: float | None, change: Callable[[View], View]) -> Path:
+    """The recording with each view changed."""
+    recording = read_recording(source)
+    header = replace(recording.header, string_radius_m=radius_m)
+    with RecordingWriter(target, header) as writer:
+        for view in recording.views:
+            writer.write_view(change(view))
+    return target
+
+
+def test_no_string_in_view_is_a_result_with_a_reason(client: httpx.Client, finished: Finished, tmp_path: Path) -> None:
+    K = np.array([[100.0, 0, 32], [0, 100, 20], [0, 0, 1]])
+    T_base_flange = from_rotation_vector((0.0, 0.0, 0.3), (math.pi, 0.0, 0.0))
+    header = RecordingHeader(depth_unit_m=1e-4, string_radius_m=0.004, T_flange_camera=np.eye(4))
+    path = tmp_path / "bare-table.mcap"
+    with RecordingWriter(path, header) as writer:
+        for index in range(3):
+            # Straight down on the table, 0.3 m away, with 0.1 mm of noise: no image is constant.
+            depth = np.random.default_rng(index).integers(2999, 3002, (40, 64), dtype=np.uint16)
+            writer.write_view(View(index, depth, 1e-4, K, T_base_flange, np.eye(4)))
+    scan = finished(client, start(client, upload(client, path)))
+    assert scan["state"] == "succeeded", scan["problem"]
+    assert scan["summary"]["chains"] == 0
+    assert any("no string" in warning for warning in scan["summary"]["warnings"])
+    assert client.get(scan["links"]["model"]).json()["chains"] == []
+    assert client.get(scan["links"]["grasps"]).json()["grasps"] == []
+    assert client.get(scan["links"]["preview"]).content.startswith(b"\x89PNG")
+
+
+def test_views_without_depth_fail_with_what_to_check(
+    client: httpx.Client, recording_file: Path, finished: Finished, assert_problem: AssertProblem, tmp_path: Path
+) -> None:
+    blind = rewritten(
+        recording_file,
+        tmp_path / "blind.mcap",
+        0.0042,
+        lambda view: replace(view, depth=np.zeros_like(view.depth)),
+    )
+    scan = finished(client, start(client, upload(client, blind)))
+    assert scan["state"] == "failed"
+    assert scan["problem"]["type"] == "urn:pointchain:no-depth"
+    assert scan["problem"]["instance"] == scan["links"]["self"]
+    assert scan["links"]["model"] is scan["links"]["grasps"] is None
+    assert_problem(client.get(scan["links"]["self"] + "/grasps"), 404, "no-result")
+    assert client.get(scan["links"]["self"] + "/model").status_code == 404
+
+
+def test_a_radius_that_nobody_knows_is_measured(
+    client: httpx.Client,
+    recording_file: Path,
+    finished: Finished,
+    tmp_path: Path,
+) -> None:
+    unknown = upload(client, rewritten(recording_file, tmp_path / "r.mcap", None, lambda view: view))
+    scan = finished(client, start(client, unknown))
+    assert scan["string_radius_m"] is None
+    (chain,) = client.get(scan["links"]["model"]).json()["chains"]
+    assert chain["radius_m"] == pytest.approx(0.0042, rel=0.05)
+
+
+@pytest.mark.parametrize(
+    ("wish", "status", "slug", "said"),
+    [
+        ({"string_radius_m": 0}, 422, "invalid-parameters", "positive"),
+        ({"string_radius_m": -0.004}, 422, "invalid-parameters", "positive"),
+        ({"string_radius_m": 0.0001}, 422, "invalid-parameters", "0.0005"),
+        ({"string_radius_m": 0.1}, 422, "invalid-parameters", "0.02"),
+        ({"string_radius_m": "0.004"}, 422, "invalid-request", "string_radius_m"),
+        ({"string_radius_m": math.nan}, 422, "invalid-request", "finite"),
+        ({"string_radius_m": math.inf}, 422, "invalid-request", "finite"),
+        ({"method": "magic"}, 422, "invalid-request", "'matching', 'enhanced' or 'graph'"),
+        ({"radius": 0.004}, 422, "invalid-request", "radius"),
+        ({"recording": "none"}, 404, "recording-not-found", "upload it"),
+        ({"recording": "../x"}, 422, "invalid-request", "recording"),
+        ({"mode": "dream"}, 422, "invalid-request", "'replay'"),
+        ({"mode": "live", "recording": None}, 422, "invalid-request", "recording"),
+    ],
+)
+def test_a_wrong_request_is_refused_before_anything_starts(
+    *,
+    client: httpx.Client,
+    recording: str,
+    assert_problem: AssertProblem,
+    wish: dict[str, Any],
+    status: int,
+    slug: str,
+    said: str,
+) -> None:
+    before = client.get("/api/scans").json()
+    # By hand: httpx refuses to send NaN, others do not.
+    body = json.dumps({"mode": "replay", "recording": recording} | wish)
+    answer = client.post("/api/scans", content=body, headers={"Content-Type": "application/json"})
+    assert said in assert_problem(answer, status, slug)
+    assert client.get("/api/scans").json() == before
+
+
+@pytest.mark.parametrize(
+    ("body", "status", "slug"),
+    [
+        (b"", 422, "invalid-request"),
+        (b"[", 422, "invalid-request"),
+        (b"[]", 422, "invalid-request"),
+        (b"\xff", 400, "bad-request"),
+        (b'{"mode": "replay", "recording": "' + b"x" * 5000, 413, "too-large"),
+    ],
+)
+def test_a_body_that_is_no_request_is_refused(
+    client: httpx.Client, assert_problem: AssertProblem, body: bytes, status: int, slug: str
+) -> None:
+    answer = client.post("/api/scans", content=body, headers={"Content-Type": "application/json"})
+    assert_problem(answer, status, slug)
+
+
+@pytest.mark.parametrize(
+    ("method", "path", "status", "slug"),
+    [
+        ("GET", "/api/scans/none", 404, "scan-not-found"),
+        ("GET", "/api/scans/none/model", 404, "scan-not-found"),
+        ("GET", "/api/scans/none/grasps", 404, "scan-not-found"),
+        ("POST", "/api/scans/none/cancel", 404, "scan-not-found"),
+        ("GET", "/api/scans?limit=0", 422, "invalid-request"),
+        ("GET", "/api/none", 404, "not-found"),
+        ("DELETE", "/api/scans", 405, "method-not-allowed"),
+    ],
+)
+def test_every_refusal_is_a_problem(
+    *, client: httpx.Client, assert_problem: AssertProblem, method: str, path: str, status: int, slug: str
+) -> None:
+    assert_problem(client.request(method, path), status, slug)
+
+
+def test_one_scan_at_a_time(
+    client: httpx.Client, recording: str, finished: Finished, assert_problem: AssertProblem, held: int
+) -> None:
+    address = start(client, recording)
+    answer = client.post("/api/scans", json={"mode": "replay", "recording": recording})
+    assert_problem(answer, 409, "cell-busy")
+    assert answer.headers["location"] == address
+    # Recognition is frozen; everything else answers.
+    assert client.get(address).json()["state"] in ("queued", "processing")
+    assert client.get("/healthz").status_code == client.get("/readyz").status_code == 200
+    assert_problem(client.get(f"{address}/model"), 409, "result-not-ready")
+    assert_problem(client.get(f"{address}/grasps"), 409, "result-not-ready")
+    os.kill(held, signal.SIGCONT)
+    assert finished(client, address)["state"] == "succeeded"
+    # Whoever has read that it is over finds the place free.
+    assert finished(client, start(client, recording))["state"] == "succeeded"
+
+
+def test_a_scan_can_be_cancelled_and_the_next_one_works(
+    client: httpx.Client, recording: str, finished: Finished, assert_problem: AssertProblem, held: int
+) -> None:
+    address = start(client, recording)
+    cancelled = client.post(client.get(address).json()["links"]["cancel"])
+    assert cancelled.status_code == 200
+    assert cancelled.json()["state"] == "aborted"
+    assert cancelled.json()["problem"]["type"] == "urn:pointchain:aborted"
+    assert client.get(address).json() == cancelled.json()
+    assert_problem(client.get(f"{address}/preview.png"), 404, "no-result")
+    again = client.post(f"{address}/cancel")
+    assert again.json() == cancelled.json()
+
+    following = start(client, recording)
+    # The process was killed, so this one waits for a new one; cancelling it must not need that.
+    assert client.post(f"{following}/cancel").json()["state"] == "aborted"
+    done = finished(client, start(client, recording))
+    assert done["state"] == "succeeded"
+    assert_problem(client.post(done["links"]["self"] + "/cancel"), 409, "not-cancellable")
+
+
+def test_a_crash_of_recognition_fails_the_scan_and_nothing_else(
+    client: httpx.Client, recording: str, finished: Finished, held: int
+) -> None:
+    address = start(client, recording)
+    while client.get(address).json()["state"] != "processing":
+        time.sleep(0.01)
+    # The frozen process shows nothing of it, but gets the task right after the state is written.
+    time.sleep(0.3)
+    os.kill(held, signal.SIGKILL)
+    scan = finished(client, address)
+    assert scan["state"] == "failed"
+    assert scan["problem"]["type"] == "urn:pointchain:recognition-crashed"
+    assert "-9" in scan["problem"]["detail"]
+    assert finished(client, start(client, recording))["state"] == "succeeded"
+
+
+def test_a_crash_between_scans_is_mended_without_waiting_for_one(
+    client: ServedClient, recognition_process: int
+) -> None:
+    os.kill(recognition_process, signal.SIGKILL)
+    wait_until(lambda: client.get("/readyz").status_code == 200 and client.recognition_pid != recognition_process)

@@ -1,0 +1,38 @@
+"""The cell as JSON."""
+
+import time
+
+import numpy as np
+import pytest
+
+from cell.config.cell_config import CellSettings
+from cell.control.status import CellStatus, State
+from cell.devices import ArmState
+from service.api.schemas.cell import HEARD_S, cell_resource
+
+
+def status(state: State, heard_s: float) -> CellStatus:
+    """A cell whose arm was heard so long ago."""
+    arm = ArmState(
+        q_rad=np.zeros(6),
+        qd_rad_s=np.zeros(6),
+        T_base_flange=np.eye(4),
+        robot_mode="running",
+        safety_mode="normal",
+        moving=False,
+        controller_s=0.0,
+        age_s=0.0,
+        read_s=time.monotonic() - heard_s,
+    )
+    return CellStatus(state=state, slug=None, reason=None, arm_state=arm)
+
+
+@pytest.mark.parametrize("state", ["ready", "busy", "fault"])
+def test_modes_that_nobody_has_heard_of_lately_are_not_told(state: State) -> None:
+    fresh = cell_resource(status(state, 0.0), CellSettings(), None, []).robot
+    assert (fresh.robot_mode, fresh.safety_mode) == ("running", "normal")
+    assert fresh.moving is (None if state == "fault" else False)
+    old = cell_resource(status(state, HEARD_S + 1.0), CellSettings(), None, []).robot
+    assert (old.robot_mode, old.safety_mode, old.moving) == (None, None, None)
+    assert old.q_rad == [0.0] * 6  # where it was; `age_s` tells when
+    assert old.age_s == pytest.approx(HEARD_S + 1.0, abs=0.5)  # the time that this takes

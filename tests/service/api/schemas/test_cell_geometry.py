@@ -1,0 +1,79 @@
+"""The cell's room, as those who draw it are told of it."""
+
+import httpx
+import numpy as np
+from numpy.typing import NDArray
+
+from cell.config.arm_config import SimulatedArm
+from cell.config.cell_config import CellSettings, MountingSettings
+from cell.kinematics.collision import PARTS, collision_model
+from cell.kinematics.ur_kinematics import ARMS, link_frames
+from service.api.schemas.cell_geometry import ArmShape, RoomResource, room_resource
+from service.config.loader import ServiceConfig
+from tests.service.conftest import ServedClient
+
+Q_RAD = np.array([0.3, -1.2, 1.3, -1.4, -1.5, 0.6])
+
+
+def drawn_frames(arm: ArmShape, q_rad: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(7, 4, 4): the links' frames, by nothing but what was told."""
+    frames = [np.eye(4)]
+    for q, d, a, alpha in zip(q_rad, arm.d_m, arm.a_m, arm.alpha_rad, strict=True):
+        c, s, ca, sa = np.cos(q), np.sin(q), np.cos(alpha), np.sin(alpha)
+        step = [[c, -s * ca, s * sa, a * c], [s, c * ca, -c * sa, a * s], [0, sa, ca, d], [0, 0, 0, 1]]
+        frames.append(frames[-1] @ np.array(step))
+    return np.array(frames)
+
+
+def test_the_room_is_told_without_asking_a_device(client: httpx.Client) -> None:
+    answer = client.get("/api/cell/room")
+    assert answer.status_code == 200
+    room = RoomResource.model_validate_json(answer.content)
+    settings = CellSettings()
+    assert room.workspace_m == list(settings.workspace_m)
+    assert room.scan.views == settings.scan.views
+    assert room.hand_eye_max_age_days == settings.hand_eye.max_age_days
+    assert room.camera.width == 640
+    assert [part.part for part in room.arm.parts][-1] == "camera"
+    assert client.get("/api/cell").json()["state"] == "not_ready"
+    assert client.get("/api/cell/room?x=1").status_code == 422
+
+
+def test_the_arm_can_be_drawn_by_it() -> None:
+    for model in ARMS:
+        arm = room_resource(ServiceConfig(arm=SimulatedArm(model=model)), None).arm
+        assert arm.model == model
+        # The same product of the same matrices, in another order of roundings.
+        np.testing.assert_allclose(drawn_frames(arm, Q_RAD), link_frames(model, Q_RAD[None])[0], rtol=0, atol=1e-12)
+        for part in arm.parts:
+            assert all(0 <= frame <= 6 for frame in part.frames)
+            assert 0.01 < part.radius_m < 0.2
+
+
+def test_its_capsules_are_where_collisions_are_looked_for(client: ServedClient) -> None:
+    """By the document alone, as a browser has it."""
+    room = RoomResource.model_validate_json(client.get("/api/cell/room").content)
+    frames = drawn_frames(room.arm, Q_RAD)
+    calibration = client.app.state.context.cell.hand_eye()
+    model = collision_model(client.app.state.context.config.cell, calibration.T_flange_camera)
+    expected = link_frames(model.model, Q_RAD[None])[0][model.part_frames]
+    ends = np.einsum("peij,pej->pei", expected[..., :3, :3], model.part_ends) + expected[..., :3, 3]
+    assert [part.part for part in room.arm.parts] == list(PARTS)
+    for part, of_part, radius_m in zip(room.arm.parts, ends, model.part_radii, strict=True):
+        drawn = [frames[frame] @ np.array([*end, 1.0]) for frame, end in zip(part.frames, part.ends_m, strict=True)]
+        np.testing.assert_allclose(np.array(drawn)[:, :3], of_part, rtol=0, atol=1e-12)
+        assert part.radius_m == radius_m
+
+
+def test_without_a_calibration_nobody_knows_where_the_camera_is() -> None:
+    parts = [part.part for part in room_resource(ServiceConfig(), None).arm.parts]
+    assert parts[-1] == "wrist 3"
+    assert not any("camera" in part for part in parts)
+
+
+def test_obstacles_are_told_from_their_lowest_to_their_highest_corner() -> None:
+    corners = ((0.6, 0.2, 0.3), (0.5, 0.3, 0.0))
+    mounting = MountingSettings(table_z_m=-0.02, obstacles_m=(corners,))
+    room = room_resource(ServiceConfig(mounting=mounting), None)
+    assert room.obstacles_m == [((0.5, 0.2, 0.0), (0.6, 0.3, 0.3))]
+    assert room.table_z_m == -0.02

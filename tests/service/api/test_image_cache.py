@@ -1,0 +1,91 @@
+"""A scan's picture in small: for lists of many."""
+
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import cv2
+import httpx
+import numpy as np
+import pytest
+
+from service.api.response_cache import FRESH_S
+from service.api.schemas.scans import ScanState
+from service.jobs.new_rows import NOBODY, new_scan
+from service.storage.data_folder import PREVIEW
+from service.storage.database import new_id
+from service.storage.store import Store
+from tests.service.conftest import ServedClient
+
+AssertProblem = Callable[[httpx.Response, int, str], str]
+Finished = Callable[[httpx.Client, str], dict[str, Any]]
+
+
+PROBLEM: dict[str, Any] = {"type": "urn:pointchain:internal", "title": "", "status": 500, "detail": ""}
+
+
+@pytest.fixture(scope="module")
+def scan(client: ServedClient, scan: dict[str, Any]) -> dict[str, Any]:
+    """A scan that has succeeded, and whose picture is drawn."""
+    assert client.get(scan["links"]["preview"]).status_code == 200  # answers when it is drawn
+    return scan
+
+
+def test_it_is_the_preview_in_small(client: ServedClient, scan: dict[str, Any]) -> None:
+    small, large = (client.get(scan["links"][name]) for name in ("thumbnail", "preview"))
+    assert small.headers["content-type"] == "image/png"
+    assert len(small.content) < 40_000 < len(large.content)
+    shapes = []
+    for answer in (small, large):
+        picture = cv2.imdecode(np.frombuffer(answer.content, np.uint8), cv2.IMREAD_COLOR)
+        assert picture is not None
+        shapes.append(picture.shape[:2])
+    (height, width), (full_height, full_width) = shapes
+    assert width == 240
+    assert height == round(240 * full_height / full_width)
+
+
+def test_who_has_it_already_is_told_so(client: ServedClient, scan: dict[str, Any]) -> None:
+    first = client.get(scan["links"]["thumbnail"])
+    again = client.get(scan["links"]["thumbnail"], headers={"If-None-Match": first.headers["ETag"]})
+    assert (again.status_code, again.content) == (304, b"")
+    assert first.headers["ETag"] != client.get(scan["links"]["preview"]).headers["ETag"]
+
+
+@pytest.mark.parametrize("content", [b"", b"\x89PNG, or so", None], ids=["empty", "torn", "gone"])
+def test_what_is_no_picture_is_not_shown(
+    client: ServedClient, scan: dict[str, Any], assert_problem: AssertProblem, content: bytes | None
+) -> None:
+    path = client.app.state.context.store.folder.results(scan["id"]) / PREVIEW
+    whole = path.read_bytes()
+    try:
+        path.unlink() if content is None else path.write_bytes(content)
+        time.sleep(FRESH_S)  # so long it is not looked at again
+        problem = (404, "no-result") if content is None else (500, "damaged")
+        assert_problem(client.get(scan["links"]["thumbnail"]), *problem)
+    finally:
+        path.write_bytes(whole)
+        time.sleep(FRESH_S)
+    assert client.get(scan["links"]["thumbnail"]).status_code == 200
+
+
+@pytest.mark.parametrize(
+    ("state", "status", "slug"),
+    [("scanning", 409, "result-not-ready"), ("failed", 404, "no-result"), (None, 404, "scan-not-found")],
+)
+def test_without_a_picture_it_says_what_the_preview_says(
+    client: ServedClient, assert_problem: AssertProblem, state: ScanState | None, status: int, slug: str
+) -> None:
+    store: Store = client.app.state.context.store
+    row = replace(new_scan("live", "graph", None, NOBODY), id=new_id(), state="scanning")
+    if state is not None:
+        store.add_scan(row)
+    if state == "failed":
+        store.end_scan(row.id, state, PROBLEM)
+    words = [
+        assert_problem(client.get(f"/api/scans/{row.id}/{name}.png"), status, slug) for name in ("thumbnail", "preview")
+    ]
+    assert words[0] == words[1]
+    if state == "scanning":
+        store.end_scan(row.id, "failed", PROBLEM)

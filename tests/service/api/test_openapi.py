@@ -1,0 +1,81 @@
+"""The description of the API: the committed one, what it promises, and its page without the internet."""
+
+import json
+import re
+import threading
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Any
+
+import httpx
+import pytest
+
+import service
+from service.app import create_app, openapi_document
+from service.config.loader import ServiceConfig
+from tests.service.conftest import PATIENCE_S, ServedClient
+
+COMMITTED = Path(service.__file__).parent / "openapi.json"
+
+
+def operations() -> list[tuple[str, str, dict[str, Any]]]:
+    paths = create_app(ServiceConfig()).openapi()["paths"]
+    return [(path, method, operation) for path, item in paths.items() for method, operation in item.items()]
+
+
+def test_the_committed_description_is_up_to_date() -> None:
+    assert json.loads(COMMITTED.read_text()) == json.loads(openapi_document()), (
+        "the API has changed: look at the difference, then run `python -m service.app > service/openapi.json`"
+    )
+
+
+@pytest.mark.parametrize(("path", "method", "operation"), operations())
+def test_every_operation_says_what_it_does_and_how_it_refuses(
+    path: str, method: str, operation: dict[str, Any]
+) -> None:
+    assert operation["description"]
+    responses = operation["responses"]
+    refusals = {status: answer for status, answer in responses.items() if not status.startswith(("2", "3"))}
+    assert "default" in refusals
+    # Whatever has an input can refuse it.
+    assert ("422" in refusals) == bool(operation.get("parameters") or operation.get("requestBody"))
+    for answer in refusals.values():
+        (media_type,) = answer["content"]
+        assert media_type == "application/problem+json"
+        assert answer["content"][media_type]["schema"] == {"$ref": "#/components/schemas/Problem"}
+    successes = [answer for status, answer in responses.items() if status.startswith("2") and status != "204"]
+    assert len(successes) == 1
+    (content,) = successes[0]["content"].values()
+    told = content.get("schema") or content.get("itemSchema")  # the latter of each event of a stream
+    assert told, f"{method} {path} does not say what it answers"
+
+
+def test_the_page_of_the_api_needs_no_other_host(client: httpx.Client) -> None:
+    page = client.get("/docs").text
+    assert not re.findall(r"""(?:src|href)\s*=\s*["'](?:https?:)?//""", page)
+    assets = [a for a in re.findall(r"""(?:src|href)\s*=\s*["']([^"']+)["']""", page) if not a.startswith("data:")]
+    assert len(assets) >= 3
+    for asset in assets:
+        assert client.get(asset).status_code == 200, asset
+    assert client.get("/openapi.json").json() == json.loads(COMMITTED.read_text())
+
+
+def test_nobody_waits_while_the_description_is_made(client: ServedClient, monkeypatch: pytest.MonkeyPatch) -> None:
+    making, go_on = threading.Event(), threading.Event()
+
+    def make() -> dict[str, Any]:
+        making.set()
+        assert go_on.wait(PATIENCE_S)
+        return {"made": "at last"}
+
+    monkeypatch.setattr("service.api.response_cache.FRESH_S", -1.0)
+    monkeypatch.setattr(client.app, "openapi", make)
+    with ThreadPoolExecutor(1) as pool:
+        asked = pool.submit(client.get, "/openapi.json")
+        try:
+            assert making.wait(PATIENCE_S)
+            assert client.get("/healthz").status_code == 200
+            assert client.post("/api/cell/stop").status_code == 200
+        finally:
+            go_on.set()
+        assert asked.result().json() == {"made": "at last"}

@@ -1,0 +1,107 @@
+"""Failures of the machine underneath, as problem documents."""
+
+import errno
+import sqlite3
+import time
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager
+from pathlib import Path
+
+import httpx
+import pytest
+
+from cell.control.cell import Cell
+from cell.errors import TooEarlyError
+from service.storage.store import Store
+
+Serve = Callable[..., AbstractContextManager[httpx.Client]]
+AssertProblem = Callable[[httpx.Response, int, str], str]
+
+
+@pytest.fixture(scope="module")
+def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("data")
+
+
+@pytest.fixture(scope="module")
+def own(serve: Serve, data: Path) -> Iterator[httpx.Client]:
+    # A service that waits for the database waits for it in vain at once.
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("service.storage.database.BUSY_S", 0.0)
+        with serve(data) as client:
+            yield client
+
+
+def failing(error: Exception) -> Callable[..., None]:
+    def fail(*args: object) -> None:
+        raise error
+
+    return fail
+
+
+def test_a_full_disk_is_said_to_be_full_and_keeps_no_part(
+    own: httpx.Client,
+    data: Path,
+    recording_file: Path,
+    assert_problem: AssertProblem,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    full = OSError(errno.ENOSPC, "No space left on device")
+    for place in ("service.api.routes.recordings.os.fsync", "service.storage.store.sync_folder"):
+        with monkeypatch.context() as patch:
+            patch.setattr(place, failing(full))
+            answer = own.post("/api/recordings", content=recording_file.read_bytes())
+        assert_problem(answer, 507, "storage-full")
+    assert not list(data.rglob("*.mcap"))
+    assert own.get("/api/recordings").json() == {"recordings": [], "next": None}
+
+
+def test_a_database_that_another_holds_is_busy(
+    own: httpx.Client,
+    data: Path,
+    recording_file: Path,
+    assert_problem: AssertProblem,
+) -> None:
+    holder = sqlite3.connect(data / "pointchain.sqlite3", isolation_level=None)
+    holder.execute("BEGIN EXCLUSIVE")
+    try:
+        answer = own.post("/api/recordings", content=recording_file.read_bytes())
+        assert_problem(answer, 503, "busy")
+        assert int(answer.headers["retry-after"]) > 0
+        # Reading goes on.
+        assert own.get("/api/recordings").status_code == 200
+    finally:
+        holder.execute("ROLLBACK")
+        holder.close()
+    assert own.post("/api/recordings", content=recording_file.read_bytes()).status_code == 201
+
+
+def test_what_is_too_early_says_when_it_is_not(
+    own: httpx.Client, assert_problem: AssertProblem, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(Cell, "acknowledge", failing(TooEarlyError("try again in 3.2 s", 3.2)))
+    answer = own.post("/api/cell/acknowledge")
+    assert assert_problem(answer, 409, "too-early") == "try again in 3.2 s"
+    assert answer.headers["Retry-After"] == "4"  # whole seconds, and not too early again
+
+
+def test_an_unexpected_error_tells_the_log_and_not_the_client(
+    own: httpx.Client,
+    assert_problem: AssertProblem,
+    monkeypatch: pytest.MonkeyPatch,
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    monkeypatch.setattr(Store, "scans", failing(RuntimeError("the secret reason")))
+    answer = own.get("/api/scans")
+    assert "secret" not in assert_problem(answer, 500, "internal")
+    # The log is written after the answer is sent.
+    while not any("secret" in str(record.exc_info) for record in caplog.records):
+        time.sleep(0.01)
+
+
+def test_a_service_that_cannot_do_a_scan_is_not_ready(
+    own: httpx.Client, assert_problem: AssertProblem, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("service.jobs.manager.Jobs.not_ready", "recognition did not start: no libGL")
+    assert "libGL" in assert_problem(own.get("/readyz"), 503, "not-ready")
+    assert own.get("/healthz").status_code == 200

@@ -1,0 +1,257 @@
+"""Many who follow: no more than there are slots, and one who does not read harms nobody."""
+
+import socket
+import threading
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack, contextmanager
+from itertools import islice
+
+import httpx
+import pytest
+
+from service.api import server_sent_events
+from service.api.dependencies import Context
+from service.events.hub import BACKLOG
+from service.events.stream_slots import StreamSlots
+from service.jobs.new_rows import NOBODY, new_scan
+from service.problems.document import ProblemError
+from service.security.auth.tokens import FILE, add_token, read_tokens, remove_token
+from service.server import uvicorn_server
+from tests.service.conftest import PATIENCE_S, Serve, ServedClient, wait_until
+from tests.service.following import folded, following, told
+
+SLOTS = 4
+STALLED_S = 1.0
+# More than the system keeps for a connection, some MB on each side, is sent in so many pieces.
+PIECES, PIECE = 130, "x" * 250_000
+
+AssertProblem = Callable[[httpx.Response, int, str], str]
+
+
+@pytest.fixture(scope="module")
+def quick(serve: Serve, tmp_path_factory: pytest.TempPathFactory) -> Iterator[ServedClient]:
+    """A service with few slots that soon drops who does not read."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(uvicorn_server, "STALLED_S", STALLED_S)
+        with serve(tmp_path_factory.mktemp("data"), limits={"event_streams": SLOTS, "event_streams_each": 2}) as client:
+            yield client
+
+
+@pytest.fixture
+def service(quick: ServedClient) -> Iterator[Context]:
+    """Its inside; at the end nobody follows any more."""
+    context = quick.app.state.context
+    yield context
+    wait_until(lambda: context.streams.open == 0)
+    assert context.store.events.hub.followers == 0
+
+
+@pytest.fixture
+def scan(service: Context) -> str:
+    """A scan that only the test changes."""
+    scan = new_scan("live", "graph", None, NOBODY)
+    service.store.add_scan(scan)
+    return scan.id
+
+
+@contextmanager
+def stalled(client: httpx.Client, path: str) -> Iterator[socket.socket]:
+    """A client that has asked and reads nothing but the beginning."""
+    host, port = client.base_url.host, client.base_url.port
+    with socket.create_connection((host, port or 80)) as connection:
+        connection.sendall(f"GET {path} HTTP/1.1\r\nHost: {host}:{port}\r\n\r\n".encode())
+        assert b"200 OK" in connection.recv(64)
+        yield connection
+
+
+def end(service: Context, scan: str) -> None:
+    problem = {"type": "urn:pointchain:aborted", "title": "It was cancelled", "status": 409, "detail": "so"}
+    service.store.end_scan(scan, "aborted", problem)
+
+
+def test_slots_are_counted_in_all_and_for_each_caller() -> None:
+    slots = StreamSlots(4, 2)
+    with ExitStack() as taken:
+        for caller in ("ann", "ann", "bob"):
+            taken.enter_context(slots.taken(caller))
+        with pytest.raises(ProblemError, match="you follow 2 event streams") as refused:
+            taken.enter_context(slots.taken("ann"))
+        assert (refused.value.slug, refused.value.headers) == ("too-many-streams", {"Retry-After": "5"})
+        taken.enter_context(slots.taken("bob"))
+        with pytest.raises(ProblemError, match="4 event streams are open"):
+            taken.enter_context(slots.taken("eve"))
+        assert slots.open == 4
+    assert slots.open == 0
+    with ExitStack() as taken:  # where nobody has to say who he is, only all are counted
+        for _ in range(4):
+            taken.enter_context(slots.taken(None))
+        with pytest.raises(ProblemError, match="4 event streams"):
+            taken.enter_context(slots.taken(None))
+
+
+def test_one_too_many_is_refused_until_another_leaves(
+    quick: ServedClient, service: Context, scan: str, assert_problem: AssertProblem
+) -> None:
+    path = f"/api/scans/{scan}/events"
+    with ExitStack() as open_ones:
+        streams = [open_ones.enter_context(following(quick, path)) for _ in range(SLOTS - 1)]
+        assert [next(events).kind for events in streams] == ["scan"] * (SLOTS - 1)
+        with following(quick, "/api/events") as last:
+            next(last)
+            assert service.streams.open == SLOTS
+            for one in (path, "/api/events"):
+                answer = quick.get(one)
+                assert_problem(answer, 503, "too-many-streams")
+                assert int(answer.headers["retry-after"]) > 0
+            assert quick.get("/api/scans").status_code == 200  # it can be asked still
+        wait_until(lambda: service.streams.open == SLOTS - 1)
+        with following(quick, path) as another:
+            assert next(another).kind == "scan"
+    assert_problem(quick.get("/api/scans/no-such/events"), 404, "scan-not-found")
+    assert_problem(quick.get(path, headers={"Last-Event-ID": "1000000"}), 422, "event-unknown")
+
+
+def test_each_token_has_its_own_few(quick: ServedClient, service: Context, assert_problem: AssertProblem) -> None:
+    data = service.store.folder.root
+    callers = [{"Authorization": f"Bearer {add_token(data, name, 'viewer')}"} for name in ("ann", "bob")]
+    try:
+        with ExitStack() as open_ones:
+            for _ in range(2):
+                answer = open_ones.enter_context(quick.stream("GET", "/api/events", headers=callers[0]))
+                assert answer.status_code == 200
+            detail = assert_problem(quick.get("/api/events", headers=callers[0]), 503, "too-many-streams")
+            assert "you follow 2" in detail
+            with quick.stream("GET", "/api/events", headers=callers[1]) as answer:
+                assert answer.status_code == 200
+    finally:
+        for name in ("ann", "bob"):
+            remove_token(data, name)
+
+
+def test_who_does_not_read_is_dropped_and_delays_nobody(quick: ServedClient, service: Context, scan: str) -> None:
+    path = f"/api/scans/{scan}/events"
+    with stalled(quick, path), stalled(quick, path), ThreadPoolExecutor(1) as pool:
+        reading = pool.submit(told, quick, path)
+        wait_until(lambda: service.streams.open == 3)
+        backlogs = list(service.store.events.hub._followers)
+        for number in range(PIECES):
+            service.store.update_scan(scan, stage=PIECE, fraction=number / PIECES)
+        assert quick.post("/api/cell/stop").status_code == 200
+        end(service, scan)
+        # Who reads is told the end while the others still read nothing.
+        assert folded(reading.result(PATIENCE_S))["state"] == "aborted"
+        assert all(len(backlog._waiting) <= BACKLOG + 1 for backlog in backlogs)
+        wait_until(lambda: service.streams.open == 0)
+
+
+def much_at_once(service: Context, scan: str) -> None:
+    """More than waits for anybody, published before anybody can take any of it."""
+
+    def change() -> None:
+        with service.store.events.changing() as change:
+            for _ in range(3 * BACKLOG):
+                change.progress(scan)
+        done.set()
+
+    done, loop = threading.Event(), service.store.events.hub._loop
+    assert loop is not None
+    loop.call_soon_threadsafe(change)
+    assert done.wait(PATIENCE_S)
+
+
+def test_who_was_too_slow_gets_the_whole_again(quick: ServedClient, service: Context, scan: str) -> None:
+    path = f"/api/scans/{scan}/events"
+    with following(quick, path) as events:
+        begin = next(events)
+        service.store.set_view(scan, 0, "recorded")
+        change = next(events)
+        much_at_once(service, scan)
+        again = next(events)
+        service.store.set_view(scan, 1, "moving")
+        end(service, scan)
+        rest = list(events)
+    assert [event.kind for event in (begin, change, again, *rest)] == [
+        "scan",
+        "view",
+        "resync",
+        "view",
+        "view",
+        "state",
+    ]
+    assert int(again.id) == int(change.id) + 3 * BACKLOG
+    assert folded([again, *rest]) == folded([begin, change, *rest]) == folded(told(quick, path))
+
+
+def test_signs_of_life(quick: ServedClient, service: Context, scan: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(server_sent_events, "PING_S", 0.05)
+    for path in (f"/api/scans/{scan}/events", "/api/events"):
+        with quick.stream("GET", path) as answer:
+            lines = answer.iter_lines()
+            while next(lines) != ": ping":
+                pass
+
+
+def test_the_cell_and_too_many_changes_of_everything(quick: ServedClient, service: Context, scan: str) -> None:
+    with following(quick, "/api/events") as events:
+        first = next(events)
+        service.cell._status.change(state="fault", slug="robot-lost", reason="gone")
+        service.cell._status.change(arm=None)  # which is no news
+        service.cell._status.change(state="not_ready", slug="stopped", reason="by request")
+        changes = [next(events), next(events)]
+        assert [change.data for change in changes] == [
+            {"state": "fault", "problem": "urn:pointchain:robot-lost", "reason": "gone"},
+            {"state": "not_ready", "problem": "urn:pointchain:stopped", "reason": "by request"},
+        ]
+        assert [change.id for change in changes] == [first.id] * 2  # theirs are not kept: no id of their own
+        much_at_once(service, scan)
+        again = next(events)
+        assert (again.kind, again.data) == ("resync", changes[-1].data)
+        assert int(again.id) == service.store.events.newest()
+        end(service, scan)
+        assert next(events).kind == "state"
+
+
+def left(lines: Iterator[str]) -> list[str]:
+    """What a stream still tells up to its end; fails when that does not come."""
+    found = list(islice(lines, 200))
+    assert len(found) < 200, "it goes on"
+    return found
+
+
+def test_who_is_let_in_no_more_hears_no_more(
+    quick: ServedClient, service: Context, scan: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(server_sent_events, "PING_S", 0.05)
+    data, paths = service.store.folder.root, (f"/api/scans/{scan}/events", "/api/events")
+    with ExitStack() as open_ones:
+
+        def followed(headers: dict[str, str]) -> list[Iterator[str]]:
+            begun = [open_ones.enter_context(quick.stream("GET", path, headers=headers)).iter_lines() for path in paths]
+            for lines in begun:
+                while not next(lines).startswith("data: "):
+                    pass
+            return begun
+
+        anybody = followed({})
+        ann, bob = ({"Authorization": f"Bearer {add_token(data, name, 'viewer')}"} for name in ("ann", "bob"))
+        try:
+            # There are tokens now, so whoever has none may no longer listen.
+            service.store.set_view(scan, 0, "recorded")
+            assert not any("recorded" in line for lines in anybody for line in left(lines))
+            wait_until(lambda: service.streams.open == 0)
+
+            of_ann, of_bob = followed(ann), followed(bob)
+            remove_token(data, "ann")
+            service.store.set_view(scan, 1, "moving")
+            assert not any("moving" in line for lines in of_ann for line in left(lines))
+            for lines in of_bob:
+                while "moving" not in next(lines):
+                    pass
+            wait_until(lambda: service.streams.open == 2)
+            remove_token(data, "bob")  # and nothing happens: by the next sign of life
+            for lines in of_bob:
+                left(lines)
+        finally:
+            for token in read_tokens(data / FILE):
+                remove_token(data, token.name)

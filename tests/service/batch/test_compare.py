@@ -1,0 +1,215 @@
+"""`pointchain compare`: what changed between two runs."""
+
+import json
+from collections.abc import Callable
+from copy import deepcopy
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cell.simulation.offline_scan import simulate
+from cell.simulation.rendering.depth_camera import camera_model
+from cell.simulation.scenes.scenes import make_scene
+from recognition.parameters import ChainParameters
+from recognition.pipeline import recognise
+from recognition.preprocessing.target_cloud import Scene
+from service.batch.errors import ArchiveError
+from service.batch.model_diff import change
+from service.cli.main import main
+
+Document = dict[str, Any]
+ERROR: Document = {"schema": "pointchain/1", "error": {"type": "urn:pointchain:no-depth", "detail": "no depth"}}
+
+
+@pytest.fixture(scope="module")
+def knot() -> Document:
+    """A model of an overhand knot: one chain, three crossings."""
+    scan = simulate(make_scene("overhand-knot", 3), camera_model("ideal", (640, 400)), 3)
+    scene = Scene(scan.header.table_z_m, scan.header.workspace_m)
+    model = recognise(scan.views, ChainParameters.for_radius(0.0042), scene, "graph").model
+    return json.loads(json.dumps(model.to_json()))
+
+
+def changed(document: Document, how: Callable[[Document], None]) -> Document:
+    copy = deepcopy(document)
+    how(copy)
+    return copy
+
+
+def shift(document: Document) -> None:
+    """Everything 0.2 mm along y."""
+    for chain in document["chains"]:
+        chain["points"] = (np.array(chain["points"]) + [0.0, 2e-4, 0.0]).tolist()
+    for crossing in document["crossings"]:
+        crossing["point"][1] += 2e-4
+
+
+def turn_round(document: Document) -> None:
+    """The chain from its other end: the same string."""
+    (chain,) = document["chains"]
+    chain["points"].reverse()
+    for crossing in document["crossings"]:
+        for strand in (crossing["over"], crossing["under"]):
+            strand["s_m"] = chain["length_m"] - strand["s_m"]
+
+
+def exchange(document: Document) -> None:
+    """Over and under at the first crossing."""
+    first = document["crossings"][0]
+    first["over"], first["under"] = first["under"], first["over"]
+
+
+def lose_crossing(document: Document) -> None:
+    document["crossings"].pop()
+
+
+def doubt(document: Document) -> None:
+    document["quality"]["ambiguities"].append("which of the two")
+
+
+def thicken(document: Document) -> None:
+    document["chains"][0]["radius_m"] = 0.006
+
+
+@pytest.mark.parametrize(
+    ("how", "kind", "said"),
+    [
+        (shift, "moved", "0.2 mm at most"),
+        (turn_round, "same", ""),
+        (exchange, "topology", "over and under exchanged at 1"),
+        (lose_crossing, "topology", "3 crossings became 2"),
+        (doubt, "doubts", "0 ambiguities became 1"),
+        (thicken, "radius", "radius 4.2 mm became 6 mm"),
+        (lambda document: document["chains"].clear() or document["crossings"].clear(), "topology", "1 chains became 0"),
+    ],
+)
+def test_each_change_has_its_name(knot: Document, how: Callable[[Document], None], kind: str, said: str):
+    found = change("knot", knot, changed(knot, how), 1e-5)
+    assert found.kind == kind
+    assert said in found.what
+
+
+def test_another_ambiguity_is_a_change_and_another_figure_in_it_is_none(knot: Document):
+    def doubting(words: str) -> Document:
+        return changed(knot, lambda document: document["quality"]["ambiguities"].append(words))
+
+    before = doubting("chain 0 at 92 mm: over or under? (0.61)")
+    assert change("knot", before, doubting("chain 0 at 93 mm: over or under? (0.58)"), 1e-5).kind == "same"
+    found = change("knot", before, doubting("chain 0 at 92 mm: a bar?"), 1e-5)
+    assert (found.kind, found.what) == ("doubts", "1 of 1 ambiguities are others")
+
+
+@pytest.mark.parametrize("radius_m", [0.03, 0.06, 0.1])
+def test_a_ring_that_begins_elsewhere_or_goes_the_other_way_is_the_same(knot: Document, radius_m: float):
+    """The chord of two samples, half a millimetre apart, is off the arc by 1 micrometre at 30 mm."""
+    turn = np.linspace(0, 2 * np.pi, 100, endpoint=False)
+    points = np.column_stack([radius_m * np.cos(turn), radius_m * np.sin(turn), np.full(100, 0.004)])
+
+    def ring(points: Any) -> Document:
+        chain = knot["chains"][0] | {"closed": True, "points": points.tolist(), "length_m": 2 * np.pi * radius_m}
+        return knot | {"chains": [chain], "crossings": []}
+
+    for other in (np.roll(points, 37, axis=0), points[::-1]):
+        assert change("ring", ring(points), ring(other), 1e-5).kind == "same"
+
+
+def test_distances_are_those_between_the_lines(knot: Document):
+    found = change("knot", knot, changed(knot, shift), 1e-5)
+    assert found.mean_m is not None
+    assert found.worst_m is not None
+    # Along the string nothing moves: the mean is less than the shift, the worst, at a strand across it, is the shift.
+    assert 0.5e-4 < found.mean_m < 2e-4
+    assert found.worst_m == pytest.approx(2e-4, rel=0.02)
+    assert change("knot", knot, changed(knot, shift), 3e-4).kind == "same", "within the tolerance"
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "kind"), [("model", "error", "lost"), ("error", "model", "gained"), ("error", "error", "same")]
+)
+def test_errors_are_compared_too(knot: Document, before: str, after: str, kind: str):
+    documents = {"model": knot, "error": ERROR}
+    assert change("knot", documents[before], documents[after], 1e-5).kind == kind
+
+
+def test_another_error_is_a_change():
+    other = {"schema": "pointchain/1", "error": {"type": "urn:pointchain:too-crowded", "detail": "crowded"}}
+    assert change("knot", ERROR, other, 1e-5).kind == "error"
+
+
+def test_what_is_no_model_is_refused(knot: Document):
+    with pytest.raises(ArchiveError, match="not of schema"):
+        change("knot", knot, {"chains": 3}, 1e-5)
+
+
+def write(path: Path, documents: list[Document]) -> Path:
+    path.write_text("".join(f"{json.dumps(document)}\n" for document in documents))
+    return path
+
+
+def named(document: Document, name: str) -> Document:
+    return document | {"recording": {"file": f"{name}.mcap", "sha256": name * 8}}
+
+
+def test_runs_are_compared_by_the_recordings_content(
+    knot: Document, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):
+    before = write(tmp_path / "a.jsonl", [named(knot, "a"), named(knot, "b"), named(knot, "c")])
+    after = write(
+        tmp_path / "b.jsonl", [named(changed(knot, shift), "c"), named(ERROR, "a"), named(knot, "b"), named(knot, "d")]
+    )
+    assert main(["compare", str(before), str(after)]) == 1
+    lines = capsys.readouterr().out.splitlines()
+    assert [line.split()[0] for line in lines[:4]] == ["1", "1", "1", "1"]
+    assert lines[4].split() == ["no", "model", "any", "more", "a.mcap", "no", "depth"]
+    assert lines[5].startswith("moved")
+    assert "c.mcap" in lines[5]
+    assert lines[6].split() == ["only", "after", "d.mcap"]
+    assert main(["compare", str(before), str(after), "--json"]) == 1
+    document = json.loads(capsys.readouterr().out)
+    assert (document["counts"]["lost"], document["counts"]["moved"], document["counts"]["same"]) == (1, 1, 1)
+    assert document["only_after"] == ["d.mcap"]
+
+
+def test_what_could_not_be_read_any_more_is_a_loss_and_copies_are_told_apart(
+    knot: Document, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):
+    unread = ERROR | {"recording": {"file": "a.mcap", "sha256": None}}
+    copy = named(knot, "b") | {"recording": {"file": "copy of b.mcap", "sha256": "b" * 8}}
+    lost = ERROR | {"recording": copy["recording"]}
+    before = write(tmp_path / "a.jsonl", [named(knot, "a"), copy, named(knot, "b")])
+    after = write(tmp_path / "b.jsonl", [named(knot, "b"), unread, lost])
+    for first, second, kind in ((before, after, "lost"), (after, before, "gained")):
+        assert main(["compare", str(first), str(second), "--json"]) == 1
+        document = json.loads(capsys.readouterr().out)
+        assert (document["counts"][kind], document["counts"]["same"]) == (2, 1)
+        assert {one["recording"] for one in document["changes"] if one["kind"] == kind} == {"a.mcap", "copy of b.mcap"}
+        assert document["only_before"] == document["only_after"] == []
+
+
+def test_nothing_changed_is_said_by_the_exit_code(knot: Document, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    before = write(tmp_path / "a.jsonl", [knot, knot])  # as an older release printed them, without names
+    assert main(["compare", str(before), str(before)]) == 0
+    assert capsys.readouterr().out.split() == ["2", "the", "same"]
+
+
+@pytest.mark.parametrize(
+    ("content", "said"),
+    [(None, "cannot be read"), (b"\xff\xfe", "not a file of JSON lines"), (b"[1\n", "line 1"), (b"[1]\n", "line 1")],
+)
+def test_what_cannot_be_compared_is_told(
+    knot: Document, tmp_path: Path, content: bytes | None, said: str, capsys: pytest.CaptureFixture[str]
+):
+    before, after = write(tmp_path / "a.jsonl", [knot]), tmp_path / "b.jsonl"
+    if content is not None:
+        after.write_bytes(content)
+    assert main(["compare", str(before), str(after)]) == 2
+    assert said in capsys.readouterr().err
+
+
+def test_nothing_in_common_is_told(knot: Document, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    before = write(tmp_path / "a.jsonl", [named(knot, "a")])
+    after = write(tmp_path / "b.jsonl", [named(knot, "b")])
+    assert main(["compare", str(before), str(after)]) == 2
+    assert "no recording in common" in capsys.readouterr().err

@@ -1,0 +1,324 @@
+"""The command line as a person or a script meets it: what is on stdout, on stderr, and the exit code."""
+
+import json
+import re
+import socket
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cell.recording.writer import RecordingHeader, RecordingWriter, read_recording
+from service.app import openapi_document
+from service.cli.commands.demo import indented
+from service.cli.main import main
+from service.processing.worker import TaskFailedError
+from service.storage.data_folder import DataFolder
+
+
+def run(capsys: pytest.CaptureFixture[str], *arguments: object) -> tuple[int, list[dict[str, Any]], str]:
+    """Exit code, the documents on stdout, and stderr."""
+    code = main([str(argument) for argument in arguments])
+    out, err = capsys.readouterr()
+    return code, [json.loads(line) for line in out.splitlines()], err
+
+
+def write(path: Path, header: RecordingHeader, views: Any) -> Path:
+    with RecordingWriter(path, header) as writer:
+        for view in views:
+            writer.write_view(view)
+    return path
+
+
+def test_recognise_prints_a_model_a_line(capsys: pytest.CaptureFixture[str], recording_file: Path) -> None:
+    code, models, err = run(capsys, "recognise", recording_file, recording_file)
+    assert (code, err) == (0, "")
+    assert [len(model["chains"]) for model in models] == [1, 1]
+    assert models[0]["chains"] == models[1]["chains"], "the same file gives the same model"
+    assert models[0]["method"] == "graph"
+    assert models[0]["parameters"]["r_m"] == 0.0042
+
+
+def test_a_bad_file_does_not_stop_the_others(
+    capsys: pytest.CaptureFixture[str], recording_file: Path, tmp_path: Path
+) -> None:
+    bad = tmp_path / "bad.mcap"
+    bad.write_bytes(b"not a recording at all")
+    code, (first, second), err = run(capsys, "recognise", bad, recording_file)
+    assert code == 1
+    assert first["schema"] == "pointchain/1"
+    assert first["error"]["type"] == "urn:pointchain:not-mcap"
+    assert str(bad) in first["error"]["file"]
+    assert "bad.mcap" in err
+    assert len(second["chains"]) == 1
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "slug"),
+    [("empty", b"", "not-mcap"), ("text", b"hello", "not-mcap"), ("missing", None, "recording-unreadable")],
+)
+def test_files_that_are_no_recording(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, name: str, content: bytes | None, slug: str
+) -> None:
+    path = tmp_path / f"{name}.mcap"
+    if content is not None:
+        path.write_bytes(content)
+    code, (document,), err = run(capsys, "recognise", path)
+    assert code == 1
+    assert document["error"]["type"] == f"urn:pointchain:{slug}"
+    assert name in err
+
+
+@pytest.mark.parametrize("radius", ["0", "-0.004", "0.0001", "0.1", "nan", "inf"])
+def test_radii_that_are_no_strings(capsys: pytest.CaptureFixture[str], recording_file: Path, radius: str) -> None:
+    code, (document,), err = run(capsys, "recognise", recording_file, f"--radius={radius}")
+    assert code == 1
+    assert document["error"]["type"] == "urn:pointchain:invalid-parameters"
+    assert "radius" in err
+
+
+def test_an_unknown_radius_is_measured(
+    capsys: pytest.CaptureFixture[str], recording_file: Path, tmp_path: Path
+) -> None:
+    recording = read_recording(recording_file)
+    path = write(tmp_path / "r.mcap", replace(recording.header, string_radius_m=None), recording.views)
+    code, (document,), _ = run(capsys, "recognise", path)
+    assert code == 0
+    (chain,) = document["chains"]
+    assert chain["radius_m"] == pytest.approx(0.0042, rel=0.05)
+
+
+def test_one_view_is_refused(capsys: pytest.CaptureFixture[str], recording_file: Path, tmp_path: Path) -> None:
+    recording = read_recording(recording_file)
+    path = write(tmp_path / "one.mcap", recording.header, recording.views[:1])
+    code, (document,), _ = run(capsys, "recognise", path)
+    assert code == 1
+    assert document["error"]["type"] == "urn:pointchain:insufficient-views"
+
+
+def test_views_without_any_depth_are_refused(
+    capsys: pytest.CaptureFixture[str], recording_file: Path, tmp_path: Path
+) -> None:
+    recording = read_recording(recording_file)
+    dark = [replace(view, depth=np.zeros_like(view.depth)) for view in recording.views]
+    code, (document,), err = run(capsys, "recognise", write(tmp_path / "dark.mcap", recording.header, dark))
+    assert code == 1
+    assert document["error"]["type"] == "urn:pointchain:no-depth"
+    assert "no pixel has a depth" in err
+
+
+def test_a_dead_view_is_left_out_and_said(
+    capsys: pytest.CaptureFixture[str], recording_file: Path, tmp_path: Path
+) -> None:
+    recording = read_recording(recording_file)
+    stuck = replace(recording.views[1], depth=np.full_like(recording.views[1].depth, 3000))
+    views = [recording.views[0], stuck, *recording.views[2:]]
+    code, (model,), _ = run(capsys, "recognise", write(tmp_path / "stuck.mcap", recording.header, views))
+    assert code == 0
+    assert [view["used"] for view in model["quality"]["views"]] == [True, False, True, True]
+    assert "same depth" in model["quality"]["views"][1]["reason"]
+    assert len(model["chains"]) == 1
+
+
+def test_no_string_in_view_is_a_valid_empty_model(
+    capsys: pytest.CaptureFixture[str], recording_file: Path, tmp_path: Path
+) -> None:
+    recording = read_recording(recording_file)
+    # A part of the table on which the string does not lie.
+    beside = replace(recording.header, workspace_m=((-0.2, -0.12), (-0.2, -0.12), (0.0, 0.1)))
+    code, (model,), _ = run(capsys, "recognise", write(tmp_path / "none.mcap", beside, recording.views))
+    assert code == 0
+    assert model["chains"] == model["crossings"] == []
+    assert "no string of this radius in view" in model["quality"]["warnings"][0]
+
+
+def test_a_workspace_where_nothing_is_is_refused(
+    capsys: pytest.CaptureFixture[str], recording_file: Path, tmp_path: Path
+) -> None:
+    recording = read_recording(recording_file)
+    nowhere = replace(recording.header, workspace_m=((5.0, 6.0), (5.0, 6.0), (0.0, 0.1)))
+    code, (document,), err = run(capsys, "recognise", write(tmp_path / "off.mcap", nowhere, recording.views))
+    assert code == 1
+    assert document["error"]["type"] == "urn:pointchain:no-depth"
+    assert "workspace" in err
+
+
+def test_truncated_anywhere_gives_a_model_or_an_error(
+    capsys: pytest.CaptureFixture[str], recording_file: Path, tmp_path: Path
+) -> None:
+    whole = recording_file.read_bytes()
+    files = []
+    for k, length in enumerate(np.random.default_rng(5).integers(0, len(whole), 50)):
+        files.append(tmp_path / f"{k}.mcap")
+        files[-1].write_bytes(whole[:length])
+    code, documents, _ = run(capsys, "recognise", *files)
+    assert len(documents) == 50
+    failed = [document for document in documents if "error" in document]
+    assert code == bool(failed)
+    for document in documents:
+        if "error" not in document:
+            assert len(document["chains"]) == 1
+            # A cut in the index behind the last view loses nothing that matters.
+            lost = len(document["quality"]["views"]) < 4
+            assert lost == any("file ends" in warning for warning in document["quality"]["warnings"])
+    # With four views of about equal size, cuts behind the second leave enough for a model.
+    assert 10 < len(failed) < 40
+
+
+def test_trace_draws_every_stage(capsys: pytest.CaptureFixture[str], recording_file: Path, tmp_path: Path) -> None:
+    code, _, _ = run(capsys, "recognise", recording_file, "--trace", tmp_path)
+    assert code == 0
+    pictures = sorted((tmp_path / recording_file.stem).iterdir())
+    drawn = [picture.name for picture in pictures]
+    assert (drawn[0], drawn[3], drawn[-1]) == ("01_target_cloud.png", "04_nodes.png", "08_model.png")
+    assert all(picture.read_bytes().startswith(b"\x89PNG") for picture in pictures)
+    for method, count in (("matching", 5), ("enhanced", 9)):
+        run(capsys, "recognise", recording_file, "--trace", tmp_path, "--method", method)
+        drawn = sorted(picture.name for picture in (tmp_path / recording_file.stem).iterdir())
+        assert (len(drawn), drawn[-1]) == (count, f"0{count}_model.png")
+        assert "04_nodes.png" not in drawn, "no picture of another method is left"
+
+
+def test_simulate_writes_the_same_file_for_the_same_seed(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    options = ("--scene", "loop", "--camera", "oak-d-pro", "--resolution", "160x100", "--views", "2")
+    for name, seed in (("a", 3), ("b", 3), ("c", 4)):
+        code, _, err = run(capsys, "simulate", tmp_path / f"{name}.mcap", *options, "--seed", seed)
+        assert code == 0, err
+    a, b, c = ((tmp_path / f"{name}.mcap").read_bytes() for name in "abc")
+    assert a == b
+    assert a != c
+    truth = json.loads((tmp_path / "a.truth.json").read_text())
+    assert len(truth["crossings"]) == 1
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (("--scene", "knot"), "overhand-knot"),
+        (("--camera", "kinect"), "oak-d-pro"),
+        (("--radius", "1"), "radius"),
+        (("--radius", "4.2"), "metres are expected, and 4.2 looks like millimetres"),
+        (("--softness", "0.1"), "softness"),
+        (("--views", "0"), "views"),
+        (("--seed", "-1"), "seed"),
+    ],
+)
+def test_simulate_says_what_is_wrong(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, arguments: tuple[str, str], said: str
+) -> None:
+    code, _, err = run(capsys, "simulate", tmp_path / "x.mcap", *arguments)
+    assert code == 1
+    assert said in err
+    assert list(tmp_path.iterdir()) == [], "nothing half-written is left"
+
+
+def test_simulate_never_overwrites(capsys: pytest.CaptureFixture[str], recording_file: Path) -> None:
+    before = recording_file.read_bytes()
+    code, _, err = run(capsys, "simulate", recording_file)
+    assert code == 1
+    assert recording_file.name in err
+    assert recording_file.read_bytes() == before
+
+
+def test_simulate_into_a_folder_that_is_not_there(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    code, _, err = run(capsys, "simulate", tmp_path / "none" / "x.mcap", "--resolution", "160x100", "--views", "2")
+    assert code == 1
+    assert "x.mcap cannot be written: No such file or directory" in err
+
+
+def test_demo_tells_the_truth_and_can_be_repeated(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    folder = tmp_path / "demo"
+    for left in ("scan.mcap", "scan.truth.json", "result/old.json", "trace/old.png"):  # by an earlier one
+        (folder / left).parent.mkdir(parents=True, exist_ok=True)
+        (folder / left).write_text("old")
+    assert main(["demo", str(folder)]) == 0
+    out = capsys.readouterr().out
+    assert "topology right" in out
+    assert str(folder / "scan.mcap") in out
+    assert not list(folder.rglob("old.*"))
+    model = json.loads((folder / "result" / "model.json").read_text())
+    assert len(model["crossings"]) == 1
+    text = (folder / "result" / "model.json").read_text()
+    assert '\n  "chains": [\n' in text, "it is indented"
+    assert re.search(r"^ +\[-?[0-9.]+, -?[0-9.]+, -?[0-9.]+\],$", text, re.MULTILINE), "a point has one line"
+    pictures = sorted(path.name for path in (folder / "trace").iterdir())
+    assert (pictures[0], pictures[3], pictures[-1]) == ("01_target_cloud.png", "04_nodes.png", "08_model.png")
+    assert f"{len(pictures)} pictures in {folder / 'trace'}/" in out
+    next_steps = out.split("\nNext steps\n")[1]
+    assert "make serve, then open http://127.0.0.1:8000" in next_steps
+    assert "http://127.0.0.1:8000/manual" in next_steps
+    assert f"recognise {folder / 'scan.mcap'}\n" in next_steps
+    (folder / "mine.txt").write_text("keep")
+    assert main(["demo", str(folder)]) == 1
+    assert (folder / "mine.txt").exists()
+
+
+def test_demo_says_why_the_scan_failed(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    def late(*_: object) -> None:
+        raise TaskFailedError(503, "recognition-timeout", "recognition was stopped at its time limit")
+
+    monkeypatch.setattr("service.cli.commands.demo.take_scan", late)
+    assert main(["demo", str(tmp_path / "demo")]) == 1
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert "the scan failed: recognition was stopped at its time limit; try again" in err
+
+
+def test_indented_json_is_the_same_value() -> None:
+    value = {"a": [], "b": {}, "c": [1, None, "x, y"], "d": [[1.5, 2], {"e": [True]}, []], "f": ({"g": 0},)}
+    text = indented(value)
+    assert json.loads(text) == json.loads(json.dumps(value))
+    assert '"c": [1, null, "x, y"],\n' in text
+    assert "    [1.5, 2],\n" in text
+    with pytest.raises(ValueError, match="not JSON compliant"):
+        indented([float("nan")])
+
+
+def test_openapi_prints_the_description(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["openapi"]) == 0
+    assert capsys.readouterr().out == openapi_document()
+
+
+def test_recognise_takes_the_gripper_from_the_configuration(
+    capsys: pytest.CaptureFixture[str], recording_file: Path, tmp_path: Path
+) -> None:
+    config = tmp_path / "cell.toml"
+    config.write_text("[gripper]\nstroke_m = 0.008\n")
+    code, (model,), _ = run(capsys, "recognise", recording_file, "--config", config)
+    assert (code, model["grasps"]) == (0, [])
+    assert any("the gripper opens 8.0 mm" in warning for warning in model["quality"]["warnings"])
+
+    config.write_text("[gripper]\nstroke_m = 8.0\n")
+    code, documents, err = run(capsys, "recognise", recording_file, "--config", config)
+    assert (code, documents) == (1, [])
+    assert "metres, not mm" in err
+
+
+@pytest.mark.parametrize("arguments", [[], ["recognise"], ["unknown"], ["recognise", "x", "--method", "guess"]])
+def test_wrong_calls_exit_with_2(arguments: list[str]) -> None:
+    with pytest.raises(SystemExit) as stop:
+        main(arguments)
+    assert stop.value.code == 2
+
+
+def test_serve_says_why_it_cannot_start(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    folder = DataFolder(tmp_path / "data")
+    try:
+        assert main(["serve", "--unsupervised", "--data-dir", str(tmp_path / "data")]) == 1
+        assert "another service uses this data folder" in capsys.readouterr().err
+    finally:
+        folder.close()
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = taken.getsockname()[1]
+        assert main(["serve", "--unsupervised", "--data-dir", str(tmp_path / "data"), "--port", str(port)]) == 1
+    told = capsys.readouterr().err
+    assert f"cannot listen on 127.0.0.1:{port}: " in told
+    assert "--port" in told
+    config = tmp_path / "cell.toml"
+    config.write_text("prot = 8000\n")
+    assert main(["serve", "--unsupervised", "--config", str(config)]) == 1
+    assert "prot" in capsys.readouterr().err

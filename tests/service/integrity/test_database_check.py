@@ -1,0 +1,126 @@
+"""The doctor and a damaged database: it is kept, what can be read of it is saved, and files make up for the rest."""
+
+import dataclasses
+import json
+import random
+import sqlite3
+from contextlib import closing
+from pathlib import Path
+
+import pytest
+
+from service.integrity.database_check import TABLES
+from service.integrity.repair import repair
+from service.jobs.new_rows import NOBODY, new_calibration, new_scan
+from service.storage.calibration_store import CalibrationStore
+from service.storage.data_folder import DataFolder
+from service.storage.database import Database
+from service.storage.migrations import MIGRATIONS, VERSION
+from service.storage.store import Store
+from tests.service.stored_data import LIVE, REPLAY, UPLOAD, Data
+
+
+def test_rows_that_make_no_sense_are_put_aside(data: Data) -> None:
+    data.change("UPDATE recordings SET missing = '[not json' WHERE id = ?", UPLOAD)
+    data.change("INSERT INTO views VALUES ('nobody', 1, 'recorded', NULL, '', NULL, NULL, NULL)")
+    data.change("UPDATE scans SET id = '../out' WHERE id = ?", LIVE)
+    assert {"row-unreadable", "row-without-parent"} <= data.codes()
+    data.mend()
+    kept = [json.loads(line)["table"] for line in data.lost("rows.jsonl").read_text().splitlines()]
+    assert {"recordings", "views", "scans"} <= set(kept)
+    # The recordings themselves are there, and are told of again.
+    assert data.row("SELECT count(*) FROM recordings") == (2,)
+
+
+def test_a_damaged_database_is_kept_and_what_can_be_read_is_saved(data: Data) -> None:
+    folder = DataFolder(data.root)
+    store = Store(folder)
+    for _ in range(300):
+        store.add_scan(dataclasses.replace(new_scan("replay", "graph", None, NOBODY, recording=UPLOAD), state="failed"))
+    store.close()
+    folder.close()
+    database = data.root / "pointchain.sqlite3"
+    content = bytearray(database.read_bytes())
+    # A page in the midst of the scans' rows.
+    at = content.index(b"replay", len(content) // 3) // 4096 * 4096
+    content[at : at + 4096] = random.Random(1).randbytes(4096)
+    database.write_bytes(content)
+    assert data.codes() == {"database-corrupt"}
+    told = data.mend()
+    assert any("scans: " in words and "cannot be read" in words for words in told)
+    (scans,) = data.row("SELECT count(*) FROM scans")
+    assert isinstance(scans, int)
+    assert 200 < scans < 302  # what was on other pages
+    assert data.lost("pointchain.sqlite3").read_bytes() == bytes(content)
+
+
+@pytest.mark.parametrize("content", [b"this is no database" * 500, None], ids=["another", "none"])
+def test_without_a_database_the_recordings_are_taken_in(data: Data, content: bytes | None) -> None:
+    database = data.root / "pointchain.sqlite3"
+    database.unlink() if content is None else database.write_bytes(content)
+    data.mend()
+    assert data.row("SELECT count(*) FROM recordings") == (2,)
+    assert (data.lost(REPLAY) / "model.json").exists()
+
+
+def test_a_database_of_another_version_is_told(data: Data) -> None:
+    data.change("PRAGMA user_version = 99")
+    assert data.codes() == {"database-newer"}
+    assert [finding.code for finding in repair(data.store, pytest.fail).findings] == ["database-newer"]
+
+
+def test_tables_of_an_earlier_version_are_brought_up_to_date(tmp_path: Path) -> None:
+    with closing(sqlite3.connect(tmp_path / "pointchain.sqlite3")) as db:
+        db.executescript(MIGRATIONS[0] + "PRAGMA user_version = 1")
+    data = Data(tmp_path, ())
+    assert data.codes() == {"database-older"}
+    data.mend()
+    assert data.row("PRAGMA user_version") == (VERSION,)
+
+
+def test_views_of_a_calibration_by_an_earlier_version_are_kept(tmp_path: Path) -> None:
+    run = vars(new_calibration("calibration", None, 3)) | {"id": "run-1", "state": "failed", "warnings": "[]"}
+    with closing(sqlite3.connect(tmp_path / "pointchain.sqlite3")) as db, db:
+        db.executescript("".join(MIGRATIONS[:4]) + "PRAGMA user_version = 4")
+        db.execute(
+            f"INSERT INTO calibrations ({', '.join(run)}) VALUES ({', '.join('?' * len(run))})", tuple(run.values())
+        )
+        db.execute("INSERT INTO calibration_views VALUES ('run-1', 0, 'recorded', NULL, 40, 48, '')")
+    with closing(Database(tmp_path / "pointchain.sqlite3")) as database:
+        (view,) = CalibrationStore(database).views(["run-1"])
+    assert (view.corners, view.possible, view.rms_px, view.cells) == (40, 48, None, None)
+
+
+def test_a_log_that_was_cut_anywhere_opens_with_a_beginning_of_what_was_written(data: Data, tmp_path: Path) -> None:
+    """As after a loss of power: a kill alone loses nothing that was handed to the system."""
+    folder = DataFolder(data.root)
+    store = Store(folder)
+    for number in range(30):
+        store.add_scan(
+            dataclasses.replace(new_scan("replay", "graph", None, NOBODY), id=f"s{number:02}", state="failed")
+        )
+    wal = (data.root / "pointchain.sqlite3-wal").read_bytes()
+    before = (data.root / "pointchain.sqlite3").read_bytes()
+    assert len(wal) > 30 * 4096
+    for number in range(12):
+        root = tmp_path / f"cut-{number}"
+        root.mkdir()
+        (root / "pointchain.sqlite3").write_bytes(before)
+        (root / "pointchain.sqlite3-wal").write_bytes(wal[: random.Random(number).randrange(len(wal))])
+        cut = dataclasses.replace(data, root=root)
+        assert cut.codes() <= {"recording-missing", "result-missing", "calibration-missing"}
+        with closing(sqlite3.connect(root / "pointchain.sqlite3")) as db:
+            kept = [row[0] for row in db.execute("SELECT id FROM scans WHERE id LIKE 's__' ORDER BY id")]
+            events = [row[0] for row in db.execute("SELECT scan FROM events WHERE scan LIKE 's__' ORDER BY scan")]
+        assert kept == [f"s{k:02}" for k in range(len(kept))]
+        assert events == kept  # each with what was written together with it
+    store.close()
+    folder.close()
+
+
+def test_all_that_is_stored_can_be_salvaged(data: Data) -> None:
+    """Each table is among those that are copied, parents first."""
+    with closing(sqlite3.connect(data.root / "pointchain.sqlite3")) as db:
+        tables = {row[0] for row in db.execute("SELECT name FROM sqlite_master WHERE type = 'table'")}
+    assert set(TABLES) == tables - {"sqlite_sequence"}
+    assert TABLES.index("recordings") < TABLES.index("scans") < TABLES.index("views")

@@ -1,0 +1,215 @@
+"""Rows that the service cannot tell: the doctor finds them, and what hangs on them stays."""
+
+import json
+import shutil
+import sqlite3
+import subprocess
+from collections.abc import Iterator
+from contextlib import closing
+from pathlib import Path
+
+import pytest
+
+from service.api.schemas.calibration_resources import run_resource
+from service.api.schemas.scan_resource import scan_resources
+from service.integrity.check import examine
+from service.integrity.repair import repair
+from service.storage.data_folder import DataFolder
+from service.storage.store import Store
+from tests.service.stored_data import LIVE, REPLAY, UPLOAD, Data, examined
+
+VERIFICATION = {
+    "passed": True, "words": "well", "worst_m": 0.001, "expected_m": 0.001, "board_moved_m": None, "views": [],
+}  # fmt: skip
+
+
+def assert_told(data: Data) -> None:
+    """The lists of scans and of calibrations are what the service can send."""
+    folder = DataFolder(data.root)
+    store = Store(folder)
+    try:
+        scans, runs = store.scans(100), store.calibrations.newest(100, None)
+        scan_resources(scans, store.views([scan.id for scan in scans]))
+        for run in runs:
+            run_resource(run, store.calibrations.views([run.id]))
+    finally:
+        store.close()
+        folder.close()
+
+
+def kept_rows(data: Data) -> list[dict[str, object]]:
+    return [json.loads(line) for line in data.lost("rows.jsonl").read_text().splitlines()]
+
+
+@pytest.mark.parametrize(
+    ("column", "value", "mended"),
+    [
+        ("state", "banana", "succeeded"),
+        ("fraction", 7.0, 1.0),
+        ("stage", b"\xff", None),
+        ("problem", '["no problem"]', None),
+        ("files", '{"model.json": 5}', None),
+        ("inputs", "{not json", None),
+        ("source", "No Id", None),
+    ],
+)
+def test_a_scan_that_cannot_be_told_keeps_its_result(data: Data, column: str, value: object, mended: object) -> None:
+    before = data.row("SELECT * FROM scans WHERE id = ?", REPLAY)
+    data.change(f"UPDATE scans SET {column} = ? WHERE id = ?", value, REPLAY)
+    (finding,) = examine(data.store).findings
+    assert (finding.code, finding.group) == ("row-unreadable", "database")
+    assert "\n" not in finding.what
+    data.mend()
+    assert data.row(f"SELECT {column} FROM scans WHERE id = ?", REPLAY) == (mended,)
+    after = data.row("SELECT * FROM scans WHERE id = ?", REPLAY)
+    if column not in ("files", "inputs", "source"):
+        assert after == before
+    assert (data.root / "scans" / REPLAY / "model.json").read_bytes() == b'{"chains": []}'
+    assert data.row("SELECT recording, state FROM scans WHERE id = ?", REPLAY) == (UPLOAD, "succeeded")
+    (kept,) = kept_rows(data)
+    assert kept["table"] == "scans"
+    assert_told(data)
+
+
+@pytest.mark.parametrize(
+    "sql", ["scans SET asked_by = CAST(x'ff' AS TEXT)", "views SET changed_at = CAST(x'ff' AS TEXT)"]
+)
+def test_a_row_with_a_text_that_is_none_is_no_damage_to_the_others(data: Data, sql: str) -> None:
+    data.change(f"UPDATE {sql}")
+    assert data.codes() == {"row-unreadable"}
+    data.mend()
+    assert data.row("SELECT state FROM scans WHERE id = ?", REPLAY) == ("succeeded",)
+    assert (data.root / "scans" / REPLAY / "model.json").exists()
+    assert_told(data)
+
+
+def test_the_state_and_its_value_are_told(data: Data) -> None:
+    data.change("UPDATE scans SET state = 'banana' WHERE id = ?", REPLAY)
+    (finding,) = examine(data.store).findings
+    assert "state is 'banana': " in finding.what
+
+
+def test_a_scan_of_an_older_version_is_failed_and_its_result_is_put_aside(data: Data) -> None:
+    data.change("DELETE FROM events")
+    data.change("UPDATE scans SET state = 'banana'")
+    assert data.codes() == {"row-unreadable"}
+    data.mend()
+    for scan, recording in ((LIVE, LIVE), (REPLAY, UPLOAD)):
+        state, problem, still = data.row("SELECT state, problem, recording FROM scans WHERE id = ?", scan)
+        assert (state, json.loads(str(problem))["type"], still) == ("failed", "urn:pointchain:damaged", recording)
+    assert data.row("SELECT count(*) FROM views WHERE state = 'recorded'") == (4,)
+    assert (data.lost(REPLAY) / "model.json").read_bytes() == b'{"chains": []}'
+    assert_told(data)
+
+
+def test_a_scan_that_cannot_be_mended_is_put_aside_with_its_result(data: Data) -> None:
+    data.change("UPDATE scans SET method = 'banana' WHERE id = ?", REPLAY)
+    assert data.codes() == {"row-unreadable"}
+    data.mend()
+    assert data.row("SELECT count(*) FROM scans") == (1,)
+    assert {row["table"] for row in kept_rows(data)} >= {"scans"}
+    assert (data.lost(REPLAY) / "model.json").read_bytes() == b'{"chains": []}'
+    assert data.recording(UPLOAD).exists()
+    assert data.row("SELECT count(*) FROM recordings") == (2,)
+    assert_told(data)
+
+
+@pytest.mark.parametrize(("column", "value"), [("state", "banana"), ("offset_bytes", "far"), ("reason", b"\xff")])
+def test_a_view_that_cannot_be_told_is_put_aside_and_its_recording_stays(
+    data: Data, column: str, value: object
+) -> None:
+    content = data.recording(LIVE).read_bytes()
+    data.change(f"UPDATE views SET {column} = ? WHERE view = 2", value)
+    assert data.codes() == {"row-unreadable"}
+    data.mend()
+    assert data.recording(LIVE).read_bytes() == content
+    assert data.row("SELECT views FROM recordings WHERE id = ?", LIVE) == (4,)
+    assert [row["table"] for row in kept_rows(data)] == ["views"]
+    assert_told(data)
+
+
+@pytest.mark.parametrize(("column", "value"), [("missing", "null"), ("provenance", "5"), ("views", "some")])
+def test_a_recording_that_cannot_be_told_is_taken_in_again(data: Data, column: str, value: object) -> None:
+    content = data.recording(UPLOAD).read_bytes()
+    data.change(f"UPDATE recordings SET {column} = ? WHERE id = ?", value, UPLOAD)
+    assert data.codes() == {"row-unreadable"}
+    data.mend()
+    assert data.row("SELECT views, missing FROM recordings WHERE id = ?", UPLOAD) == (4, "[]")
+    assert data.row("SELECT recording FROM scans WHERE id = ?", REPLAY) == (UPLOAD,)
+    assert data.recording(UPLOAD).read_bytes() == content
+
+
+def test_a_calibration_that_cannot_be_told_keeps_its_folder(data: Data) -> None:
+    data.change("UPDATE calibrations SET state = 'banana'")
+    assert data.codes() == {"row-unreadable"}
+    data.mend()
+    assert data.row("SELECT state FROM calibrations") == ("failed",)  # it has no result to tell otherwise
+    assert (data.root / "calibration" / "runs" / "run-1" / "hand_eye.json").exists()
+    assert_told(data)
+    shutil.rmtree(data.root / "lost+found")
+    data.change(
+        "UPDATE calibrations SET kind = 'verification', state = 'banana', verification = ?, warnings = '[]'",
+        json.dumps(VERIFICATION),
+    )
+    data.mend()
+    assert data.row("SELECT state, verification FROM calibrations") == ("succeeded", json.dumps(VERIFICATION))
+    data.change("INSERT INTO calibration_views VALUES ('run-1', 0, 'recorded', NULL, 40, 48, '', 0.1, '[7, 39]')")
+    data.change("INSERT INTO calibration_views VALUES ('run-1', 1, 'banana', NULL, NULL, NULL, '', NULL, NULL)")
+    data.change("INSERT INTO calibration_views VALUES ('run-1', 2, 'recorded', NULL, 40, 48, '', NULL, '[40]')")
+    data.change("INSERT INTO calibration_views VALUES ('run-1', 3, 'recorded', NULL, 40, 48, '', 'near', '{')")
+    assert data.codes() == {"row-unreadable"}
+    shutil.rmtree(data.root / "lost+found")
+    data.mend()
+    assert_told(data)
+    assert data.row("SELECT count(*), sum(cells = '[7, 39]') FROM calibration_views") == (1, 1)
+
+
+# A disk that takes nothing
+
+
+@pytest.fixture
+def read_only_disk(data: Data, tmp_path: Path) -> Iterator[Data]:
+    """The whole store on a disk that is mounted read-only."""
+    folder = tmp_path / "disk"
+    folder.mkdir()
+    try:
+        done = subprocess.run(
+            ["mount", "-t", "tmpfs", "-o", "size=64m", "tmpfs", str(folder)],
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+    except FileNotFoundError:
+        pytest.skip("there is no program mount")
+    if done.returncode != 0:
+        pytest.skip(f"a file system can be mounted by root alone: {done.stderr.strip()}")
+    try:
+        shutil.copytree(data.root, folder / "data")
+        subprocess.run(["mount", "-o", "remount,ro", str(folder)], check=True)
+        yield Data(folder / "data", data.views)
+    finally:
+        subprocess.run(["umount", "--lazy", str(folder)], check=True)
+
+
+def test_a_read_only_disk_is_not_a_damaged_database(read_only_disk: Data) -> None:
+    (finding,) = examine(read_only_disk.store).findings
+    assert (finding.code, finding.repairable) == ("database-unopened", False)
+    assert "damaged" not in finding.what
+    assert "read-only" in finding.what_to_do
+    assert "--repair" not in finding.what_to_do
+
+
+def test_a_database_that_cannot_be_opened_is_not_repaired(data: Data) -> None:
+    """As where the rights are missing: a folder in place of its log cannot be opened by anybody."""
+    database = data.root / "pointchain.sqlite3"
+    with closing(sqlite3.connect(database)) as db:
+        db.execute("PRAGMA wal_checkpoint(TRUNCATE)")
+    for suffix in ("-wal", "-shm"):
+        database.with_name(database.name + suffix).unlink(missing_ok=True)
+    database.with_name(database.name + "-wal").mkdir()
+    before = database.read_bytes()
+    assert data.codes() == {"database-unopened"}
+    left = repair(examined(data.root), pytest.fail)
+    assert [finding.code for finding in left.findings] == ["database-unopened"]
+    assert database.read_bytes() == before
+    assert not (data.root / "lost+found").exists()

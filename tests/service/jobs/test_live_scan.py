@@ -1,0 +1,146 @@
+"""Live scans over HTTP: the real ur_rtde and depthai in child processes, against the virtual controller."""
+
+import hashlib
+import json
+import math
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import httpx
+import pytest
+
+from service.storage.store import Store
+from tests.service.conftest import Serve, wait_until
+from tests.service.live_cell import SCAN, LiveCell, live_cell
+
+pytestmark = pytest.mark.xdist_group("cell")  # one at a time: each is several busy processes
+
+Finished = Callable[[httpx.Client, str], dict[str, Any]]
+Problem = Callable[[httpx.Response, int, str], str]
+
+
+@pytest.fixture(scope="module")
+def cell(serve: Serve, tmp_path_factory: pytest.TempPathFactory) -> Iterator[LiveCell]:
+    """A cell that many tests share; each leaves it without a fault."""
+    with live_cell(serve, tmp_path_factory.mktemp("data")) as shared:
+        yield shared
+
+
+def test_a_live_scan_gives_the_true_model_and_replays_to_the_same(
+    cell: LiveCell, finished: Finished, tmp_path: Path
+) -> None:
+    location = cell.start()
+    scan = finished(cell.client, location)
+    assert scan["state"] == "succeeded", scan
+    assert scan["problem"] is None
+    assert scan["progress"]["fraction"] == 1.0
+    assert [view["state"] for view in scan["progress"]["views"]] == ["recorded"] * 8
+    model = cell.client.get(scan["links"]["model"]).json()
+    # The default scene is a figure of eight: one string, one crossing, 0.4 m long.
+    assert len(model["chains"]) == 1
+    assert len(model["crossings"]) == 1
+    assert model["chains"][0]["length_m"] == pytest.approx(0.4, abs=0.006)
+    assert model["crossings"][0]["gap_m"] == pytest.approx(0.0084, abs=0.001)
+
+    recording = cell.client.get(f"/api/recordings/{scan['recording']}").json()
+    assert recording["views"] == 8
+    assert recording["created_at"] == scan["created_at"]  # so that people can tell which scan it is of
+    assert recording["missing"] == []
+    assert scan["calibration_sha256"] == recording["provenance"]["calibration_sha256"] is not None
+    content = cell.client.get(scan["links"]["recording"]).content
+    taken = cell.client.get(scan["links"]["views"]).json()["views"]
+    assert [view["index"] for view in taken] == list(range(8))
+    assert cell.client.get(taken[7]["picture"]).content.startswith(b"\x89PNG")
+    store: Store = cell.client.app.state.context.store
+    row, views = store.scan(scan["id"]), store.views([scan["id"]])
+    for view in views:
+        assert view.offset_bytes is not None
+        assert view.size_bytes is not None
+        piece = content[view.offset_bytes : view.offset_bytes + view.size_bytes]
+        assert hashlib.sha256(piece).hexdigest() == view.sha256
+    assert row is not None
+    assert row.inputs is not None
+    assert row.inputs["views"] == [{"view": view.view, "sha256": view.sha256} for view in views]
+
+    answer = cell.client.post(scan["links"]["reprocess"])
+    again = finished(cell.client, answer.headers["Location"])
+    replayed = cell.client.get(again["links"]["model"]).json()
+    for each in (model, replayed):
+        each.pop("timing_s")
+    assert replayed == model
+
+
+def test_the_cell_tells_what_it_is_made_of(cell: LiveCell) -> None:
+    wait_until(lambda: cell.state()["state"] != "busy")  # the arm is home
+    cell.is_well()
+    assert cell.client.post("/api/viewpoints/plan").status_code == 200
+    state = cell.state()
+    assert (state["state"], state["reason"], state["problem"]) == ("ready", None, None)
+    assert state["robot"]["model"] == "ur5e"
+    assert (state["robot"]["robot_mode"], state["robot"]["safety_mode"]) == ("running", "normal")
+    assert len(state["robot"]["q_rad"]) == 6
+    assert state["camera"]["width"] == 640
+    assert state["calibration"]["sha256"]
+    assert state["viewpoints"] == {"planned": 8, "reachable": 8, "missing": [], "warning": None}
+
+
+def test_while_one_scan_runs_a_second_is_told_which(
+    cell: LiveCell, assert_problem: Problem, finished: Finished
+) -> None:
+    location = cell.start()
+    assert cell.state()["state"] == "busy"  # from its acceptance on, though the arm may not move yet
+    for path, wanted in (("/api/scans", SCAN), ("/api/cell/release", None)):
+        answer = cell.client.post(path, json=wanted)
+        assert_problem(answer, 409, "cell-busy")
+        assert answer.headers["Location"] == location
+    assert finished(cell.client, location)["state"] == "succeeded"
+
+
+def test_what_the_camera_saw_can_be_looked_at_while_the_arm_moves_on(cell: LiveCell) -> None:
+    location = cell.start()
+    cell.wait_for_motion(location)
+    first = cell.client.get(f"{location}/views").json()["views"][0]
+    picture = cell.client.get(first["picture"])
+    scan = cell.client.get(location).json()
+    assert (scan["state"], scan["recording"]) == ("scanning", None)
+    assert picture.content.startswith(b"\x89PNG")
+    assert first["width"] == 640
+    assert cell.client.post(f"{location}/cancel").status_code == 200
+    wait_until(lambda: cell.client.get(location).json()["state"] == "aborted")
+    # Its recording is ended now, and the view is what it was.
+    assert cell.client.get(f"{location}/views").json()["views"][0] == first
+    again = cell.client.get(first["picture"], headers={"If-None-Match": picture.headers["ETag"]})
+    assert again.status_code == 304
+    cell.is_well()
+
+
+def test_a_released_arm_is_free_for_other_programs_until_the_next_scan(cell: LiveCell, finished: Finished) -> None:
+    location = cell.start()
+    assert finished(cell.client, location)["state"] == "succeeded"
+    if (state := cell.state())["state"] == "busy":
+        assert "returns home" in state["reason"]
+    # Asked for on the way home, it waits for the arm to get there.
+    begin = time.monotonic()
+    answer = cell.client.post("/api/cell/release")
+    assert (answer.status_code, answer.json()["state"]) == (200, "not_ready"), answer.text
+    assert answer.json()["problem"] == "urn:pointchain:released"
+    assert not cell.moving()
+    assert cell.controller.state().program_state == "STOPPED"
+    assert cell.events("braking", after_s=begin) == []
+    assert cell.client.post("/api/cell/release").status_code == 200
+    assert finished(cell.client, cell.start())["state"] == "succeeded"
+
+
+def test_the_plan_is_shown_before_anything_is_connected(serve: Serve, tmp_path: Path) -> None:
+    with live_cell(serve, tmp_path / "data") as cell:
+        plan = cell.client.post("/api/viewpoints/plan", json={"views": 4}).json()
+        assert [viewpoint["reason"] for viewpoint in plan["viewpoints"]] == [None] * 4
+        assert math.isfinite(plan["travel_rad"])
+        json.dumps(plan, allow_nan=False)
+        picture = cell.client.get("/api/viewpoints/plan.png?views=4")
+        assert picture.headers["content-type"] == "image/png"
+        assert picture.content.startswith(b"\x89PNG")
+        assert cell.state()["state"] == "not_ready"
+        assert cell.state()["viewpoints"]["reachable"] == 4

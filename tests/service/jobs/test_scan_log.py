@@ -1,0 +1,57 @@
+"""What the log alone tells of a scan: what it was of, how it ended, and why."""
+
+import logging
+import re
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import httpx
+import pytest
+
+from service.processing.worker import RecognitionWorker, TaskFailedError
+from tests.service.conftest import ServedClient, wait_until
+
+Finished = Callable[[httpx.Client, str], dict[str, Any]]
+
+
+@pytest.fixture
+def told(caplog: pytest.LogCaptureFixture) -> Iterator[Callable[[], list[tuple[str, str]]]]:
+    """`told()`: level and message of each line so far, without the time that the scan took."""
+
+    def lines() -> list[tuple[str, str]]:
+        found = [record for record in caplog.records if record.name == "service.jobs.scan_job"]
+        return [(one.levelname, re.sub(r"after \d+\.\d s", "after", one.getMessage())) for one in found]
+
+    with caplog.at_level(logging.INFO, "service.jobs.scan_job"):
+        yield lines
+
+
+def test_a_cancelled_one(
+    client: ServedClient, recording: str, held: int, finished: Finished, told: Callable[[], list[tuple[str, str]]]
+) -> None:
+    location = client.post("/api/scans", json={"mode": "replay", "recording": recording}).headers["Location"]
+    client.post(f"{location}/cancel")
+    scan = finished(client, location)["id"]
+    wait_until(lambda: len(told()) == 2)  # the end is logged once it is stored
+    assert told() == [
+        ("INFO", f"scan {scan} begins: replay of recording {recording}"),
+        ("INFO", f"scan {scan} aborted after: the scan was cancelled"),
+    ]
+
+
+def test_one_that_failed(
+    *,
+    client: ServedClient,
+    recording: str,
+    finished: Finished,
+    told: Callable[[], list[tuple[str, str]]],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def fail(*_: object) -> None:
+        raise TaskFailedError(422, "too-crowded", "there is too much above the table")
+
+    monkeypatch.setattr(RecognitionWorker, "run", fail)
+    location = client.post("/api/scans", json={"mode": "replay", "recording": recording}).headers["Location"]
+    scan = finished(client, location)["id"]
+    wait_until(lambda: len(told()) == 2)
+    assert told()[1:] == [("WARNING", f"scan {scan} failed after: too-crowded: there is too much above the table")]

@@ -1,0 +1,145 @@
+"""What `/metrics` tells is what happened."""
+
+import re
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import httpx
+import pytest
+from prometheus_client import CollectorRegistry
+from prometheus_client.parser import text_string_to_metric_families
+
+from service.logs.request_time import arrived_s, arriving
+from service.metrics.scans import ScanMetrics
+from service.metrics.state import StoreSizes
+from service.processing.view_outcomes import ViewOutcome
+
+Finished = Callable[[httpx.Client, str], dict[str, Any]]
+Values = dict[tuple[str, tuple[tuple[str, str], ...]], float]
+
+
+def values(client: httpx.Client) -> Values:
+    """All samples by their name and labels."""
+    answer = client.get("/metrics")
+    assert answer.status_code == 200
+    assert answer.headers["content-type"] == "text/plain; version=0.0.4; charset=utf-8"
+    return {
+        (sample.name, tuple(sorted(sample.labels.items()))): sample.value
+        for family in text_string_to_metric_families(answer.text)
+        for sample in family.samples
+    }
+
+
+def value(found: Values, name: str, **labels: str) -> float:
+    return found[name, tuple(sorted(labels.items()))]
+
+
+def test_a_scan_is_counted_with_its_stages_and_its_views(
+    client: httpx.Client, recording: str, finished: Finished
+) -> None:
+    before = values(client)
+    answer = client.post("/api/scans", json={"mode": "replay", "recording": recording})
+    scan = finished(client, answer.headers["location"])
+    assert scan["state"] == "succeeded", scan["problem"]
+    client.get(scan["links"]["preview"])  # the next scan may begin behind it: all of this one is told by then
+    after = values(client)
+
+    def more(name: str, **labels: str) -> float:
+        key = name, tuple(sorted(labels.items()))
+        return after[key] - before.get(key, 0.0)
+
+    assert more("pointchain_scans_total", mode="replay", outcome="succeeded") == 1
+    assert more("pointchain_scans_total", mode="live", outcome="succeeded") == 0
+    assert more("pointchain_scan_seconds_count", mode="replay") == 1
+    timing = client.get(scan["links"]["model"]).json()["timing_s"]
+    for stage, seconds in timing.items():
+        assert more("pointchain_recognition_stage_seconds_count", stage=stage) == 1
+        assert more("pointchain_recognition_stage_seconds_sum", stage=stage) == pytest.approx(seconds, abs=1e-3)
+    assert more("pointchain_registration_correction_metres_count") == 4
+    assert more("pointchain_registration_correction_radians_count") == 4
+    assert more("pointchain_http_requests_total", method="POST", route="/api/scans", status="202") == 1
+    # By the template: no id is ever a label.
+    assert more("pointchain_http_requests_total", method="GET", route="/api/scans/{id}", status="200") >= 1
+    assert not any(scan["id"] in str(labels) for _, labels in after)
+
+
+def test_an_address_that_nobody_knows_is_one_label(client: httpx.Client) -> None:
+    before = len(values(client))
+    for number in range(20):
+        client.get(f"/api/nothing-{number}")
+        client.request(f"WHAT{number}", "/api/scans")
+    after = values(client)
+    told = [key for key in after if "nothing-" in str(key) or "WHAT" in str(key)]
+    assert told == []
+    assert len(after) - before < 100
+
+
+def test_the_state_of_all_is_told_without_asking_anybody(client: httpx.Client) -> None:
+    found = values(client)
+    state = client.get("/api/cell").json()["state"]
+    assert value(found, "pointchain_cell_state", state=state) == 1
+    assert sum(v for (name, _), v in found.items() if name == "pointchain_cell_state") == 1
+    assert value(found, "pointchain_event_streams_open") == 0
+    assert value(found, "pointchain_data_free_bytes") > 0
+    assert value(found, "pointchain_store_bytes", kind="database") > 0
+    assert value(found, "pointchain_recognition_restarts_total") >= 0
+    assert value(found, "process_resident_memory_bytes") > 0
+    (build,) = [dict(labels) for name, labels in found if name == "pointchain_build_info"]
+    assert re.fullmatch(r"\d+\.\d+.*", build["version"])
+    # Names say their unit, and none is given twice.
+    ours = {name for name, _ in found if name.startswith("pointchain_")}
+    units = re.compile(r"_(seconds|metres|radians|bytes)(_bucket|_sum|_count|_created)?$|_(total|created|info)$")
+    plain = {"pointchain_cell_state", "pointchain_robot_mode", "pointchain_robot_safety_mode"}
+    assert {name for name in ours if not units.search(name)} - plain <= {
+        "pointchain_event_streams_open",
+        "pointchain_arm_moving",
+    }
+
+
+def test_a_stop_is_timed_from_the_arrival_of_its_request(client: httpx.Client) -> None:
+    before = values(client)
+    assert client.post("/api/cell/stop").status_code == 200
+    after = values(client)
+    assert value(after, "pointchain_stop_seconds_count") == value(before, "pointchain_stop_seconds_count") + 1
+    with arriving() as at:
+        assert arrived_s() == at
+    assert arrived_s() > at
+
+
+def test_views_that_were_not_used_are_counted_by_their_reason() -> None:
+    registry = CollectorRegistry()
+    metrics = ScanMetrics(registry)
+    assert registry.get_sample_value("pointchain_view_failures_total", {"reason": "camera"}) == 0
+    metrics.missing("camera")
+    metrics.recorded()
+    views = (
+        ViewOutcome(0, None, 0.0004, 0.003),
+        ViewOutcome(1, "contradicting", None, None),
+        ViewOutcome(2, "nothing_seen", None, None),
+    )
+    metrics.recognised({"registration": 0.3, "made-up": 1.0}, views)
+
+    def told(name: str, **labels: str) -> float | None:
+        return registry.get_sample_value(name, labels)
+
+    for reason in ("camera", "contradicting", "nothing_seen"):
+        assert told("pointchain_view_failures_total", reason=reason) == 1
+    assert told("pointchain_views_total", result="left_out") == 2
+    assert told("pointchain_views_total", result="missing") == told("pointchain_views_total", result="recorded") == 1
+    assert told("pointchain_registration_correction_metres_sum") == pytest.approx(0.0004)
+    assert told("pointchain_recognition_stage_seconds_sum", stage="other") == 1.0
+    metrics.ended("live", "aborted", 3.0)
+    assert told("pointchain_scans_total", mode="live", outcome="aborted") == 1
+    assert told("pointchain_scan_seconds_count", mode="live") is None  # nothing came of it
+
+
+def test_sizes_are_of_what_is_there(tmp_path: Path) -> None:
+    for name in ("recordings/a.mcap", "scans/s1/model.json", "pointchain.sqlite3", "pointchain.sqlite3-wal"):
+        path = tmp_path / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_bytes(b"x" * 10)
+    sizes = StoreSizes(tmp_path)
+    assert sizes.latest() == {"database": 20, "recordings": 10, "results": 10}
+    (tmp_path / "recordings" / "b.mcap").write_bytes(b"x")
+    assert sizes.latest()["recordings"] == 10  # looked at once a minute

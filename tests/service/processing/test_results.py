@@ -1,0 +1,127 @@
+"""From a recording to the files of a result, without HTTP."""
+
+import io
+import json
+from pathlib import Path
+
+import matplotlib.image
+import numpy as np
+import pytest
+
+from recognition.errors import InvalidParametersError
+from recognition.grasping.gripper import Gripper
+from recognition.model.chains import Chain, Crossing, StrandPoint
+from recognition.model.model import PointChainModel
+from recognition.parameters import ChainParameters
+from recognition.pipeline import STAGES, stages_of
+from service.processing.preview import draw_preview
+from service.processing.results import (
+    DONE_BEFORE,
+    READING,
+    WRITING,
+    check_radius,
+    merged_cloud,
+    recognise_recording,
+    to_ply,
+    write_results,
+)
+
+
+def test_the_radius_asked_for_goes_before_the_recorded_one() -> None:
+    assert check_radius(0.003, 0.0042) == 0.003
+    assert check_radius(None, 0.0042) == 0.0042
+
+
+def test_a_radius_that_nobody_knows_is_left_to_be_measured() -> None:
+    assert check_radius(None, None) is None
+
+
+@pytest.mark.parametrize(("asked", "recorded"), [(-1.0, 0.0042), (4.2, None), (None, 0.1), (0.0, None)])
+def test_a_radius_of_no_string_is_refused(asked: float | None, recorded: float | None) -> None:
+    with pytest.raises(InvalidParametersError):
+        check_radius(asked, recorded)
+
+
+def test_a_recording_becomes_the_files_of_a_result(recording_file: Path, tmp_path: Path) -> None:
+    told: list[str] = []
+    recognition = recognise_recording(recording_file, on_stage=told.append)
+    assert told == [READING, *stages_of("graph")]
+    outcome = write_results(recognition, tmp_path / "out")
+    assert (outcome.chains, outcome.crossings, outcome.partial) == (1, 0, False)
+
+    written = json.loads((tmp_path / "out" / "model.json").read_text())
+    assert written == json.loads(json.dumps(recognition.model.to_json()))
+    # It lies free: it can be taken all along, 5 mm apart, but for the fingers' width at the ends.
+    assert len(written["grasps"]) > 70
+    # The scene is one string of 0.4 m and r = 4.2 mm on the table: what an eye would check.
+    (chain,) = written["chains"]
+    assert chain["length_m"] == pytest.approx(0.4, abs=0.012)
+    assert np.median(np.array(chain["points"])[:, 2]) == pytest.approx(0.0042, abs=0.001)
+
+    import open3d
+
+    cloud = np.asarray(open3d.io.read_point_cloud(tmp_path / "out" / "cloud.ply").points)
+    # float32 of coordinates below a metre.
+    np.testing.assert_allclose(cloud, merged_cloud(recognition), atol=1e-7)
+    assert len(cloud) > 500
+
+
+def test_a_gripper_too_small_for_the_string_is_said(recording_file: Path) -> None:
+    model = recognise_recording(recording_file, gripper=Gripper(stroke_m=0.008)).model
+    assert model.grasps == ()
+    assert any("the gripper opens 8.0 mm" in warning for warning in model.quality.warnings)
+
+
+def test_what_is_missing_from_the_file_is_said(recording_file: Path, tmp_path: Path) -> None:
+    content = recording_file.read_bytes()
+    cut = tmp_path / "cut.mcap"
+    cut.write_bytes(content[: len(content) * 3 // 4])
+    model = recognise_recording(cut).model
+    assert any("the file ends" in warning for warning in model.quality.warnings)
+
+
+def test_the_shares_of_time_cover_all_stages_and_rise() -> None:
+    assert tuple(DONE_BEFORE) == (READING, *STAGES, WRITING)
+    shares = list(DONE_BEFORE.values())
+    assert shares == sorted(shares)
+    assert 0 <= shares[0] <= shares[-1] < 1
+
+
+def test_an_empty_cloud_is_a_valid_file() -> None:
+    content = to_ply(np.zeros((0, 3)))
+    assert b"element vertex 0\n" in content
+    assert content.endswith(b"end_header\n")
+
+
+def crossed_model() -> PointChainModel:
+    """A string along x and one along y over it."""
+    line = np.linspace(-0.1, 0.1, 51)
+    flat, n = np.zeros_like(line), len(line)
+    sure, seen = np.full(n, 1e-4), np.full(n, 4)
+    under = Chain(0, False, 0.004, np.column_stack([line, flat, flat + 0.004]), sure, seen, ("free", "free"))
+    over = Chain(1, False, 0.004, np.column_stack([flat, line, flat + 0.012]), sure, seen, ("free", "free"))
+    crossing = Crossing(0, np.array([0, 0, 0.008]), StrandPoint(1, 0.1), StrandPoint(0, 0.1), 0.008, np.pi / 2, 1, 0.9)
+    return PointChainModel("enhanced", ChainParameters.for_radius(0.004), (under, over), (crossing,))
+
+
+def picture(model: PointChainModel, points: np.ndarray) -> np.ndarray:
+    return matplotlib.image.imread(io.BytesIO(draw_preview(model, points)), format="png")[..., :3]
+
+
+def test_the_preview_breaks_the_strand_below() -> None:
+    pixels = picture(crossed_model(), np.zeros((0, 3)))
+    assert pixels.shape == (600, 800, 3)
+    coloured = np.ptp(pixels, axis=2) > 0.3
+    rows, columns = np.nonzero(coloured)
+    # The strands cross in the middle of the coloured area. Neither the label nor the dot is near there.
+    row, column = (rows.min() + rows.max()) // 2, (columns.min() + columns.max()) // 2
+    gap = slice(column - 11, column - 6)
+    assert coloured[row - 40 : row - 20, column - 5 : column + 5].any(), "the over strand runs up to the crossing"
+    assert not coloured[row - 3 : row + 4, gap].any(), "the under strand is broken beside it"
+    assert coloured[row - 3 : row + 4, column - 80 : column - 60].any(), "and goes on further away"
+
+
+def test_a_preview_of_nothing_is_a_picture_too() -> None:
+    empty = PointChainModel("enhanced", ChainParameters.for_radius(0.004))
+    pixels = picture(empty, np.zeros((0, 3)))
+    assert pixels.min() < 0.1  # it says that there is nothing

@@ -1,0 +1,50 @@
+"""Headers of answers."""
+
+import httpx
+import pytest
+
+from service.storage.store import Store
+from tests.service.conftest import ServedClient
+
+
+def has_headers(answer: httpx.Response) -> None:
+    assert answer.headers["x-content-type-options"] == "nosniff"
+    assert answer.headers["x-frame-options"] == "DENY"
+    assert answer.headers["referrer-policy"] == "no-referrer"
+    assert answer.headers["cross-origin-opener-policy"] == "same-origin"
+    assert answer.headers["cross-origin-resource-policy"] == "same-origin"
+    assert answer.headers["content-security-policy"].startswith("default-src 'self'; ")
+    assert "server" not in answer.headers
+
+
+def test_every_answer_has_them(client: ServedClient, monkeypatch: pytest.MonkeyPatch) -> None:
+    for path in ("/api/cell", "/healthz", "/docs", "/api/none", "/api/scans/x", "/api/scans?token=x"):
+        answer = client.get(path)
+        has_headers(answer)
+        assert answer.headers["cache-control"] == "no-store"
+    has_headers(client.get("/healthz", headers={"Host": "evil.example"}))
+
+    def fail(*_: object, **__: object) -> None:
+        raise RuntimeError("on purpose")
+
+    monkeypatch.setattr(Store, "scan", fail)
+    unexpected = client.get("/api/scans/x")
+    assert unexpected.status_code == 500
+    has_headers(unexpected)
+    assert unexpected.headers["cache-control"] == "no-store"
+    assert unexpected.headers["connection"] == "close"  # as it is
+
+
+def test_a_file_is_asked_for_again_before_it_is_shown_from_a_cache(client: ServedClient, recording: str) -> None:
+    answer = client.get(f"/api/recordings/{recording}/file")
+    assert answer.headers["cache-control"] == "no-cache"
+    assert answer.headers["etag"]
+    has_headers(answer)
+
+
+def test_scripts_come_from_files_only(client: ServedClient) -> None:
+    for path in ("/docs", "/api/cell"):
+        policy = client.get(path).headers["content-security-policy"]
+        assert "script-src" not in policy
+        assert "unsafe-eval" not in policy
+    assert "style-src 'self' 'unsafe-inline'" in client.get("/docs").headers["content-security-policy"]

@@ -1,0 +1,116 @@
+"""What the store says from moment to moment, and whether it may say that behind what it said before."""
+
+import json
+import sqlite3
+from contextlib import closing
+from pathlib import Path
+from typing import Any
+
+from service.api.schemas.scans import ACTIVE_STATES
+from service.integrity.recording_check import acknowledged, lost_views
+from service.storage.data_folder import DATABASE
+from service.storage.rows import ViewRow
+
+STARTS = ("queued",)
+ENDS = ("stopping", "failed", "aborted", "interrupted")
+NEXT: dict[str, tuple[str, ...]] = {
+    "queued": ("preflight", "processing", *ENDS),
+    "preflight": ("scanning", *ENDS),
+    "scanning": ("processing", *ENDS),
+    "processing": ("succeeded", "partial", *ENDS),
+    "stopping": ("failed", "aborted", "interrupted"),
+}
+"""The states that may follow a state; none follows a final one."""
+SCANS = "SELECT id, mode, state, stage, fraction, started_at, ended_at, summary, problem, recording, kept FROM scans"
+
+
+class Journal:
+    """Of one data folder, over restarts of its service."""
+
+    def __init__(self, data: Path) -> None:
+        self._data = data
+        self.scans: dict[str, dict[str, Any]] = {}
+        """By id, as last seen."""
+        self._states: dict[str, str] = {}
+        """The last state that an event told of."""
+        self._views: dict[tuple[str, int], ViewRow] = {}
+        """All acknowledged ones."""
+        self._newest = 0
+
+    @property
+    def active(self) -> list[str]:
+        """The scans that have not ended, as last seen."""
+        return [key for key, scan in self.scans.items() if scan["state"] in ACTIVE_STATES]
+
+    @property
+    def ended(self) -> list[str]:
+        """Those that have."""
+        return [key for key, scan in self.scans.items() if scan["state"] not in ACTIVE_STATES]
+
+    def look(self, removing: bool = False) -> None:
+        """Reads what is new, all of one moment, and checks it. `removing`: old scans may be gone since."""
+        with closing(sqlite3.connect(f"file:{self._data / DATABASE}?mode=ro", uri=True)) as db:
+            db.row_factory = sqlite3.Row
+            db.execute("BEGIN")
+            scans = {row["id"]: dict(row) for row in db.execute(SCANS)}
+            events = db.execute("SELECT * FROM events WHERE id > ? ORDER BY id", (self._newest,)).fetchall()
+            views = [ViewRow(**dict(row)) for row in db.execute("SELECT * FROM views")]
+        self._check_scans(scans, removing)
+        self._check_events(events, removing)
+        for key, scan in scans.items():
+            assert self._states[key] == scan["state"], (
+                f"scan {key} is {scan['state']}, by its events {self._states[key]}"
+            )
+        self.scans = scans
+        self._check_views(views)
+
+    def event_ids(self, scan: str) -> list[int]:
+        """Of all events of a scan."""
+        with closing(sqlite3.connect(f"file:{self._data / DATABASE}?mode=ro", uri=True)) as db:
+            return [row[0] for row in db.execute("SELECT id FROM events WHERE scan = ? ORDER BY id", (scan,))]
+
+    def check_files(self) -> None:
+        """Every view that was ever acknowledged is on the disk, with its bytes."""
+        for scan in {view.scan for view in self._views.values()}:
+            self._check_file([view for view in self._views.values() if view.scan == scan])
+
+    def _check_scans(self, scans: dict[str, dict[str, Any]], removing: bool) -> None:
+        for key, before in self.scans.items():
+            now = scans.get(key)
+            if now is None:
+                assert removing, f"scan {key} is gone"
+                assert not before["kept"], f"scan {key} was to be kept"
+                del self._states[key]
+                self._views = {of: view for of, view in self._views.items() if of[0] != key}
+            elif before["state"] not in ACTIVE_STATES:
+                same = {name: before[name] for name in before if name != "kept"}
+                # A live scan's recording may be read only when the disk lets it; from then on it stays.
+                if before["recording"] is None:
+                    del same["recording"]
+                assert same.items() <= now.items(), f"scan {key} had ended as {before}, and is {now}"
+        active = [key for key, scan in scans.items() if scan["state"] in ACTIVE_STATES]
+        assert len(active) <= 1, f"more than one scan is under way: {active}"
+
+    def _check_events(self, events: list[sqlite3.Row], removing: bool) -> None:
+        for event in events:
+            assert removing or event["id"] == self._newest + 1, f"no event between {self._newest} and {event['id']}"
+            self._newest = event["id"]
+            last, data = self._states.get(event["scan"]), json.loads(event["data"])
+            if event["kind"] == "state" and last != data["state"]:
+                may_follow = STARTS if last is None else NEXT.get(last, ())
+                assert data["state"] in may_follow, f"scan {event['scan']} went from {last} to {data['state']}"
+                self._states[event["scan"]] = data["state"]
+            else:
+                assert last in NEXT, f"scan {event['scan']} is {last}, and an event tells of {event['kind']} {data}"
+
+    def _check_views(self, views: list[ViewRow]) -> None:
+        now = {(view.scan, view.view): view for view in acknowledged(views)}
+        for key, view in self._views.items():
+            assert now.get(key) == view, f"view {key} was acknowledged as {view}, and is {now.get(key)}"
+        for key in now.keys() - self._views.keys():
+            self._check_file([now[key]])
+        self._views = now
+
+    def _check_file(self, views: list[ViewRow]) -> None:
+        _, lost = lost_views(self._data / "recordings" / f"{views[0].scan}.mcap", views)
+        assert not lost, f"acknowledged, and not on the disk: {lost}"

@@ -1,0 +1,353 @@
+"""Events of scans: written with the rows, in order, and from wherever one goes on, the whole is the same."""
+
+import asyncio
+import json
+import random
+import threading
+from collections.abc import AsyncIterator, Callable, Iterator
+from contextlib import aclosing, closing
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+from unittest.mock import patch
+
+import httpx
+import pytest
+from anyio import to_thread
+
+from calibration.atomic_write import write_synced
+from service.api.schemas.scan_resource import scan_resource
+from service.api.server_sent_events import scan_stream
+from service.jobs.new_rows import NOBODY, new_scan
+from service.storage.data_folder import DataFolder
+from service.storage.event_log import MOST_BEHIND, Change, Present, ScanEvent, UnknownEventError
+from service.storage.store import Store
+from tests.service.conftest import ServedClient
+from tests.service.following import Told, folded, following, told
+
+AssertProblem = Callable[[httpx.Response, int, str], str]
+ABORTED = {"type": "urn:pointchain:aborted", "title": "It was cancelled", "status": 409, "detail": "so"}
+
+
+@pytest.fixture
+def store(tmp_path: Path) -> Iterator[Store]:
+    with closing(DataFolder(tmp_path)) as folder, closing(Store(folder)) as store:
+        yield store
+
+
+def add_scan(store: Store) -> str:
+    scan = new_scan("live", "graph", None, NOBODY)
+    store.add_scan(scan)
+    return scan.id
+
+
+def whole(store: Store, scan_id: str) -> Told:
+    present = store.events.present(scan_id)
+    assert present is not None
+    return Told("scan", str(present.newest), scan_resource(present.scan, present.views).model_dump())
+
+
+def behind(store: Store, scan_id: str, last: int = 0) -> list[ScanEvent]:
+    found = store.events.behind(scan_id, last)
+    assert found is not None
+    return found.events
+
+
+def as_told(events: list[ScanEvent]) -> list[Told]:
+    return [Told(event.kind, str(event.id), json.loads(event.text)) for event in events]
+
+
+def test_each_change_has_its_event(store: Store) -> None:
+    scan = add_scan(store)
+    store.update_scan(scan, state="scanning", started_at="2026-01-02T03:04:05.678Z")
+    store.set_view(scan, 2, "moving")
+    store.set_view(scan, 2, "recorded")
+    store.update_scan(scan, stage="views", fraction=0.5)
+    store.set_view(scan, 3, "moving")
+    store.update_scan(scan, inputs={"method": "graph"})  # what is not told of a scan is no event
+    store.update_scan(scan, ("processing",), stage="no such")  # nor is what was not done
+    store.end_scan(scan, "failed", {"type": "urn:pointchain:robot-lost", "title": "", "status": 503, "detail": "gone"})
+    store.end_scan(scan, "aborted", {"type": "urn:pointchain:aborted"})
+    assert not store.update_scan(scan, fraction=0.9)
+
+    events = behind(store, scan)
+    kinds = [(event.kind, event.data.get("state"), event.data.get("index")) for event in events]
+    assert kinds == [
+        ("state", "queued", None),
+        ("state", "scanning", None),
+        ("view", "moving", 2),
+        ("view", "recorded", 2),
+        ("progress", None, None),
+        ("view", "moving", 3),
+        ("view", "missing", 3),
+        ("state", "failed", None),
+    ]
+    assert [event.id for event in events] == list(range(1, 9))
+    assert [event.final for event in events] == [False] * 7 + [True]
+    assert events[4].data == {"stage": "views", "fraction": 0.5}
+    assert events[6].data["reason"]
+    assert events[7].data["problem"]["detail"] == "gone"
+    assert json.loads(events[1].text) == {name: vars(events[1])[name] for name in ("id", "scan", "at", "kind", "data")}
+
+
+def test_a_result_and_its_event_come_together(store: Store) -> None:
+    scan = add_scan(store)
+    results = store.folder.incoming(scan)
+    results.mkdir()
+    write_synced(results / "model.json", b"{}")
+    store.finish_scan(scan, "succeeded", {"chains": 1, "crossings": 0, "warnings": [], "partial": False}, results)
+    (*_, last) = behind(store, scan)
+    assert last.final
+    assert last.data["summary"] == {"chains": 1, "crossings": 0, "warnings": []}
+    assert last.data["fraction"] == 1.0
+
+
+def test_what_could_not_be_written_is_not_told(store: Store) -> None:
+    scan = add_scan(store)
+
+    async def changes() -> None:
+        with store.events.hub.following(scan) as news:
+            for change in (
+                lambda: store.update_scan(scan, state="scanning"),
+                lambda: store.set_view(scan, 0, "moving"),
+                lambda: store.end_scan(scan, "aborted", {}),
+            ):
+                with (
+                    patch.object(Change, "_note", side_effect=OSError("the disk")),
+                    pytest.raises(OSError, match="the disk"),
+                ):
+                    change()
+            assert await news.next(0.05) is None
+
+    asyncio.run(changes())
+    present = store.events.present(scan)
+    assert present is not None
+    assert (present.scan.state, present.views, present.newest) == ("queued", [], 1)
+    store.update_scan(scan, state="scanning")
+    assert [event.id for event in behind(store, scan)] == [1, 2]  # without a gap
+
+
+def test_an_event_is_on_the_disk_before_anybody_is_told(store: Store, tmp_path: Path) -> None:
+    scan, told_ids = add_scan(store), []
+
+    def publish(_: str, event: ScanEvent) -> None:
+        with closing(Store(store.folder)) as another:
+            told_ids.append((event.id, [one.id for one in behind(another, scan)][-1]))
+
+    with patch.object(store.events.hub, "publish", publish):
+        store.set_view(scan, 0, "moving")
+        store.update_scan(scan, state="scanning")
+    assert told_ids == [(2, 2), (3, 3)]
+
+
+def test_from_every_event_on_the_whole_is_the_same(store: Store) -> None:
+    scan, wholes = add_scan(store), []
+    for number in range(6):
+        wholes.append(whole(store, scan))
+        store.set_view(scan, number // 2, "recorded" if number % 2 else "moving")
+        wholes.append(whole(store, scan))
+        store.update_scan(scan, stage="views", fraction=number / 6)
+        add_scan(store)  # others have events in between
+    store.end_scan(scan, "aborted", ABORTED)
+    for before in wholes:
+        after = as_told(behind(store, scan, int(before.id)))
+        assert folded([before, *after]) == folded([whole(store, scan)])
+
+
+def test_events_that_never_were_and_events_that_are_gone(store: Store) -> None:
+    scan, other = add_scan(store), add_scan(store)
+    store.update_scan(scan, state="scanning")
+    for last in (4, 2**62):
+        with pytest.raises(UnknownEventError, match="no event"):
+            store.events.behind(scan, last)
+        with pytest.raises(UnknownEventError, match="no event"):
+            store.events.all_behind(last)
+    with pytest.raises(UnknownEventError, match="not of this scan"):
+        store.events.behind(scan, 2)
+    everything = store.events.all_behind(0)
+    assert everything is not None
+    assert [event.scan for event in everything] == [scan, other, scan]
+    with store.database.transaction() as db:
+        db.execute("DELETE FROM events WHERE scan = ?", (other,))
+    assert store.events.all_behind(0) is None
+    assert store.events.all_behind(2) is not None
+    assert store.events.behind(scan, 2) is None
+    assert store.events.newest() == 3
+    assert store.events.present("no-such") is None
+    with store.database.transaction() as db:
+        db.execute("DELETE FROM events")
+    assert store.events.newest() == 3
+    assert store.events.all_behind(2) is None
+
+
+def test_too_many_events_of_all_scans_are_not_told_one_by_one(store: Store) -> None:
+    scan = add_scan(store)
+    with store.events.changing() as change:
+        for _ in range(MOST_BEHIND):
+            change.progress(scan)
+    assert store.events.all_behind(0) is None
+    found = store.events.all_behind(1)
+    assert found is not None
+    assert len(found) == MOST_BEHIND
+
+
+def test_interrupted_at_the_next_start_is_an_event_too(store: Store) -> None:
+    scan = add_scan(store)
+    store.set_view(scan, 0, "moving")
+    store.interrupt_unfinished()
+    assert [event.data["state"] for event in behind(store, scan, 2)] == ["missing", "interrupted"]
+
+
+def test_no_gap_and_none_twice_while_all_is_changing(store: Store) -> None:
+    """Three scans, each changed by two threads; 21 followers that leave and come back anywhere."""
+    scans, chance = [add_scan(store) for _ in range(3)], random.Random(5)
+
+    def change(scan: str, thread: int) -> None:
+        for number in range(40):
+            if number % 3:
+                store.set_view(scan, 8 * thread + number % 8, "recorded" if number % 2 else "moving")
+            else:
+                store.update_scan(scan, stage=f"{thread}", fraction=number / 40)
+
+    def change_all(scan: str) -> None:
+        halves = [threading.Thread(target=change, args=(scan, half)) for half in range(2)]
+        for half in halves:
+            half.start()
+        for half in halves:
+            half.join()
+        store.end_scan(scan, "aborted", ABORTED)
+
+    async def follow(scan: str) -> list[Told]:
+        """The whole, and all changes since, through as many connections as it takes."""
+        found: list[Told] = []
+        while not found or not final(found[-1]):
+            async for event in once(scan, int(found[-1].id) if found else None):
+                found.append(event)
+                if chance.random() < 0.05:
+                    break
+        return found
+
+    async def once(scan: str, last: int | None) -> AsyncIterator[Told]:
+        events = store.events
+        with events.hub.following(scan) as news:
+            if last is None:
+                begin = await to_thread.run_sync(events.present, scan)
+            else:
+                begin = await to_thread.run_sync(events.behind, scan, last)
+            assert begin is not None
+            seen = begin.newest if isinstance(begin, Present) else last or 0
+            async with aclosing(scan_stream(events, scan, news, begin, "scan", seen)) as stream:
+                async for chunk in stream:
+                    if (event := parsed(chunk)) is not None:
+                        yield event
+
+    async def all_of_it() -> list[tuple[str, list[Told]]]:
+        followers = [(scan, asyncio.create_task(follow(scan))) for scan in scans for _ in range(7)]
+        writers = [asyncio.create_task(asyncio.to_thread(change_all, scan)) for scan in scans]
+        found = [(scan, await follower) for scan, follower in followers]
+        await asyncio.gather(*writers)
+        return found
+
+    for scan, (first, *changes) in asyncio.run(asyncio.wait_for(all_of_it(), 120)):
+        assert first.kind == "scan"
+        ids, written = [int(event.id) for event in changes], [event.id for event in behind(store, scan)]
+        assert ids == written[written.index(int(first.id)) + 1 :]
+        assert folded([first, *changes]) == folded([whole(store, scan)])
+
+
+def parsed(chunk: bytes) -> Told | None:
+    fields = dict(line.split(": ", 1) for line in chunk.decode().splitlines() if line)
+    return Told(fields["event"], fields.get("id", ""), json.loads(fields["data"])) if "data" in fields else None
+
+
+def final(event: Told) -> bool:
+    return event.kind == "state" and event.data["data"]["state"] == "aborted"
+
+
+@dataclass(frozen=True)
+class Done:
+    """A scan that was followed from its beginning to its end."""
+
+    path: str
+    events: list[Told]
+    document: dict[str, Any]
+
+
+@pytest.fixture(scope="module")
+def done(client: httpx.Client, recording_file: Path) -> Done:
+    recording = client.post("/api/recordings", content=recording_file.read_bytes()).json()["id"]
+    scan = client.post("/api/scans", json={"mode": "replay", "recording": recording}).json()
+    events = told(client, scan["links"]["events"])
+    return Done(scan["links"]["events"], events, client.get(scan["links"]["self"]).json())
+
+
+def test_a_scan_is_followed_to_its_end(client: httpx.Client, done: Done) -> None:
+    first, *changes = done.events
+    assert first.kind == "scan"
+    assert {change.kind for change in changes} == {"state", "progress"}
+    assert changes[-1].data["data"]["state"] == done.document["state"] == "succeeded"
+    ids = [int(event.id) for event in done.events]
+    assert ids == sorted(set(ids))
+    for change in changes:
+        assert change.data.keys() == {"id", "scan", "at", "kind", "data"}
+        told_of = tuple(change.data[name] for name in ("id", "scan", "kind"))
+        assert told_of == (int(change.id), done.document["id"], change.kind)
+    # By now all of it is in the whole.
+    assert told(client, done.path) == [Told("scan", changes[-1].id, done.document)]
+    assert folded(done.events) == folded([Told("scan", "", done.document)])
+
+
+def test_it_can_be_followed_from_every_event_on(client: httpx.Client, done: Done) -> None:
+    for number, event in enumerate(done.events[:-1]):
+        assert told(client, done.path, event.id) == done.events[number + 1 :]
+    # Whoever has seen the end and asks again is told that there is no more: a browser stops asking then.
+    assert client.get(done.path, headers={"Last-Event-ID": done.events[-1].id}).status_code == 204
+
+
+def test_everything_is_followed(client: httpx.Client, done: Done) -> None:
+    with following(client, "/api/events") as events:
+        cell = next(events)
+        assert cell.kind == "cell"
+        assert cell.data == {name: client.get("/api/cell").json()[name] for name in ("state", "problem", "reason")}
+        wish = {"mode": "replay", "recording": done.document["recording"]}
+        scan = client.post("/api/scans", json=wish).json()
+        changes = [next(events)]
+        while changes[-1].data["data"].get("state") != "succeeded":
+            changes.append(next(events))
+    assert {change.data["scan"] for change in changes} == {scan["id"]}
+    assert [int(change.id) for change in changes] == list(range(int(cell.id) + 1, int(changes[-1].id) + 1))
+    with following(client, "/api/events", last=cell.id) as events:
+        assert next(events) == cell
+        assert [next(events) for _ in changes] == changes
+
+
+def test_what_a_stream_says_of_itself(client: httpx.Client, done: Done) -> None:
+    answer = client.get(done.path)
+    assert answer.headers["content-type"] == "text/event-stream; charset=utf-8"
+    assert answer.headers["cache-control"] == "no-store"
+    assert answer.headers["x-accel-buffering"] == "no"
+    assert answer.text.startswith("retry: 2000\n\n")
+
+
+@pytest.mark.parametrize("last", ["", "abc", "-1", "1.5", str(2**63), str(2**70)])
+def test_an_event_id_that_is_none_is_refused(
+    client: httpx.Client, done: Done, assert_problem: AssertProblem, last: str
+) -> None:
+    for path in (done.path, "/api/events"):
+        assert_problem(client.get(path, headers={"Last-Event-ID": last}), 422, "invalid-request")
+
+
+def test_an_event_that_never_was_is_refused(client: httpx.Client, done: Done, assert_problem: AssertProblem) -> None:
+    for path in (done.path, "/api/events"):
+        for last in (10**6, 2**63 - 1):
+            assert_problem(client.get(path, headers={"Last-Event-ID": str(last)}), 422, "event-unknown")
+    assert_problem(client.get("/api/scans/no-such/events"), 404, "scan-not-found")
+
+
+def test_whose_last_event_is_gone_begins_with_the_present(client: ServedClient, done: Done) -> None:
+    database = client.app.state.context.store.database
+    with database.transaction() as db:
+        db.execute("DELETE FROM events WHERE id = ?", (done.events[1].id,))
+    assert told(client, done.path, done.events[1].id) == [Told("resync", done.events[-1].id, done.document)]
+    with following(client, "/api/events", last=0) as events:
+        assert next(events).kind == "resync"

@@ -1,0 +1,68 @@
+"""A fault is the cell's again after a restart, until a person has acknowledged it."""
+
+import sqlite3
+from collections.abc import Iterator
+from contextlib import closing
+from pathlib import Path
+
+import pytest
+
+from cell.config.arm_config import SimulatedArm
+from cell.config.cell_config import CellSettings
+from cell.control.cell import Cell
+from cell.control.status import CellStatus
+from service.storage.database import Database
+from service.storage.fault_memory import FaultMemory
+from tests.service.conftest import wait_until
+
+
+@pytest.fixture
+def database(tmp_path: Path) -> Iterator[Database]:
+    with closing(Database(tmp_path / "pointchain.sqlite3")) as database:
+        yield database
+
+
+def stored(database: Database) -> list[tuple[str, str]]:
+    return database.all(lambda row: (row["slug"], row["reason"]), "SELECT slug, reason FROM cell_fault")
+
+
+def after_restart(database: Database) -> CellStatus:
+    cell = Cell(CellSettings(arm=SimulatedArm()))
+    with closing(cell), closing(FaultMemory(database, cell)):
+        return cell.status
+
+
+def test_a_fault_outlives_the_service(database: Database) -> None:
+    cell = Cell(CellSettings(arm=SimulatedArm()))
+    with closing(cell):
+        told: list[str] = []
+        memory = FaultMemory(database, cell, told.append)
+        cell.restore_fault("robot-lost", "look at the cell")
+        cell.close()  # no acknowledgement
+        memory.close()
+        assert told == ["robot-lost"]
+        assert stored(database) == [("robot-lost", "look at the cell")]
+    status = after_restart(database)
+    assert (status.state, status.slug, status.reason) == ("fault", "robot-lost", "look at the cell")
+    assert stored(database) == [("robot-lost", "look at the cell")]
+
+
+def test_what_was_acknowledged_is_forgotten(database: Database) -> None:
+    cell = Cell(CellSettings(arm=SimulatedArm()))
+    with closing(cell), closing(FaultMemory(database, cell)):
+        cell.restore_fault("robot-lost", "look at the cell")
+        wait_until(lambda: stored(database) != [])
+        cell._status.change(state="not_ready", slug="not-connected", reason="acknowledged")
+        wait_until(lambda: stored(database) == [])
+    assert after_restart(database).state == "not_ready"
+
+
+def test_a_locked_database_delays_nobody_and_learns_of_it_later(database: Database, tmp_path: Path) -> None:
+    cell = Cell(CellSettings(arm=SimulatedArm()))
+    with closing(cell), closing(FaultMemory(database, cell)):
+        with closing(sqlite3.connect(tmp_path / "pointchain.sqlite3", isolation_level=None)) as other:
+            other.execute("BEGIN IMMEDIATE")
+            cell.restore_fault("protective-stop", "look at the cell")  # returns at once: the lock is ours
+            assert stored(database) == []
+            other.execute("ROLLBACK")
+        wait_until(lambda: stored(database) == [("protective-stop", "look at the cell")])

@@ -1,0 +1,189 @@
+"""Requests that are sent again: never a second scan. And many at once: never two scans."""
+
+import os
+import signal
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import closing
+from pathlib import Path
+from typing import Any
+
+import httpx
+import pytest
+
+from service.api.schemas.scans import LiveScan, Reprocess
+from service.jobs.new_rows import NOBODY, Asked, new_scan
+from service.problems.document import ProblemError
+from service.storage.data_folder import DataFolder
+from service.storage.idempotency_keys import WISH_S, IdempotencyKeys, Key, body_hash
+from service.storage.rows import ScanRow
+from service.storage.store import Store
+
+AssertProblem = Callable[[httpx.Response, int, str], str]
+Finished = Callable[[httpx.Client, str], dict[str, Any]]
+
+AT_ONCE = 50
+
+
+def wish(recording: str, **more: Any) -> dict[str, Any]:
+    return {"mode": "replay", "recording": recording, **more}
+
+
+def post(client: httpx.Client, body: dict[str, Any], key: str | None = None) -> httpx.Response:
+    return client.post("/api/scans", json=body, headers={} if key is None else {"Idempotency-Key": key})
+
+
+def all_at_once(ask: Callable[[], httpx.Response]) -> list[httpx.Response]:
+    with ThreadPoolExecutor(AT_ONCE) as pool:
+        return [answer.result() for answer in [pool.submit(ask) for _ in range(AT_ONCE)]]
+
+
+def scans_of(client: httpx.Client, recording: str) -> list[str]:
+    return [scan["id"] for scan in client.get("/api/scans", params={"recording": recording}).json()["scans"]]
+
+
+def test_of_many_at_once_one_is_accepted_and_the_others_are_told_which(
+    *,
+    client: httpx.Client,
+    recording: str,
+    held: int,
+    finished: Finished,
+    assert_problem: AssertProblem,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("service.jobs.cell_lock.SOON_S", 60.0)  # however long a busy disk takes to accept the first
+    answers = all_at_once(lambda: post(client, wish(recording)))
+    (accepted,) = [answer for answer in answers if answer.status_code == 202]
+    for answer in answers:
+        assert answer.headers["Location"] == accepted.headers["Location"]
+        if answer is not accepted:
+            assert_problem(answer, 409, "cell-busy")
+    assert scans_of(client, recording) == [accepted.json()["id"]]
+    os.kill(held, signal.SIGCONT)
+    finished(client, accepted.headers["Location"])
+
+
+def test_the_same_key_gives_the_same_scan_whatever_has_become_of_it(
+    client: httpx.Client, recording: str, held: int, finished: Finished, assert_problem: AssertProblem
+) -> None:
+    def ask() -> httpx.Response:
+        return post(client, wish(recording), "again")
+
+    first = all_at_once(ask)
+    fresh = [answer for answer in first if answer.status_code == 202 and "Idempotency-Replayed" not in answer.headers]
+    assert len(fresh) == 1
+    location = fresh[0].headers["Location"]
+    for answer in first:
+        if answer.status_code == 202:
+            assert answer.headers["Location"] == location
+            assert answer.json()["id"] == fresh[0].json()["id"]
+        else:
+            assert_problem(answer, 409, "idempotency-pending")
+            assert answer.headers["Retry-After"]
+    # While that very scan is under way, and with other words for the same.
+    busy = client.post(
+        "/api/scans",
+        content=f'{{ "recording":"{recording}","mode" : "replay"}}',
+        headers={"Idempotency-Key": "again", "Content-Type": "application/json"},
+    )
+    assert (busy.status_code, busy.headers["Idempotency-Replayed"]) == (202, "true"), busy.text
+    assert_problem(post(client, wish(recording), "another"), 409, "cell-busy")
+    detail = assert_problem(post(client, wish(recording, method="matching"), "again"), 422, "idempotency-mismatch")
+    assert fresh[0].json()["id"] in detail
+    assert scans_of(client, recording) == [fresh[0].json()["id"]]
+    os.kill(held, signal.SIGCONT)
+    done = finished(client, location)
+    assert ask().json() == done
+    # A refusal has left nothing behind: that key is still free.
+    after = post(client, wish(recording), "another")
+    assert after.status_code == 202
+    assert "Idempotency-Replayed" not in after.headers
+    assert finished(client, after.headers["Location"])["id"] != done["id"]
+
+
+def test_a_refused_request_leaves_its_key_free(
+    client: httpx.Client, recording: str, finished: Finished, assert_problem: AssertProblem
+) -> None:
+    assert_problem(post(client, wish("none"), "refused"), 404, "recording-not-found")
+    assert_problem(post(client, wish(recording, string_radius_m=1.0), "refused"), 422, "invalid-parameters")
+    answer = post(client, wish(recording), "refused")
+    assert answer.status_code == 202, answer.text
+    finished(client, answer.headers["Location"])
+
+
+@pytest.mark.parametrize("key", ["", "x" * 256, "smørrebrød", "a\tb"])
+def test_what_is_no_key_is_refused(client: httpx.Client, assert_problem: AssertProblem, key: str) -> None:
+    headers = {b"Idempotency-Key": key.encode("latin-1")}
+    answer = client.post("/api/scans", json=wish("none"), headers=headers)
+    assert "printable ASCII" in assert_problem(answer, 422, "idempotency-key")
+
+
+def test_two_keys_are_none(client: httpx.Client, assert_problem: AssertProblem) -> None:
+    headers = [("Idempotency-Key", "a"), ("Idempotency-Key", "b")]
+    assert_problem(client.post("/api/scans", json=wish("none"), headers=headers), 422, "idempotency-key")
+
+
+@pytest.fixture
+def store(tmp_path: Path) -> Iterator[Store]:
+    with closing(DataFolder(tmp_path)) as folder, closing(Store(folder)) as store:
+        yield store
+
+
+def test_a_key_is_its_callers_own(store: Store) -> None:
+    keys = IdempotencyKeys(store)
+    for caller in ("ann", "bob"):
+        key = Key(caller, "k", "hash")
+        with keys.first_use(key, 7.0) as used:
+            assert used == 7.0
+            asked = Asked(caller, key)
+            scan = new_scan("live", "graph", None, asked)
+            store.add_scan(scan, asked.key_row(scan))
+        with keys.first_use(key, 8.0) as used:
+            assert isinstance(used, ScanRow)
+            assert (used.id, used.asked_by) == (scan.id, caller)
+
+
+def test_while_the_first_is_decided_on_the_second_is_told_to_wait(store: Store) -> None:
+    keys, key = IdempotencyKeys(store), Key("ann", "k", "hash")
+
+    def second(other: Key) -> None:
+        with keys.first_use(other, 2.0):
+            pass
+
+    with keys.first_use(key, 1.0):
+        with pytest.raises(ProblemError) as refused:
+            second(Key("ann", "k", "of another body"))
+        assert (refused.value.status_code, refused.value.headers) == (409, {"Retry-After": "1"})
+        second(Key("bob", "k", "hash"))
+    second(key)  # the first came to nothing
+    assert store.key("ann", "k") is None
+    assert new_scan("live", "graph", None, NOBODY).asked_by is None
+
+
+def test_a_refused_request_that_is_sent_again_is_no_new_wish(store: Store, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("service.storage.idempotency_keys.MOST_WISHES", 3)
+    keys = IdempotencyKeys(store)
+
+    def asked_for_since(key: str | None, arrived_s: float) -> float | ScanRow:
+        with keys.first_use(None if key is None else Key("ann", key, "hash"), arrived_s) as since:
+            return since
+
+    assert asked_for_since("k", 1000.0) == 1000.0
+    assert asked_for_since("k", 1000.0 + WISH_S) == 1000.0
+    assert asked_for_since(None, 1001.0 + WISH_S) == 1001.0 + WISH_S
+    assert asked_for_since("k", 1001.0 + WISH_S) == 1001.0 + WISH_S, "nobody sends it again by himself so late"
+    for key in "abc":
+        asked_for_since(key, 1002.0 + WISH_S)
+    assert asked_for_since("k", 1003.0 + WISH_S) == 1003.0 + WISH_S, "of too many, the oldest are forgotten"
+    assert asked_for_since("c", 1003.0 + WISH_S) == 1002.0 + WISH_S
+
+
+def test_the_hash_is_of_what_is_asked_for_and_where() -> None:
+    live = LiveScan(mode="live")
+    assert body_hash("/a", live) == body_hash("/a", LiveScan(mode="live"))
+    assert body_hash("/a", live) != body_hash("/b", live)
+    assert body_hash("/a", live) != body_hash("/a", LiveScan(mode="live", views=5))
+    assert body_hash("/a", live) == body_hash("/a", LiveScan(mode="live", views=None, method="graph"))
+    assert body_hash("/a", live) != body_hash("/a", LiveScan(mode="live", method="matching"))
+    # To leave it out means another thing than null.
+    assert body_hash("/a", Reprocess()) != body_hash("/a", Reprocess(string_radius_m=None))

@@ -1,0 +1,210 @@
+"""What is removed when it gets old or too much, what never is, and that nothing is removed to make room."""
+
+import sqlite3
+from collections.abc import Callable, Iterator
+from contextlib import closing
+from dataclasses import replace
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import httpx
+import pytest
+
+from calibration.atomic_write import write_synced
+from service.api.schemas.scans import ScanState
+from service.clock import stamp
+from service.config.sections import RetentionConfig
+from service.jobs.new_rows import Asked, new_scan
+from service.storage.data_folder import DataFolder
+from service.storage.idempotency_keys import Key
+from service.storage.migrations import MIGRATIONS
+from service.storage.removal import Old, remove
+from service.storage.retention import sweep
+from service.storage.rows import RecordingRow, ScanErrorRow
+from service.storage.store import Store
+from tests.service.conftest import Serve, wait_until
+
+AssertProblem = Callable[[httpx.Response, int, str], str]
+
+NOW = datetime(2026, 6, 1, tzinfo=UTC)
+KIB = bytes(1024)
+
+
+@pytest.fixture
+def store(tmp_path: Path) -> Iterator[Store]:
+    with closing(DataFolder(tmp_path)) as folder, closing(Store(folder)) as store:
+        yield store
+
+
+def days_ago(days: float) -> str:
+    return stamp(NOW - timedelta(days=days))
+
+
+def add_recording(store: Store, name: str, days: float) -> None:
+    received = store.folder.incoming(name)
+    write_synced(received, KIB)
+    store.add_recording(RecordingRow(name, days_ago(days), len(KIB), "ab", 1, [], None, 0.0, {}), received)
+
+
+def add_scan(store: Store, name: str, days: float, **values: Any) -> None:
+    """One that has ended so long ago, with a KiB of results and all that a scan may leave."""
+    values = {"state": "succeeded", "ended_at": days_ago(days), "created_at": days_ago(days)} | values
+    asked = Asked("ann", Key("ann", f"key of {name}", "hash"))
+    row = replace(new_scan("replay", "graph", None, asked), id=name, **values)
+    store.add_scan(row, asked.key_row(row))
+    store.set_view(name, 0, "recorded")
+    store.folder.results(name).mkdir()
+    write_synced(store.folder.results(name) / "model.json", KIB)
+
+
+def swept(store: Store, *, idle: Callable[[], bool] = lambda: True, **config: Any) -> bool:
+    return sweep(store, RetentionConfig(**config), NOW, idle)
+
+
+def scans(store: Store) -> set[str]:
+    """Those in the store, each with all of its own or nothing."""
+    found = {row.id for row in store.scans(100)}
+    assert {path.name for path in (store.folder.root / "scans").iterdir()} == found
+    with store.database.connection() as db:
+        for table in ("events", "views", "idempotency_keys"):
+            assert {row[0] for row in db.execute(f"SELECT DISTINCT scan FROM {table}")} in (found, set())
+    return found
+
+
+def recordings(store: Store) -> set[str]:
+    found = {row.id for row in store.recordings(100)}
+    assert {path.stem for path in (store.folder.root / "recordings").iterdir()} == found
+    return found
+
+
+def test_what_is_too_old_goes_with_all_that_is_its_own(store: Store) -> None:
+    for name in ("shared", "own", "wanted", "lone", "fresh"):
+        add_recording(store, name, 40 if name != "fresh" else 1)
+    add_scan(store, "old", 40, recording="shared")
+    add_scan(store, "older", 50, recording="own", state="failed")
+    add_scan(store, "young", 29, recording="shared", source="old")
+    add_scan(store, "marked", 99, recording="wanted", kept=True)
+    add_scan(store, "again", 60, recording="wanted", source="marked")
+    assert swept(store, max_age_days=30)
+    assert scans(store) == {"young", "marked"}
+    assert recordings(store) == {"shared", "wanted", "fresh"}
+    young = store.scan("young")
+    assert young is not None
+    assert young.source is None  # there is no such scan any more
+
+
+def test_the_oldest_go_until_the_rest_is_small_enough(store: Store) -> None:
+    for number in range(6):  # two KiB each
+        add_recording(store, f"r{number}", 10 - number)
+        add_scan(store, f"s{number}", 10 - number, recording=f"r{number}", kept=number == 0)
+    assert swept(store, max_bytes=6 * 1024)
+    assert scans(store) == {"s0", "s4", "s5"}
+    assert recordings(store) == {"r0", "r4", "r5"}
+    assert swept(store, max_bytes=6 * 1024)
+    assert len(scans(store)) == 3
+
+
+@pytest.mark.parametrize("state", ["queued", "scanning", "processing", "stopping"])
+def test_what_is_under_way_or_has_just_ended_stays(store: Store, state: ScanState) -> None:
+    add_recording(store, "r", 99)
+    add_scan(store, "active", 99, recording="r", state=state, ended_at=None)
+    add_scan(store, "just-ended", 0.5 / 24)
+    add_recording(store, "just-sent", 0.5 / 24)
+    assert swept(store, max_age_days=0.001, max_bytes=1)
+    assert (scans(store), recordings(store)) == ({"active", "just-ended"}, {"r", "just-sent"})
+
+
+def test_nothing_is_removed_while_something_is_under_way(store: Store) -> None:
+    for number in range(3):
+        add_scan(store, f"s{number}", 99)
+    free = iter([True, False])
+    assert not swept(store, idle=lambda: next(free), max_age_days=1)
+    assert len(scans(store)) == 2
+
+
+def test_unless_configured_nothing_is_removed(store: Store) -> None:
+    add_scan(store, "old", 9999)
+    assert swept(store)
+    assert scans(store) == {"old"}
+
+
+def test_what_a_scan_told_of_the_calibration_outlasts_it(store: Store) -> None:
+    add_scan(store, "old", 99)
+    told = ScanErrorRow("old", "sha", [0.0] * 6, [[0.0] * 6] * 6, [0.0] * 6)
+    store.calibrations.add_scan_error(told)
+    assert swept(store, max_age_days=30)
+    assert scans(store) == set()
+    assert store.calibrations.scan_errors("sha", 5) == [told]
+
+
+def test_of_an_earlier_version_everything_is_kept_and_can_go(tmp_path: Path) -> None:
+    with closing(DataFolder(tmp_path)) as folder:
+        with closing(sqlite3.connect(folder.database)) as db:
+            for migration in MIGRATIONS[:3]:
+                db.executescript(migration)
+            scan = ("old", "live", "graph", "failed", 1.0, days_ago(99), days_ago(99))
+            columns = "id, mode, method, state, fraction, created_at, ended_at"
+            db.execute(f"INSERT INTO scans ({columns}) VALUES (?, ?, ?, ?, ?, ?, ?)", scan)
+            db.execute("INSERT INTO scan_errors VALUES ('old', 'sha', '[1.0]', '[[2.0]]', '[3.0]')")
+            db.execute("PRAGMA user_version = 3")
+            db.commit()
+        with closing(Store(folder)) as store:
+            row = store.scan("old")
+            assert row is not None
+            assert (row.kept, row.source, row.files) == (False, None, None)
+            assert swept(store, max_age_days=30)
+            assert store.scan("old") is None
+            assert store.calibrations.scan_errors("sha", 5) == [ScanErrorRow("old", "sha", [1.0], [[2.0]], [3.0])]
+
+
+def test_a_scan_that_was_marked_meanwhile_stays(store: Store) -> None:
+    add_scan(store, "old", 99)
+    store.keep_scan("old", True)
+    assert remove(store, Old("scan", "old", days_ago(99))) is None
+    assert scans(store) == {"old"}
+
+
+def test_what_cannot_be_written_removes_no_file(store: Store, monkeypatch: pytest.MonkeyPatch) -> None:
+    add_scan(store, "old", 99)
+    with store.database.transaction() as db:
+        db.execute("CREATE TRIGGER no BEFORE DELETE ON scans BEGIN SELECT RAISE(ABORT, 'no'); END")
+    with pytest.raises(sqlite3.IntegrityError):
+        remove(store, Old("scan", "old", days_ago(99)))
+    assert scans(store) == {"old"}
+    assert store.key("ann", "key of old") is not None
+
+
+def test_the_service_does_it_by_itself_and_refuses_what_may_not_fit(
+    serve: Serve, tmp_path: Path, recording_file: Path, assert_problem: AssertProblem, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with closing(DataFolder(tmp_path)) as folder, closing(Store(folder)) as before:
+        add_scan(before, "old", 99)
+        add_scan(before, "marked", 99, kept=True)
+    monkeypatch.setattr("service.storage.retention.STEADY_S", 0.0)
+    with serve(tmp_path, retention={"max_age_days": 30}, limits={"min_free_bytes": 10 * 2**20}) as client:
+        wait_until(lambda: client.get("/api/scans/old").status_code == 404)
+        assert client.get("/api/scans/marked").status_code == 200
+
+        content = recording_file.read_bytes()
+        free = iter([10 * 2**20 + 1] + [10 * 2**20 - 1] * 5)
+        monkeypatch.setattr("service.storage.disk_space.shutil.disk_usage", lambda _: SimpleNamespace(free=next(free)))
+        # By itself there is enough, but not with what is to come.
+        assert "10.0 MiB are free" in assert_problem(
+            client.post("/api/recordings", content=content), 507, "storage-full"
+        )
+        for path, body in [
+            ("/api/scans", {"mode": "live"}),
+            ("/api/scans", {"mode": "replay", "recording": "r"}),
+            ("/api/scans/marked/reprocess", {}),
+            ("/api/calibration/runs", {}),
+            ("/api/calibration/verify", None),
+        ]:
+            answer = client.post(path, json=body, headers={"Idempotency-Key": path})
+            assert "retention" in assert_problem(answer, 507, "storage-full"), path
+        store: Store = client.app.state.context.store
+        assert [row.id for row in store.scans(10)] == ["marked"]
+        assert store.recordings(10) == []
+        assert store.key("local", "/api/scans") is None
+        assert client.get("/api/cell").json()["state"] == "not_ready"  # nothing was even connected
