@@ -14,6 +14,7 @@ from cell.control.cell import Cell
 from service.api.dependencies import Context
 from service.api.image_cache import Pictures
 from service.api.openapi import describe_better, operation_id
+from service.api.problem_handlers import install_problem_handlers
 from service.api.response_cache import Reading
 from service.api.routes import (
     calibration,
@@ -30,7 +31,7 @@ from service.api.routes import (
     views,
 )
 from service.api.routes import metrics as metrics_route
-from service.api.schemas.recording_resource import RECORDINGS
+from service.api.schemas.addresses import RECORDINGS
 from service.api.stop_priority import StopFirst
 from service.api.strict_query import refuse_unknown
 from service.config.loader import ServiceConfig, load_config
@@ -41,7 +42,6 @@ from service.metrics.registry import Metrics
 from service.metrics.requests import RequestWatch
 from service.metrics.scans import ScanMetrics
 from service.metrics.state import StateMetrics
-from service.problems.document import install_problem_handlers
 from service.security.audit.log import SERVICE, AuditLog
 from service.security.auth.roles import CONSOLE_FILES, DOCS_FILES
 from service.security.middleware.headers import MANUAL

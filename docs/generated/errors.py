@@ -1,8 +1,15 @@
-"""Generate the page on errors from the table of problem types."""
+"""Generate the page on errors from the table of problem types and from `service/openapi.json`."""
 
-from typing import get_args
+import json
+import re
+from pathlib import Path
+from typing import Any, get_args
 
+from service.api.problem_responses import ANY_REQUEST
+from service.problems.document import PREFIX
 from service.problems.problem_types import PROBLEM_TYPES, Group, ProblemType
+
+DESCRIPTION = Path(__file__).parents[2] / "service/openapi.json"
 
 INTRODUCTION = """\
 # Errors
@@ -11,7 +18,7 @@ This page is for authors of planners and for operators. It lists every type of e
 
 Each answer that is not a success is a problem document (RFC 9457) with the content type `application/problem+json`.
 A scan or calibration without a result has the same document as its `problem`. The commands that print JSON, such as
-`pointchain recognise`, print it as `error`.
+`pointchain recognise`, print it as `error`, without a `status`.
 
 ```json
 {"type": "urn:pointchain:cell-busy", "title": "The cell is busy", "status": 409,
@@ -32,6 +39,9 @@ The member `problem` of `GET /api/cell` is a type too, without a document around
 the type as `error.slug`; see [Python client](python-client.md). A later version may add types: treat an unknown one
 by its status, 4xx as an error of the request or the cell, 5xx as an error of the service.
 
+The schema `Problem` in `/openapi.json` lists all types over HTTP. Each operation lists those that it can answer with.
+*Operations* below names them; *any* means that every operation can answer with this type.
+
 ## Decide by type
 
 | decision | types |
@@ -40,10 +50,13 @@ by its status, 4xx as an error of the request or the cell, 5xx as an error of th
 
 WITHOUT_STATUS = {
     "Start a scan": "none; a value of the cell's `problem`",
-    "Repeat the calibration": "none; the command line reports it",
     "Correct the command or the configuration": "none; the command line reports it",
 }
 """What stands in place of a status, by group."""
+
+
+OUTSIDE = ("console-not-built", "manual-not-built", "method-not-allowed", "not-found")
+"""Types of answers at addresses that are no operation."""
 
 
 def page() -> str:
@@ -67,13 +80,14 @@ def _group_section(group: str) -> str:
 
 
 def _type_section(slug: str, kind: ProblemType) -> str:
-    status = ", ".join(map(str, kind.statuses)) or WITHOUT_STATUS[kind.group]
+    operations = [] if kind.status is None else _wrapped(f"- **Operations:** {_operations(slug)}")
     return "\n".join(
         [
             f"### {slug}",
             "",
             f"- **Title:** `{kind.title}`",
-            f"- **Status:** {status}",
+            f"- **Status:** {kind.status or WITHOUT_STATUS[kind.group]}",
+            *operations,
             *_wrapped(f"- **Cause:** {kind.cause}"),
             *_wrapped(f"- **What to do:** {kind.action}"),
             "",
@@ -81,10 +95,37 @@ def _type_section(slug: str, kind: ProblemType) -> str:
     )
 
 
+def _operations(slug: str) -> str:
+    """Return the operations that can answer with this type."""
+    if slug in ANY_REQUEST:
+        return "any"
+    paths: dict[str, dict[str, Any]] = json.loads(DESCRIPTION.read_text())["paths"]
+    declaring = [
+        f"`{method.upper()} {path}`"
+        for path, item in paths.items()
+        for method, operation in item.items()
+        if f"{PREFIX}{slug}" in _types(operation)
+    ]
+    if slug in OUTSIDE:
+        return "none; the answer at an address outside `/openapi.json`"
+    return ", ".join(declaring) or "none; the `problem` of a scan or calibration"
+
+
+def _types(operation: dict[str, Any]) -> list[str]:
+    """Return the problem types that an operation declares."""
+    schemas = (
+        content["schema"]
+        for answer in operation["responses"].values()
+        for content in answer.get("content", {}).values()
+        if "allOf" in content.get("schema", {})
+    )
+    return [name for schema in schemas for name in schema["properties"]["type"]["enum"]]
+
+
 def _wrapped(item: str, width: int = 120) -> list[str]:
-    """Break a list item into lines."""
+    """Break a list item into lines, but not within code."""
     lines = [""]
-    for word in item.split(" "):
+    for word in re.findall(r"(?:`[^`]*`|[^` ])+", item):
         if lines[-1] and len(lines[-1]) + 1 + len(word) > width:
             lines.append(f"  {word}")
         else:

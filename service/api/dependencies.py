@@ -9,11 +9,11 @@ from fastapi import Depends, Path, Query, Request
 from cell.control.cell import Cell
 from service.api.image_cache import Pictures
 from service.api.response_cache import Reading
-from service.api.schemas.scans import ID_PATTERN
 from service.config.loader import ServiceConfig
 from service.events.stream_slots import StreamSlots
 from service.jobs.manager import Jobs
 from service.problems.document import ProblemError
+from service.states import ID_PATTERN
 from service.storage.disk_space import require_space
 from service.storage.fault_memory import FaultMemory
 from service.storage.idempotency_keys import IdempotencyKeys
@@ -50,7 +50,7 @@ class Context:
     fault: FaultMemory
 
     def require_space(self, coming_bytes: int = 0) -> None:
-        """Lets pass what takes space in the data folder. Raises ProblemError, 507 `storage-full`; may block."""
+        """Lets pass what takes space in the data folder. Raises ProblemError, `storage-full`; may block."""
         require_space(self.store.folder.root, self.config.limits.min_free_bytes, coming_bytes)
 
 
@@ -75,18 +75,18 @@ def find_scan(id: Id, service: Service) -> ScanRow:  # noqa: A002 (the path's ow
     """The scan of this id; asks the database.
 
     Raises:
-        ProblemError: 404 `scan-not-found`.
+        ProblemError: `scan-not-found`.
     """
     scan = service.store.scan(id)
     if scan is None:
-        raise ProblemError(404, "scan-not-found", f"there is no scan {id}; GET /api/scans lists them")
+        raise ProblemError("scan-not-found", f"there is no scan {id}; GET /api/scans lists them")
     return scan
 
 
 def _recording(id: Id, service: Service) -> RecordingRow:  # noqa: A002 (the path's own name)
     recording = service.store.recording(id)
     if recording is None:
-        raise ProblemError(404, "recording-not-found", f"there is no recording {id}; GET /api/recordings lists them")
+        raise ProblemError("recording-not-found", f"there is no recording {id}; GET /api/recordings lists them")
     return recording
 
 

@@ -33,7 +33,7 @@ def present(path: Path, sha256: str | None = None, size_bytes: int | None = None
     """A file that is there, and its ETag: of its hash where that is known.
 
     Raises:
-        ProblemError: 404 `no-result`, there is no such file; 500 `damaged`, it is gone, or has not the size that it was
+        ProblemError: `no-result`, there is no such file; `damaged`, it is gone, or has not the size that it was
             written with.
     """
     try:
@@ -42,11 +42,10 @@ def present(path: Path, sha256: str | None = None, size_bytes: int | None = None
         found = None
     if found is None or not stat.S_ISREG(found.st_mode):
         if size_bytes is not None:
-            raise ProblemError(500, "damaged", f"{path.name} is gone from the data folder: run `pointchain doctor`")
-        raise ProblemError(404, "no-result", f"there is no {path.name}")
+            raise ProblemError("damaged", f"{path.name} is gone from the data folder: run `pointchain doctor`")
+        raise ProblemError("no-result", f"there is no {path.name}")
     if size_bytes is not None and found.st_size != size_bytes:
         raise ProblemError(
-            500,
             "damaged",
             f"{path.name} has {found.st_size} bytes and was written with {size_bytes}: run `pointchain doctor`",
         )
@@ -57,14 +56,14 @@ def read_whole(path: Path, size_bytes: int) -> bytes:
     """The content of a file that had this size a moment ago.
 
     Raises:
-        ProblemError: 404 `no-result`, it is gone; 500 `damaged`, it has another size.
+        ProblemError: `no-result`, it is gone; `damaged`, it has another size.
     """
     try:
         content = path.read_bytes()
     except FileNotFoundError:  # removed a moment ago
-        raise ProblemError(404, "no-result", "the file is gone from the data folder") from None
+        raise ProblemError("no-result", "the file is gone from the data folder") from None
     if len(content) != size_bytes:
-        raise ProblemError(500, "damaged", f"{path.name} is being changed: run `pointchain doctor`")
+        raise ProblemError("damaged", f"{path.name} is being changed: run `pointchain doctor`")
     return content
 
 

@@ -56,12 +56,12 @@ def shrink_picture(png: bytes, width: int) -> bytes:
     """The picture, so many pixels across.
 
     Raises:
-        ProblemError: 500 `damaged`, it is none.
+        ProblemError: `damaged`, it is none.
     """
     import cv2
 
     picture = cv2.imdecode(np.frombuffer(png, np.uint8), cv2.IMREAD_COLOR) if png else None
     if picture is None:
-        raise ProblemError(500, "damaged", "the picture is damaged, the model is not: reprocess the scan")
+        raise ProblemError("damaged", "the picture is damaged, the model is not: reprocess the scan")
     height = max(1, round(picture.shape[0] * width / picture.shape[1]))
     return cv2.imencode(".png", cv2.resize(picture, (width, height), interpolation=cv2.INTER_AREA))[1].tobytes()

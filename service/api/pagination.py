@@ -9,7 +9,7 @@ from urllib.parse import urlencode
 from fastapi import Depends, Query, Request
 from pydantic import AfterValidator, AwareDatetime, BeforeValidator
 
-from service.api.schemas.scans import ID_PATTERN, ScanState
+from service.states import ID_PATTERN, ScanState
 from service.storage.queries import ScanFilter
 from service.storage.rows import RecordingRow, ScanRow
 

@@ -1,5 +1,6 @@
 """Events as server-sent events: what has been, then what comes, without a gap and none twice."""
 
+import json
 from collections.abc import AsyncGenerator, AsyncIterator, Callable
 from contextlib import aclosing
 from typing import Literal
@@ -8,9 +9,13 @@ from anyio import to_thread
 from fastapi.responses import StreamingResponse
 from fastapi.sse import KEEPALIVE_COMMENT, format_sse_event
 
+from service.api.schemas.addresses import SCANS
 from service.api.schemas.scan_resource import scan_resource
+from service.api.schemas.scans import ScanSummary
+from service.errors import Failure
 from service.events.cell_events import CellEvent
 from service.events.hub import Follower, Mark
+from service.problems.document import failure_document
 from service.storage.event_log import Behind, Present, ScanEvent, ScanEvents
 
 PING_S = 15.0
@@ -58,7 +63,7 @@ async def scan_stream(
         yield _present(whole, begin)
     else:
         for event in begin.events:
-            yield _change(event)
+            yield change_event(event)
             seen = event.id
     over = begin.over
     while not over:
@@ -75,7 +80,7 @@ async def scan_stream(
             yield _present("resync", present)
             seen, over = present.newest, present.over
         elif isinstance(item, ScanEvent) and item.id > seen:
-            yield _change(item)
+            yield change_event(item)
             seen, over = item.id, item.final
 
 
@@ -90,7 +95,7 @@ async def all_stream(
     yield RETRY
     yield _cell(whole, cell(), seen)
     for event in behind:
-        yield _change(event)
+        yield change_event(event)
         seen = event.id
     while True:
         item = await news.next(PING_S)
@@ -105,12 +110,20 @@ async def all_stream(
         elif isinstance(item, CellEvent):
             yield _cell("cell", item)
         elif isinstance(item, ScanEvent) and item.id > seen:
-            yield _change(item)
+            yield change_event(item)
             seen = item.id
 
 
-def _change(event: ScanEvent) -> bytes:
-    return format_sse_event(data_str=event.text, event=event.kind, id=str(event.id))
+def change_event(event: ScanEvent) -> bytes:
+    """Return one change of a scan as a server-sent event. A failure and a summary are as in the scan's resource."""
+    data = dict(event.data)
+    if event.kind == "state":
+        failure, summary = data.pop("failure", None), data.pop("summary", None)
+        problem = None if failure is None else failure_document(Failure(**failure), f"{SCANS}/{event.scan}")
+        known = None if summary is None else ScanSummary.model_validate(summary).model_dump()
+        data |= {"problem": problem, "summary": known}
+    document = {"id": event.id, "scan": event.scan, "at": event.at, "kind": event.kind, "data": data}
+    return format_sse_event(data_str=json.dumps(document, allow_nan=False), event=event.kind, id=str(event.id))
 
 
 def _present(kind: Whole, present: Present) -> bytes:

@@ -14,7 +14,8 @@ from typing import Any
 from recognition.grasping.gripper import Gripper
 from recognition.model.model import SCHEMA, Method, PointChainModel
 from recognition.pipeline import Recognition
-from service.problems.document import INPUT_ERRORS, problem_document
+from service.errors import INPUT_ERRORS
+from service.problems.document import error_document
 from service.processing.results import OnStage, recognise_recording
 from service.processing.stage_figures import write_trace
 
@@ -91,7 +92,7 @@ def _notes(model: PointChainModel) -> tuple[str, ...]:
 
 def failed(file: str, asked: Asked, slug: str, reason: str, path: Path) -> Line:
     """The line of a recording without a model."""
-    document = {"schema": SCHEMA, "error": problem_document(422, slug, reason, file=file)}
+    document = {"schema": SCHEMA, "error": error_document(slug, reason, file=file)}
     return _line(file, asked, document, path, reason)
 
 

@@ -24,10 +24,10 @@ from cell.simulation.benchmark.tables import table
 from cell.simulation.ur_controller.admin_client import AdminClient
 from cell.simulation.ur_controller.launcher import start_controller
 from recognition.grasping.gripper import Gripper
-from service.api.schemas.scans import ACTIVE_STATES
 from service.benchmark.service_process import MeasurementError
 from service.config.sections import LimitsConfig
 from service.jobs.manager import Jobs
+from service.states import ACTIVE_STATES
 from service.storage.data_folder import DataFolder
 from service.storage.rows import ScanRow
 from service.storage.store import Store
@@ -119,7 +119,7 @@ def _scan(store: Store, cell: Cell, jobs: Jobs) -> dict[str, float]:
     while (scan := _row(store, accepted)).state in ACTIVE_STATES:
         time.sleep(0.01)
     if scan.state != "succeeded":
-        raise MeasurementError(f"the scan ended {scan.state}: {scan.problem or scan.summary}")
+        raise MeasurementError(f"the scan ended {scan.state}: {scan.failure or scan.summary}")
     while cell.status.state == "busy":
         time.sleep(0.01)
     return _times(store, cell, scan)

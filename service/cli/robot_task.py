@@ -11,7 +11,8 @@ from cell.config.cell_config import CellSettings
 from cell.control.cell import Cell
 from cell.control.status import FAULTS
 from cell.errors import CellError
-from service.problems.document import INPUT_ERRORS, cell_problem, problem_document
+from service.errors import INPUT_ERRORS
+from service.problems.document import error_document
 from service.processing.worker import TaskFailedError
 from service.signals import STOPPED_CODE, with_signals
 
@@ -19,7 +20,7 @@ Result = TypeVar("Result")
 
 
 class EndedEarlyError(Exception):
-    """The task came to no result; with the problem document, and the command's exit code."""
+    """The task came to no result; with the error as a document, and the command's exit code."""
 
     def __init__(self, problem: dict[str, Any], code: int) -> None:
         super().__init__(problem["detail"])
@@ -69,16 +70,14 @@ def with_moving_cell(
 
 
 def _stopped() -> EndedEarlyError:
-    return EndedEarlyError(problem_document(409, "stopped", "stopped by request"), STOPPED_CODE)
+    return EndedEarlyError(error_document("stopped", "stopped by request"), STOPPED_CODE)
 
 
 def _problem(error: Exception, written: object) -> dict[str, Any]:
     if isinstance(error, TaskFailedError):
-        return error.problem
-    if isinstance(error, CellError):
-        return cell_problem(error)
-    if isinstance(error, (HandEyeError, *INPUT_ERRORS)):
-        return problem_document(422, error.slug, str(error))
+        return error_document(error.failure.slug, error.failure.message)
+    if isinstance(error, (CellError, HandEyeError, *INPUT_ERRORS)):
+        return error_document(error.slug, str(error))
     assert isinstance(error, OSError)
     where = error.filename or written
-    return problem_document(507, "file", f"{where} cannot be written: {error.strerror or error}")
+    return error_document("file", f"{where} cannot be written: {error.strerror or error}")

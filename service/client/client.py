@@ -16,7 +16,7 @@ from uuid import uuid4
 import httpx
 
 from recognition.model.model import Method, PointChainModel
-from service.api.schemas.scans import ID_PATTERN, RESULT_STATES, RecordingResource, ScanResource
+from service.api.schemas.scans import RecordingResource, ScanResource
 from service.client.errors import (
     NOT_SENT,
     AwayError,
@@ -28,6 +28,7 @@ from service.client.errors import (
 )
 from service.client.progress import ScanProgress, follow, look
 from service.client.retry import AGAIN_S, CONNECT_S, Patience
+from service.states import ID_PATTERN, RESULT_STATES
 
 ANSWER_S = 60.0
 """Timeout of an answer. A live scan is accepted when arm and camera are connected, which takes seconds."""

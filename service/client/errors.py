@@ -5,7 +5,8 @@ from typing import Any
 
 import httpx
 
-from service.api.schemas.scans import Problem, ScanResource
+from service.api.schemas.problem import Problem
+from service.api.schemas.scans import ScanResource
 
 NOT_SENT = (httpx.ConnectError, httpx.ConnectTimeout, httpx.PoolTimeout)
 """With these the service has not got the request; with any other loss it may have."""

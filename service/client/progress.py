@@ -8,9 +8,9 @@ from typing import Any
 import httpx
 from httpx_sse import ServerSentEvent, connect_sse
 
-from service.api.schemas.scans import ACTIVE_STATES, ScanState
 from service.client.errors import ProblemError, require_success
 from service.client.retry import LOST, Patience
+from service.states import ACTIVE_STATES, ScanState
 
 
 @dataclass(frozen=True)

@@ -4,9 +4,9 @@ from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from service.problems.document import ProblemError
+from service.errors import ServiceError
 
-AGAIN = {"Retry-After": "5"}
+RETRY_AFTER_S = 5.0
 
 
 class StreamSlots:
@@ -27,14 +27,14 @@ class StreamSlots:
         """A slot for as long as it lasts; `caller` None: nobody had to say who he is, so that only all are counted.
 
         Raises:
-            ProblemError: 503 `too-many-streams`.
+            ServiceError: `too-many-streams`.
         """
         if caller is not None and self._open[caller] >= self._each:
             detail = f"you follow {self._open[caller]} event streams already: close one, or ask at intervals instead"
-            raise ProblemError(503, "too-many-streams", detail, AGAIN)
+            raise ServiceError("too-many-streams", detail, retry_after_s=RETRY_AFTER_S)
         if self.open >= self._in_all:
             detail = f"{self.open} event streams are open already: ask at intervals instead, or try again later"
-            raise ProblemError(503, "too-many-streams", detail, AGAIN)
+            raise ServiceError("too-many-streams", detail, retry_after_s=RETRY_AFTER_S)
         self._open[caller] += 1
         try:
             yield

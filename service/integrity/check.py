@@ -5,13 +5,13 @@ import stat
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from service.api.schemas.scans import ACTIVE_STATES
 from service.config.loader import ServiceConfig
 from service.integrity.database_check import Rows, check_database
 from service.integrity.finding import REPAIR, Finding, Group
 from service.integrity.recording_check import check_recordings
 from service.integrity.result_check import check_calibrations, check_results
 from service.security.auth.tokens import FILE, TokensError, read_tokens
+from service.states import ACTIVE_STATES
 from service.storage.data_folder import DATABASE
 
 

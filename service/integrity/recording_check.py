@@ -5,9 +5,9 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from service.api.schemas.scans import ACTIVE_STATES
 from service.integrity.database_check import Rows
 from service.integrity.finding import REPAIR, Finding
+from service.states import ACTIVE_STATES
 from service.storage.data_folder import ID
 from service.storage.rows import ViewRow
 

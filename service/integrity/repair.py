@@ -12,6 +12,7 @@ from typing import Any
 
 from cell.control.scan_loop import missing_view
 from cell.recording.errors import RecordingError
+from service.errors import Failure
 from service.integrity.check import Examination, Examined, examine
 from service.integrity.database_check import text_or_bytes
 from service.integrity.finding import Code, Finding
@@ -19,13 +20,12 @@ from service.integrity.lost_and_found import LostAndFound
 from service.integrity.recording_check import hash_file
 from service.integrity.row_repair import mended_row
 from service.integrity.salvage import salvage
-from service.problems.document import KEPT, problem_document, stopped_problem
 from service.processing.upload_sandbox import describe_foreign_recording
 from service.security.auth.tokens import FILE
 from service.storage.data_folder import ID, DataFolder
 from service.storage.database import now
 from service.storage.rows import RecordingRow, insert, stored
-from service.storage.store import Store
+from service.storage.store import KEPT, Store
 
 ROUNDS = 5
 """Mending one thing may show another, as a file whose row was put aside."""
@@ -166,18 +166,17 @@ class _Mending:
         return "it has no recording any more" if done else "its recording is there"
 
     def _unfinished_scan(self, scan_id: str) -> str:
-        problem = stopped_problem("interrupted", f"{UNFINISHED}; {KEPT}")
-        self._store.end_scan(scan_id, "interrupted", problem)
+        self._store.end_scan(scan_id, "interrupted", Failure("interrupted", f"{UNFINISHED}; {KEPT}"))
         return "it is interrupted"
 
     def _unfinished_calibration(self, run_id: str) -> str:
-        self._store.calibrations.end(run_id, "interrupted", stopped_problem("interrupted", UNFINISHED))
+        self._store.calibrations.end(run_id, "interrupted", Failure("interrupted", UNFINISHED))
         return "it is interrupted"
 
     def _fail(self, table: str, row_id: str, **values: Any) -> None:
-        problem = stored(problem_document(500, "damaged", DAMAGED))
+        failure = stored(Failure("damaged", DAMAGED))
         with self._changing() as db:
-            for name, value in {"state": "failed", "problem": problem, **values}.items():
+            for name, value in {"state": "failed", "failure": failure, **values}.items():
                 db.execute(f"UPDATE {table} SET {name} = ? WHERE id = ?", (value, row_id))
 
     def _damaged_result(self, scan_id: str) -> str:

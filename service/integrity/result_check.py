@@ -4,10 +4,10 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from calibration.dataset.folder import HAND_EYE_FILE
-from service.api.schemas.scans import ACTIVE_STATES, RESULT_STATES
 from service.integrity.database_check import Rows
 from service.integrity.finding import REPAIR, Finding
 from service.integrity.recording_check import changed, hash_file
+from service.states import ACTIVE_STATES, RESULT_STATES
 from service.storage.data_folder import CLOUD, ID, MODEL
 from service.storage.rows import ScanRow
 

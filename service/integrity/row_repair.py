@@ -6,8 +6,8 @@ import sqlite3
 from collections.abc import Callable, Iterator
 from typing import Any
 
+from service.errors import Failure
 from service.integrity.row_decoding import UnreadableRowError, readable_calibration, readable_scan
-from service.problems.document import problem_document
 from service.storage.rows import stored
 
 UNREADABLE = "its row was damaged; the row as it was is in lost+found: do it again"
@@ -41,7 +41,7 @@ def _scan_changes(db: sqlite3.Connection, values: dict[str, Any]) -> Iterator[di
     """From what is known for sure to what gives the result up."""
     event = _last_event(db, values["id"])
     yield {name: event[name] for name in ("state", "stage", "fraction") if name in event}
-    yield {name: stored(event[name]) for name in ("problem", "summary") if name in event}
+    yield {name: stored(event[name]) for name in ("failure", "summary") if name in event}
     yield {"files": None, "inputs": None}
     yield {"source": None, "asked_by": None, "calibration_sha256": None}
     yield _failed() | {"summary": None}
@@ -61,11 +61,11 @@ def _last_event(db: sqlite3.Connection, scan_id: object) -> dict[str, Any]:
 def _calibration_changes(values: dict[str, Any]) -> Iterator[dict[str, Any]]:
     if values["result" if values["kind"] == "calibration" else "verification"]:
         # It is written together with the end.
-        yield {"state": "succeeded", "stage": None, "fraction": 1.0, "problem": None}
+        yield {"state": "succeeded", "stage": None, "fraction": 1.0, "failure": None}
     yield _failed()
     yield {"board": None, "coverage": 0.0, "warnings": "[]", "result": None, "verification": None}
 
 
 def _failed() -> dict[str, Any]:
-    problem = stored(problem_document(500, "damaged", UNREADABLE))
-    return {"state": "failed", "stage": None, "fraction": 0.0, "problem": problem}
+    failure = stored(Failure("damaged", UNREADABLE))
+    return {"state": "failed", "stage": None, "fraction": 0.0, "failure": failure}

@@ -7,8 +7,8 @@ from pathlib import Path
 from calibration.errors import HandEyeError
 from cell.bag.import_bag import BagRequest, ImportedBag, import_bag
 from cell.recording.errors import shown
+from service.errors import INPUT_ERRORS
 from service.interchange.scene_options import given_box, given_hand_eye, given_radius
-from service.problems.document import INPUT_ERRORS
 
 COMMAND = "pointchain import bag"
 

@@ -6,8 +6,8 @@ from pathlib import Path
 
 from cell.cloud import CloudRequest, ImportedCloud, import_cloud
 from cell.cloud.import_cloud import MERGED
+from service.errors import INPUT_ERRORS
 from service.interchange.scene_options import given_box, given_radius
-from service.problems.document import INPUT_ERRORS
 
 COMMAND = "pointchain import cloud"
 

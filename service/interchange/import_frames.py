@@ -7,8 +7,8 @@ from pathlib import Path
 from calibration.errors import HandEyeError
 from cell.frames import FramesRequest, ImportedFrames, import_frames
 from cell.frames.table_fit import SURE_SHARE
+from service.errors import INPUT_ERRORS
 from service.interchange.scene_options import given_box, given_hand_eye, given_radius
-from service.problems.document import INPUT_ERRORS
 
 OFFSET_M = 0.003
 """A table farther than this from `--table-z` is warned of: recognition corrects 4 mm, and the poses err too."""

@@ -3,26 +3,26 @@
 from calibration.dataset.folder import HAND_EYE_FILE
 from calibration.storage.hand_eye_file import HandEyeError, activate
 from cell.control.cell import Cell
-from service.api.schemas.scans import ACTIVE_STATES
+from service.errors import Failure, ServiceError
 from service.jobs.calibration_job import run_folder
-from service.problems.document import ProblemError
+from service.states import ACTIVE_STATES
 from service.storage.calibration_store import CalibrationStore
 from service.storage.database import now
 from service.storage.rows import CalibrationRow
 from service.storage.storage_errors import is_full
 
 
-def why_not_activated(row: CalibrationRow) -> tuple[str, str] | None:
-    """Slug and words of why a run's result cannot be used; None when it can."""
+def why_not_activated(row: CalibrationRow) -> Failure | None:
+    """Return why the result of a run cannot be used; None when it can."""
     if row.kind == "verification":
-        return "no-result", f"{row.id} is a verification: it gives no calibration to activate"
+        return Failure("not-activatable", f"{row.id} is a verification: it gives no calibration to activate")
     if row.state in ACTIVE_STATES:
-        return "result-not-ready", f"calibration {row.id} is {row.state}; wait for its end"
+        return Failure("result-not-ready", f"calibration {row.id} is {row.state}; wait for its end")
     if row.result is None:
-        return "no-result", f"calibration {row.id} is {row.state}: it has no result to activate"
+        return Failure("not-activatable", f"calibration {row.id} is {row.state}: it has no result to activate")
     if row.result["verdict"] == "refuse":
         why = "; ".join(finding["words"] for finding in row.result["findings"] if finding["refuses"])
-        return "calibration-refused", f"the result must not be used: {why}"
+        return Failure("calibration-refused", f"the result must not be used: {why}")
     return None
 
 
@@ -30,22 +30,22 @@ def activate_run(row: CalibrationRow, store: CalibrationStore, cell: Cell) -> No
     """Makes the run's result the calibration in use, in one step, and notes when.
 
     Raises:
-        ProblemError: 409 with the reason why it cannot be used.
+        ServiceError: with the reason why it cannot be used.
         OSError: the disk is full; the former calibration stays.
     """
     refusal = why_not_activated(row)
     if refusal is not None:
-        raise ProblemError(409, *refusal)
+        raise ServiceError(refusal.slug, refusal.message)
     active_file = cell.settings.hand_eye.active_file
     assert active_file is not None, "the service's configuration always names a folder"
     try:
         activate(run_folder(cell, row.id) / HAND_EYE_FILE, active_file)
     except HandEyeError as error:
-        raise ProblemError(409, error.slug, str(error)) from error
+        raise ServiceError(error.slug, str(error)) from error
     except OSError as error:
         if is_full(error):
             raise
         words = f"{active_file} cannot be written: {error.strerror or error}; the former calibration stays in use"
-        raise ProblemError(409, "calibration", words) from error
+        raise ServiceError("calibration", words) from error
     cell.calibration_changed()
     store.update(row.id, ("succeeded",), activated_at=now())

@@ -14,12 +14,13 @@ from cell.control.calibration_run import BoardObservation, run_calibration, run_
 from cell.control.cell import Cell
 from cell.control.prepared import PreparedCalibration, PreparedVerification
 from cell.errors import CellError, StoppedError
+from service.errors import Failure
 from service.jobs.final_state import write_last
-from service.jobs.job import Running
-from service.problems.document import cell_problem, problem_document, stopped_problem, storage_problem, why_ended
+from service.jobs.job import Running, log_reason
 from service.storage.calibration_store import CalibrationStore
 from service.storage.database import now
 from service.storage.rows import CalibrationRow
+from service.storage.storage_errors import storage_failure
 from service.storage.store import Store
 
 log = logging.getLogger(__name__)
@@ -91,21 +92,21 @@ class CalibrationRunner:
         row = running.row
         log.info("%s begins: %d poses", running.words, row.poses)
         try:
-            done, problem = self._try(running)
-            self._record(running, done, problem)
+            done, failure = self._try(running)
+            self._record(running, done, failure)
         except Exception as error:  # whatever it is, this one is told as failed and the next is taken
             log.exception("%s could not be done", running.words)
-            state, problem = "failed", storage_problem(error, "the pictures taken before are kept")
-            if problem is None:
-                problem = problem_document(500, "internal", f"the {row.kind} met an unexpected error; the log has it")
+            state, failure = "failed", storage_failure(error, "the pictures taken before are kept")
+            if failure is None:
+                failure = Failure("internal", f"the {row.kind} met an unexpected error; the log has it")
             if running.stop is not None:
                 state, detail = running.stop
-                problem = stopped_problem(state, detail)
-            write_last(running, self._leaving, lambda: self._store.end(row.id, state, problem))
+                failure = Failure(state, detail)
+            write_last(running, self._leaving, lambda: self._store.end(row.id, state, failure))
         running.ended.set()
 
-    def _try(self, running: Running[CalibrationRow]) -> tuple[_Done | None, dict[str, Any] | None]:
-        """What it gives, or the problem why it gives nothing; neither when it was stopped."""
+    def _try(self, running: Running[CalibrationRow]) -> tuple[_Done | None, Failure | None]:
+        """What it gives, or why it gives nothing; neither when it was stopped."""
         try:
             self._store.update(running.row.id, ("queued",), state="preflight")
             if running.stop is None:
@@ -113,17 +114,17 @@ class CalibrationRunner:
         except StoppedError as error:
             running.ask_to_stop("aborted", str(error))  # unless whoever stopped the arm has said so, or said more
         except CellError as error:
-            return None, cell_problem(error)
+            return None, Failure(error.slug, str(error))
         except (HandEyeError, BoardDetectionError) as error:
-            return None, problem_document(422, error.slug, str(error))
+            return None, Failure(error.slug, str(error))
         except OSError as error:
-            problem = storage_problem(error, "the pictures taken before are kept")
-            if problem is not None:
-                return None, problem
+            failure = storage_failure(error, "the pictures taken before are kept")
+            if failure is not None:
+                return None, failure
             if error.filename is None:  # of no file
                 raise
             detail = f"{error.filename} cannot be written: {error.strerror}; the pictures taken before are kept"
-            return None, problem_document(507, "file", detail)
+            return None, Failure("file", detail)
         return None, None
 
     def _done(self, running: Running[CalibrationRow]) -> _Done:
@@ -139,23 +140,23 @@ class CalibrationRunner:
         run = run_calibration(self._cell, prepared, folder, told)
         return _Done(json.loads((folder / HAND_EYE_FILE).read_bytes()), run.verification.to_json())
 
-    def _record(self, running: Running[CalibrationRow], done: _Done | None, problem: dict[str, Any] | None) -> None:
+    def _record(self, running: Running[CalibrationRow], done: _Done | None, failure: Failure | None) -> None:
         row, stop = running.row, running.begin_storing()
         with self._leaving(running):
             if stop is not None:
                 state, detail = stop
-                problem = stopped_problem(state, detail)
-                self._store.end(row.id, state, problem)
+                failure = Failure(state, detail)
+                self._store.end(row.id, state, failure)
             elif done is not None:
                 state = "succeeded"
                 ended = {"state": state, "stage": None, "fraction": 1.0, "ended_at": now()}
                 self._store.update(row.id, **ended, result=done.result, verification=done.verification)
             else:
-                assert problem is not None
+                assert failure is not None
                 state = "failed"
-                self._store.end(row.id, state, problem)
+                self._store.end(row.id, state, failure)
         level = logging.WARNING if state == "failed" else logging.INFO
-        log.log(level, "%s %s%s", running.words, state, why_ended(state, problem))
+        log.log(level, "%s %s%s", running.words, state, log_reason(state, failure))
 
 
 def picture_file(folder: Path, index: int) -> Path | None:

@@ -7,8 +7,8 @@ from contextlib import contextmanager
 from typing import Any
 
 from cell.errors import CellError
+from service.errors import ServiceError
 from service.jobs.job import Running
-from service.problems.document import ProblemError
 
 SOON_S = 1.0
 """Whoever finds that something is being prepared waits so long to be told what. A replay is accepted within
@@ -57,7 +57,7 @@ class Place:
         """The place for as long as it takes to accept something; free again afterwards unless it was.
 
         Raises:
-            ProblemError: `cell-busy`, with the Location of what is under way; `busy` when the row of what is accepted
+            ServiceError: `cell-busy`, with what is under way; `busy` when the row of what is accepted
                 or has ended cannot be written at once; `not-ready` once it is closed.
         """
         latest = time.monotonic() + TURN_S + SOON_S + TURN_S
@@ -71,11 +71,8 @@ class Place:
             if self._running is not None:
                 raise _taken_by(self._running)
             if self._preparing:
-                raise ProblemError(
-                    409,
-                    "cell-busy",
-                    "something else is being prepared; try again in some seconds",
-                    {"Retry-After": "2"},
+                raise ServiceError(
+                    "cell-busy", "something else is being prepared; try again in some seconds", retry_after_s=2.0
                 )
             self._preparing = True
         finally:
@@ -96,7 +93,7 @@ class Place:
         All that before the place can be closed: what has it when it is closed has begun.
 
         Raises:
-            ProblemError: `not-ready`, it was closed meanwhile.
+            ServiceError: `not-ready`, it was closed meanwhile.
         """
         with self._turn:
             self._refuse_if_closed()
@@ -116,17 +113,17 @@ class Place:
 
     def _refuse_if_closed(self) -> None:
         if self._closed:
-            raise ProblemError(503, "not-ready", "the service is stopping")
+            raise ServiceError("not-ready", "the service is stopping")
 
 
-def _taken_by(running: Running[Any]) -> ProblemError:
-    where = {"Location": running.location}
+def _taken_by(running: Running[Any]) -> ServiceError:
     if running.stop is None:
-        return ProblemError(409, "cell-busy", f"{running.words} is under way; wait for its end or cancel it", where)
+        detail = f"{running.words} is under way; wait for its end or cancel it"
+        return ServiceError("cell-busy", detail, job=running.reference)
     detail = f"{running.words} was stopped and is just ending; try again"
-    return ProblemError(409, "cell-busy", detail, where | {"Retry-After": "1"})
+    return ServiceError("cell-busy", detail, retry_after_s=1.0, job=running.reference)
 
 
-def _busy() -> ProblemError:
+def _busy() -> ServiceError:
     detail = "the database is held by another program, or the disk is slow; try again"
-    return ProblemError(503, "busy", detail, {"Retry-After": "5"})
+    return ServiceError("busy", detail, retry_after_s=5.0)

@@ -4,13 +4,14 @@ import threading
 from typing import Generic, TypeVar
 
 from cell.control.prepared import Prepared
-from service.api.schemas.scans import ScanState
+from service.errors import Failure, JobKind, JobReference
+from service.states import ScanState
 from service.storage.rows import CalibrationRow, ScanRow
 
 R = TypeVar("R", bound=ScanRow | CalibrationRow)
 
 
-def kind(row: ScanRow | CalibrationRow) -> str:
+def kind(row: ScanRow | CalibrationRow) -> JobKind:
     """What it is, in a word."""
     return "scan" if isinstance(row, ScanRow) else row.kind
 
@@ -39,9 +40,9 @@ class Running(Generic[R]):
         return f"{kind(self.row)} {self.row.id}"
 
     @property
-    def location(self) -> str:
-        """Its address."""
-        return f"/api/{'scans' if isinstance(self.row, ScanRow) else 'calibration/runs'}/{self.row.id}"
+    def reference(self) -> JobReference:
+        """The job, as an error refers to it."""
+        return JobReference(kind(self.row), self.row.id)
 
     @property
     def stop(self) -> tuple[ScanState, str] | None:
@@ -61,3 +62,10 @@ class Running(Generic[R]):
         with self._lock:
             self._storing = True
             return self._stop
+
+
+def log_reason(state: str, failure: Failure | None) -> str:
+    """Return the end of the log line of a job that ended in `state`; the name of the state is not repeated."""
+    if failure is None:
+        return ""
+    return f": {failure.message}" if failure.slug == state else f": {failure.slug}: {failure.message}"

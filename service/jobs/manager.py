@@ -19,7 +19,7 @@ from cell.control.cell import Cell
 from cell.control.stop_requests import STOPPED_SINCE
 from cell.errors import StoppedError
 from recognition.grasping.gripper import Gripper
-from service.api.schemas.scans import ScanState
+from service.errors import ServiceError
 from service.jobs.calibration_drift import DriftWatch
 from service.jobs.calibration_job import CalibrationRunner
 from service.jobs.cell_lock import Place
@@ -29,10 +29,10 @@ from service.jobs.scan_job import ScanRunner
 from service.jobs.submission import Submissions
 from service.logs.request_time import arrived_s
 from service.metrics.scans import ScanMetrics
-from service.problems.document import KEPT, ProblemError
 from service.processing.worker import RecognitionWorker
+from service.states import ScanState
 from service.storage.rows import CalibrationRow, ScanRow
-from service.storage.store import Store
+from service.storage.store import KEPT, Store
 
 log = logging.getLogger(__name__)
 
@@ -129,7 +129,7 @@ class Jobs:
         """A moment in which nothing is under way or begins.
 
         Raises:
-            ProblemError: `cell-busy`, with the Location of what is under way.
+            ServiceError: `cell-busy`, with what is under way.
         """
         return self._place.taken()
 
@@ -142,7 +142,7 @@ class Jobs:
         just before. `find` gives its row, and is asked only when it is not under way.
 
         Raises:
-            ProblemError: `not-cancellable` when it had ended already, unless it was aborted; what `find` raises.
+            ServiceError: `not-cancellable` when it had ended already, unless it was aborted; what `find` raises.
         """
         running = self._place.running
         if running is not None and running.row.id == row_id:
@@ -151,7 +151,7 @@ class Jobs:
             self._stop(running, "aborted", f"the {kind(running.row)} was cancelled", arm)
             running.ended.wait(SETTLE_S)
         elif (row := find()).state != "aborted":
-            raise ProblemError(409, "not-cancellable", f"the {kind(row)} is {row.state} already")
+            raise ServiceError("not-cancellable", f"the {kind(row)} is {row.state} already")
 
     def stop_arm(self, reason: str = "the arm was stopped by request") -> str | None:
         """Stops the arm, whatever goes on, and aborts the live scan or calibration under way, if any; the scan's id.
@@ -184,7 +184,7 @@ class Jobs:
         """Lets the arm go, once it is home; refused when the arm was stopped since `requested_at`.
 
         Raises:
-            ProblemError: `cell-busy`, with the Location of what is under way.
+            ServiceError: `cell-busy`, with what is under way.
             CellError: as `Cell.release`.
         """
         with self._place.taken():

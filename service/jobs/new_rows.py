@@ -55,7 +55,7 @@ def new_scan(
         started_at=None,
         ended_at=None,
         summary=None,
-        problem=None,
+        failure=None,
         source=source,
         asked_by=asked.by,
         calibration_sha256=calibration_sha256,
@@ -88,5 +88,5 @@ def new_calibration(
         activated_at=None,
         result=None,
         verification=None,
-        problem=None,
+        failure=None,
     )

@@ -15,22 +15,23 @@ from cell.control.prepared import PreparedScan
 from cell.errors import CellError, StoppedError
 from cell.recording.header import RecordingHeader
 from recognition.grasping.gripper import Gripper
-from service.api.schemas.scans import ScanState
+from service.errors import Failure
 from service.jobs.calibration_drift import DriftWatch
 from service.jobs.final_state import write_last
 from service.jobs.inputs import recognition_inputs
-from service.jobs.job import Running
+from service.jobs.job import Running, log_reason
 from service.jobs.live_scan import keep_recording, live_outcome
 from service.logs.setup import log_scan
 from service.metrics.scans import ScanMetrics
-from service.problems.document import KEPT, cell_problem, problem_document, stopped_problem, storage_problem, why_ended
 from service.processing.results import DONE_BEFORE, OnStage, Outcome
 from service.processing.worker import RecognitionWorker, TaskFailedError
 from service.processing.worker_main import Task
+from service.states import ScanState
 from service.storage.data_folder import PREVIEW
 from service.storage.database import now
 from service.storage.rows import ScanRow
-from service.storage.store import Store
+from service.storage.storage_errors import storage_failure
+from service.storage.store import KEPT, Store
 
 log = logging.getLogger(__name__)
 
@@ -79,8 +80,8 @@ class ScanRunner:
         results = self._store.folder.incoming(running.row.id)
         outcome, stored = None, False
         try:
-            outcome, problem = self._try(running, results, until_home)
-            self._record(running, outcome, problem, results)
+            outcome, failure = self._try(running, results, until_home)
+            self._record(running, outcome, failure, results)
             stored = outcome is not None and running.stop is None
         finally:
             shutil.rmtree(results, ignore_errors=True)
@@ -89,8 +90,8 @@ class ScanRunner:
 
     def _try(
         self, running: Running[ScanRow], results: Path, until_home: ExitStack
-    ) -> tuple[Outcome | None, dict[str, Any] | None]:
-        """What the scan gives, or the problem why it gives nothing; neither when it was stopped before it began."""
+    ) -> tuple[Outcome | None, Failure | None]:
+        """What the scan gives, or why it gives nothing; neither when it was stopped before it began."""
         try:
             if running.prepared is not None:
                 self._store.update_scan(running.row.id, ("queued",), state="preflight")
@@ -100,17 +101,17 @@ class ScanRunner:
             if running.stop is None:
                 return self._outcome(running, results, until_home), None
         except TaskFailedError as error:
-            return None, error.problem
+            return None, error.failure
         except StoppedError as error:
             running.ask_to_stop("aborted", str(error))  # unless whoever stopped the arm has said so, or said more
             return None, None
         except CellError as error:
-            return None, cell_problem(error)
+            return None, Failure(error.slug, str(error))
         except OSError as error:
-            problem = storage_problem(error, "what was recorded before is kept")
-            if problem is None:
+            failure = storage_failure(error, "what was recorded before is kept")
+            if failure is None:
                 raise
-            return None, problem
+            return None, failure
         return None, None
 
     def _outcome(self, running: Running[ScanRow], results: Path, until_home: ExitStack) -> Outcome:
@@ -149,23 +150,23 @@ class ScanRunner:
         return Task(source, scan.string_radius_m, scan.method, self._gripper, results, preview, tuple(missing), scan.id)
 
     def _record(
-        self, running: Running[ScanRow], outcome: Outcome | None, problem: dict[str, Any] | None, results: Path
+        self, running: Running[ScanRow], outcome: Outcome | None, failure: Failure | None, results: Path
     ) -> None:
         scan, store, stop = running.row, self._store, running.begin_storing()
         with self._leaving(running):
             state: ScanState = "failed"
             if stop is not None:
                 state, detail = stop
-                problem = stopped_problem(state, detail)
-                store.end_scan(scan.id, state, problem)
+                failure = Failure(state, detail)
+                store.end_scan(scan.id, state, failure)
             elif outcome is not None:
                 state = "partial" if outcome.partial else "succeeded"
                 self.drawing = scan.id
                 store.finish_scan(scan.id, state, outcome.summary(), results, outcome.files)
             else:
-                assert problem is not None
-                store.end_scan(scan.id, state, problem)
-        self._tell_end(scan, state, problem)
+                assert failure is not None
+                store.end_scan(scan.id, state, failure)
+        self._tell_end(scan, state, failure)
         if outcome is not None:
             self._metrics.recognised(outcome.timing_s, outcome.views)
         if stop is None and outcome is not None:
@@ -183,10 +184,10 @@ class ScanRunner:
         except sqlite3.Error:
             log.exception("what scan %s tells of the calibration could not be kept", scan.id)
 
-    def _tell_end(self, scan: ScanRow, state: str, problem: dict[str, Any] | None) -> None:
+    def _tell_end(self, scan: ScanRow, state: str, failure: Failure | None) -> None:
         seconds = time.monotonic() - self._begun_s
         level = logging.WARNING if state == "failed" else logging.INFO
-        log.log(level, "scan %s %s after %.1f s%s", scan.id, state, seconds, why_ended(state, problem))
+        log.log(level, "scan %s %s after %.1f s%s", scan.id, state, seconds, log_reason(state, failure))
         self._metrics.ended(scan.mode, state, seconds)
 
     def _give_up(self, running: Running[ScanRow], error: Exception) -> None:
@@ -194,18 +195,18 @@ class ScanRunner:
         takes it again."""
         self.drawing = None
         scan, state = running.row, "failed"
-        problem = storage_problem(error, KEPT) or problem_document(
-            500, "internal", "the result could not be stored; the log has the reason"
+        failure = storage_failure(error, KEPT) or Failure(
+            "internal", "the result could not be stored; the log has the reason"
         )
         if running.stop is not None:
             state, detail = running.stop
-            problem = stopped_problem(state, detail)
-        self._tell_end(scan, state, problem)
+            failure = Failure(state, detail)
+        self._tell_end(scan, state, failure)
 
         def write() -> None:
             if scan.mode == "live":
                 self._keep_recording(scan.id)
-            self._store.end_scan(scan.id, state, problem)
+            self._store.end_scan(scan.id, state, failure)
 
         write_last(running, self._leaving, write)
 

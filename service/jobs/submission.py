@@ -16,8 +16,8 @@ from service.storage.store import Store
 class Submissions:
     """Accepts what somebody wants done; on return it is on the disk, and it has begun. Nothing moves before that.
 
-    Safe to use from any thread. Every method raises ProblemError: `cell-busy`, with the Location of what is under way;
-    and those that need the cell raise CellError: why the cell cannot do it.
+    Safe to use from any thread. Every method raises ServiceError: `cell-busy`, with what is under way; and
+    those that need the cell raise CellError: why the cell cannot do it.
     """
 
     def __init__(self, store: Store, cell: Cell, place: Place, begin: Callable[[Running[Any]], None]) -> None:

@@ -15,9 +15,9 @@ from pathlib import Path
 
 from cell.devices import View
 from cell.process.logging import child_logging_setup
-from service.problems.document import problem_document
+from service.errors import Failure
 from service.processing.results import OnStage, Outcome
-from service.processing.worker_main import BrokenOff, LastView, PreviewEnded, Refused, Stage, Task, work
+from service.processing.worker_main import BrokenOff, LastView, PreviewEnded, Stage, Task, work
 from service.signals import ctrl_c_is_ours
 
 log = logging.getLogger(__name__)
@@ -31,11 +31,11 @@ BREAK_OFF_S = 2.0
 
 
 class TaskFailedError(Exception):
-    """A task that gave no result; `problem` says why."""
+    """A task gave no result; `failure` says why."""
 
-    def __init__(self, status: int, slug: str, detail: str) -> None:
-        super().__init__(detail)
-        self.problem = problem_document(status, slug, detail)
+    def __init__(self, slug: str, message: str) -> None:
+        super().__init__(message)
+        self.failure = Failure(slug, message)
 
 
 class RecognitionWorker:
@@ -99,9 +99,9 @@ class RecognitionWorker:
             self._release()
             raise _not_started(error) from error
         message = self._receive(time.monotonic() + START_S)
-        if isinstance(message, Refused):
+        if isinstance(message, Failure):
             self.close()
-            raise TaskFailedError(message.status, message.slug, message.detail)
+            raise TaskFailedError(message.slug, message.message)
         self._not_ready = None
 
     def run(
@@ -127,8 +127,8 @@ class RecognitionWorker:
             if not self._waits:
                 self.kill()  # what it says later would be taken for the answer to the next task
             raise
-        if isinstance(message, Refused):
-            raise TaskFailedError(message.status, message.slug, message.detail)
+        if isinstance(message, Failure):
+            raise TaskFailedError(message.slug, message.message)
         return message
 
     def wait_for_preview(self) -> bool:
@@ -157,7 +157,7 @@ class RecognitionWorker:
 
     def _answer(
         self, task: Task, on_stage: OnStage, limit_s: float, views: Iterable[View], missing: Sequence[str]
-    ) -> Outcome | Refused:
+    ) -> Outcome | Failure:
         self._send(task, limit_s)
         if not isinstance(task.source, Path):
             for view in self._unless_broken_off(views):
@@ -168,7 +168,7 @@ class RecognitionWorker:
             message = self._receive(deadline)
             if isinstance(message, Stage):
                 on_stage(message.name)
-            elif isinstance(message, Refused | Outcome):
+            elif isinstance(message, Failure | Outcome):
                 return message
 
     def _unless_broken_off(self, views: Iterable[View]) -> Iterator[View]:
@@ -183,7 +183,7 @@ class RecognitionWorker:
         try:
             self._send(BrokenOff(), BREAK_OFF_S)
             deadline = time.monotonic() + BREAK_OFF_S
-            while not isinstance(self._receive(deadline), Refused):
+            while not isinstance(self._receive(deadline), Failure):
                 pass
             self._waits = True
         except TaskFailedError as error:  # it is dead; the next task starts another
@@ -223,7 +223,6 @@ class RecognitionWorker:
         self.kill()
         code = self._release()
         return TaskFailedError(
-            500,
             "recognition-crashed",
             f"the recognition process ended unexpectedly (exit code {code}); its log may say more",
         )
@@ -243,7 +242,6 @@ class RecognitionWorker:
 
 def _not_started(error: OSError) -> TaskFailedError:
     return TaskFailedError(
-        500,
         "recognition-crashed",
         f"no process for recognition could be started: {error.strerror or error}; it is tried again. If it stays so, "
         "end other programs, or allow the service more open files, processes or memory",
@@ -251,4 +249,4 @@ def _not_started(error: OSError) -> TaskFailedError:
 
 
 def _late() -> TaskFailedError:
-    return TaskFailedError(500, "recognition-timeout", "recognition was stopped at its time limit")
+    return TaskFailedError("recognition-timeout", "recognition was stopped at its time limit")

@@ -20,8 +20,8 @@ from recognition.grasping.gripper import Gripper
 from recognition.model.model import Method, PointChainModel
 from recognition.parameters import ChainParameters
 from recognition.pipeline import Recognition
+from service.errors import INPUT_ERRORS, Failure
 from service.logs.setup import log_scan
-from service.problems.document import INPUT_ERRORS
 from service.processing.preview import draw_preview
 from service.processing.results import READING, WRITING, OnStage, recognise_views, write_preview, write_results
 from service.storage.storage_errors import is_full
@@ -86,15 +86,6 @@ class PreviewEnded:
     """The picture is there, whole, or will never be."""
 
 
-@dataclass(frozen=True)
-class Refused:
-    """A task came to nothing."""
-
-    status: int
-    slug: str
-    detail: str
-
-
 def work(pipe: Connection, set_up_log: LoggingSetup | None = None) -> None:
     """The process's own loop."""
     if set_up_log is not None:
@@ -108,7 +99,7 @@ def work(pipe: Connection, set_up_log: LoggingSetup | None = None) -> None:
         _warm_up()
     except ImportError as error:
         # a compiled library may lack a library of the system
-        pipe.send(Refused(500, "recognition-crashed", f"a library cannot be loaded: {error}"))
+        pipe.send(Failure("recognition-crashed", f"a library cannot be loaded: {error}"))
         return
     pipe.send(Ready())
     while True:
@@ -136,18 +127,18 @@ def _do(task: Task, pipe: Connection) -> Recognition | None:
         pipe.send(write_results(recognition, task.results))
         return recognition
     except INPUT_ERRORS as error:
-        refused = Refused(422, error.slug, str(error))
+        refused = Failure(error.slug, str(error))
     except BrokenOffError:
-        refused = Refused(409, "aborted", "the scan was broken off")
+        refused = Failure("aborted", "the scan was broken off")
     except (BrokenPipeError, EOFError):
         raise BrokenPipeError from None
     except Exception as error:
         if is_full(error):
-            refused = Refused(507, "storage-full", "no space is left in the data folder; free some and scan again")
+            refused = Failure("storage-full", "no space is left in the data folder; free some and scan again")
         else:
             log.exception("recognition of %s failed", task.source)
             detail = f"recognition met an unexpected {type(error).__name__}: {error}: please report it"
-            refused = Refused(500, "recognition-crashed", detail)
+            refused = Failure("recognition-crashed", detail)
     pipe.send(refused)
     return None
 

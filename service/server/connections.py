@@ -143,20 +143,21 @@ class GuardedConnection(H11Protocol):
         if self.transport.is_closing():
             return
         if self._between_requests and self.conn.trailing_data[0]:
-            self._answer(408, "too-slow", "the request's head comes too slowly")
+            self._answer_problem("too-slow", "the request's head comes too slowly")
         else:
             self.transport.close()
 
     def send_400_response(self, msg: str) -> None:
         """What is no HTTP is told so by a problem document, as everything else."""
-        self._answer(400, "bad-request", "this is no HTTP/1.1 request, or its head is too large")
+        self._answer_problem("bad-request", "this is no HTTP/1.1 request, or its head is too large")
 
-    def _answer(self, status: int, slug: str, detail: str) -> None:
-        body = json.dumps(problem_document(status, slug, detail)).encode()
+    def _answer_problem(self, slug: str, detail: str) -> None:
+        document = problem_document(slug, detail)
+        body = json.dumps(document).encode()
         headers = UNEXPECTED | {"Content-Type": MEDIA_TYPE, "Content-Length": str(len(body))}
         try:
             for event in (
-                h11.Response(status_code=status, headers=[(k.lower(), v) for k, v in headers.items()]),
+                h11.Response(status_code=document["status"], headers=[(k.lower(), v) for k, v in headers.items()]),
                 h11.Data(data=body),
                 h11.EndOfMessage(),
             ):

@@ -8,8 +8,8 @@ from dataclasses import asdict
 from typing import Any
 
 from cell.control.calibration_run import BoardObservation
-from service.api.schemas.scans import ACTIVE_STATES, ScanState, ViewState
-from service.problems.document import stopped_problem
+from service.errors import Failure
+from service.states import ACTIVE_STATES, ScanState, ViewState
 from service.storage.database import Database, now, update
 from service.storage.rows import (
     CalibrationRow,
@@ -58,14 +58,14 @@ class CalibrationStore:
         with self._database.transaction() as db:
             return update(db, TABLE, calibration_id, only_in, values)
 
-    def end(self, calibration_id: str, state: ScanState, problem: dict[str, Any]) -> None:
+    def end(self, calibration_id: str, state: ScanState, failure: Failure) -> None:
         """Ends one that has no result. A view that was under way is missing."""
         missed = (
             "UPDATE calibration_views SET state = 'missing', reason = ?, changed_at = ? "
             "WHERE calibration = ? AND state = 'moving'"
         )
         with self._database.transaction() as db:
-            values = {"state": state, "problem": problem, "ended_at": now()}
+            values = {"state": state, "failure": failure, "ended_at": now()}
             if update(db, TABLE, calibration_id, ACTIVE_STATES, values):
                 db.execute(missed, ("the run ended before this view was taken", now(), calibration_id))
 
@@ -102,7 +102,7 @@ class CalibrationStore:
         sql = f"SELECT * FROM {TABLE} WHERE state IN ({marks}) ORDER BY id"
         for row in self._database.all(to_calibration, sql, *ACTIVE_STATES):
             detail = f"the service ended while this {row.kind} was under way; start another"
-            self.end(row.id, "interrupted", stopped_problem("interrupted", detail))
+            self.end(row.id, "interrupted", Failure("interrupted", detail))
 
     # What live scans tell of the calibration that they were made with
 

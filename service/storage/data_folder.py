@@ -11,7 +11,7 @@ import shutil
 from pathlib import Path
 from typing import IO
 
-from service.api.schemas.scans import ID_PATTERN
+from service.states import ID_PATTERN
 
 DATABASE = "pointchain.sqlite3"
 MODEL = "model.json"

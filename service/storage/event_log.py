@@ -9,14 +9,12 @@ import sqlite3
 import threading
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
-from dataclasses import asdict, dataclass
-from functools import cached_property
+from dataclasses import dataclass
 from typing import Any, Literal
 
-from service.api.schemas.scan_resource import SCANS
-from service.api.schemas.scans import ACTIVE_STATES, ScanSummary
 from service.events.cell_events import CellEvent
 from service.events.hub import EventHub
+from service.states import ACTIVE_STATES
 from service.storage.database import Database, now
 from service.storage.rows import ScanRow, ViewRow, to_scan
 
@@ -35,18 +33,13 @@ class ScanEvent:
     at: str
     kind: Kind
     data: dict[str, Any]
-    """Of `state`: state, stage, fraction, problem, summary; of `progress`: stage, fraction; of `view`: index, state,
-    reason."""
+    """Of `state`: state, stage, fraction, failure, summary, as in the scan's row; of `progress`: stage, fraction; of
+    `view`: index, state, reason."""
 
     @property
     def final(self) -> bool:
         """The scan has ended; it has no later events."""
         return self.kind == "state" and self.data["state"] not in ACTIVE_STATES
-
-    @cached_property
-    def text(self) -> str:
-        """As JSON; made once for all who follow."""
-        return json.dumps(asdict(self), allow_nan=False)
 
 
 class UnknownEventError(ValueError):
@@ -86,14 +79,11 @@ class Change:
         self.events: list[ScanEvent] = []
 
     def state(self, scan_id: str) -> None:
-        """Notes the state that the scan's row has by now, and all that comes with it, as the scan's resource has it."""
-        columns = "state, stage, fraction, problem, summary"
+        """Notes the state that the scan's row has by now, and all that comes with it."""
+        columns = "state, stage, fraction, failure, summary"
         row = dict(self.db.execute(f"SELECT {columns} FROM scans WHERE id = ?", (scan_id,)).fetchone())
-        if row["problem"] is not None:
-            row["problem"] = json.loads(row["problem"]) | {"instance": f"{SCANS}/{scan_id}"}
-        if row["summary"] is not None:
-            summary = json.loads(row["summary"])
-            row["summary"] = {name: summary[name] for name in ScanSummary.model_fields if name in summary}
+        for name in ("failure", "summary"):
+            row[name] = None if row[name] is None else json.loads(row[name])
         self._note(scan_id, "state", row)
 
     def progress(self, scan_id: str) -> None:

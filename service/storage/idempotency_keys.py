@@ -5,22 +5,15 @@ that scan; a request that is refused leaves none behind. It is known for a while
 not to move for a wish that is older than the last stop, however often and whoever sends it again.
 """
 
-import hashlib
-import json
 import threading
 from collections import OrderedDict
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 
-from pydantic import BaseModel
-
-from service.api.schemas.scans import Reprocess
-from service.problems.document import ProblemError
+from service.errors import ServiceError
 from service.storage.rows import ScanRow
 from service.storage.store import Store
-
-LONGEST = 255
 
 WISH_S = 600.0
 """So long it is known when a refused request was first sent; nobody sends one again by himself for longer."""
@@ -36,30 +29,6 @@ class Key:
     key: str
     body_sha256: str
     """Of where it was sent to and what it asks for."""
-
-
-def body_hash(path: str, body: BaseModel) -> str:
-    """Hash of a request: of its path, and of its body as it was understood, not as it was written.
-
-    The order of members, spaces, numbers like 4e-3, and what is left out anyway written out make no difference; but of
-    a scan that is done again, what is left out is as before.
-    """
-    again = isinstance(body, Reprocess)
-    document = [path, body.model_dump(mode="json", exclude_unset=again, exclude_defaults=not again)]
-    return hashlib.sha256(json.dumps(document, sort_keys=True, allow_nan=False).encode()).hexdigest()
-
-
-def check_key(key: str) -> str:
-    """The key itself.
-
-    Raises:
-        ProblemError: 422 `idempotency-key`, it has not 1 to 255 characters of printable ASCII.
-    """
-    if not (1 <= len(key) <= LONGEST and key.isascii() and key.isprintable()):
-        raise ProblemError(
-            422, "idempotency-key", f"the Idempotency-Key must be 1 to {LONGEST} characters of printable ASCII"
-        )
-    return key
 
 
 class IdempotencyKeys:
@@ -79,8 +48,8 @@ class IdempotencyKeys:
         body is the first to use the key, and the only one. `arrived_s` is when this request came.
 
         Raises:
-            ProblemError: 422 `idempotency-mismatch`, it was used for another request; 409 `idempotency-pending`,
-                another request with it is being decided on.
+            ServiceError: `idempotency-mismatch`, the key was used for another request; `idempotency-pending`, another
+                request with it is being decided on.
         """
         if key is None:
             yield arrived_s
@@ -88,11 +57,10 @@ class IdempotencyKeys:
         name = (key.caller, key.key)
         with self._lock:
             if name in self._undecided:
-                raise ProblemError(
-                    409,
+                raise ServiceError(
                     "idempotency-pending",
                     "the first request with this Idempotency-Key is still being decided on; send it again in a moment",
-                    {"Retry-After": "1"},
+                    retry_after_s=1.0,
                 )
             self._undecided.add(name)
             asked_s = self._first_sent(name, arrived_s)
@@ -116,8 +84,7 @@ class IdempotencyKeys:
         if used is None:
             return None
         if used.body_sha256 != key.body_sha256:
-            raise ProblemError(
-                422,
+            raise ServiceError(
                 "idempotency-mismatch",
                 f"this Idempotency-Key was used for another request, which started scan {used.scan}; take a new key",
             )

@@ -89,6 +89,21 @@ ALTER TABLE recordings ADD COLUMN name TEXT;
 UPDATE recordings SET created_at = (SELECT created_at FROM scans WHERE scans.id = recordings.id)
     WHERE id IN (SELECT id FROM scans);
 """,
+    """
+ALTER TABLE scans RENAME COLUMN problem TO failure;
+ALTER TABLE calibrations RENAME COLUMN problem TO failure;
+UPDATE scans SET failure = json_object(
+        'slug', substr(json_extract(failure, '$.type'), 16), 'message', json_extract(failure, '$.detail'))
+    WHERE json_valid(failure) AND json_extract(failure, '$.type') LIKE 'urn:pointchain:%';
+UPDATE calibrations SET failure = json_object(
+        'slug', substr(json_extract(failure, '$.type'), 16), 'message', json_extract(failure, '$.detail'))
+    WHERE json_valid(failure) AND json_extract(failure, '$.type') LIKE 'urn:pointchain:%';
+UPDATE events SET data = json_remove(json_set(data, '$.failure', CASE
+        WHEN json_extract(data, '$.problem.type') IS NULL THEN json('null')
+        ELSE json_object('slug', substr(json_extract(data, '$.problem.type'), 16),
+            'message', json_extract(data, '$.problem.detail')) END), '$.problem')
+    WHERE kind = 'state' AND json_valid(data);
+""",
 )
 """What makes the tables, and what later versions added: the database's user_version tells how many of these it has."""
 VERSION = len(MIGRATIONS)

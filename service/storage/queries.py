@@ -5,8 +5,8 @@ from dataclasses import dataclass
 from datetime import datetime
 from typing import Any, Literal
 
-from service.api.schemas.scans import ScanState
 from service.clock import stamp
+from service.states import ScanState
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from service.api.schemas.scans import ACTIVE_STATES
+from service.states import ACTIVE_STATES
 from service.storage.store import Store
 
 

@@ -6,7 +6,8 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 from recognition.model.model import Method
-from service.api.schemas.scans import ScanState, ViewState
+from service.errors import Failure
+from service.states import ScanState, ViewState
 
 
 @dataclass(frozen=True)
@@ -42,7 +43,7 @@ class ScanRow:
     started_at: str | None
     ended_at: str | None
     summary: dict[str, Any] | None
-    problem: dict[str, Any] | None
+    failure: Failure | None
     source: str | None = None
     """The scan that it does again from its recording."""
     asked_by: str | None = None
@@ -109,7 +110,7 @@ class CalibrationRow:
     activated_at: str | None
     result: dict[str, Any] | None
     verification: dict[str, Any] | None
-    problem: dict[str, Any] | None
+    failure: Failure | None
 
 
 @dataclass(frozen=True)
@@ -147,6 +148,8 @@ Row = RecordingRow | ScanRow | ViewRow | KeyRow | CalibrationRow | CalibrationVi
 
 def stored(value: Any) -> Any:
     """A value as its column takes it."""
+    if isinstance(value, Failure):
+        value = vars(value)
     return json.dumps(value, allow_nan=False) if isinstance(value, dict | list | tuple) else value
 
 
@@ -164,14 +167,14 @@ def to_recording(row: sqlite3.Row) -> RecordingRow:
 
 def to_scan(row: sqlite3.Row) -> ScanRow:
     """A row of `scans`."""
-    values = _parsed(row, "summary", "problem", "inputs", "files")
+    values = _parsed(row, "summary", "failure", "inputs", "files")
     values["kept"] = bool(values["kept"])
     return ScanRow(**values)
 
 
 def to_calibration(row: sqlite3.Row) -> CalibrationRow:
     """A row of `calibrations`."""
-    return CalibrationRow(**_parsed(row, "board", "warnings", "result", "verification", "problem"))
+    return CalibrationRow(**_parsed(row, "board", "warnings", "result", "verification", "failure"))
 
 
 def to_calibration_view(row: sqlite3.Row) -> CalibrationViewRow:
@@ -187,4 +190,6 @@ def to_scan_error(row: sqlite3.Row) -> ScanErrorRow:
 def _parsed(row: sqlite3.Row, *documents: str) -> dict[str, Any]:
     """The row's columns, those named from their JSON."""
     values: dict[str, Any] = dict(row)
-    return values | {name: json.loads(values[name]) if values[name] else None for name in documents}
+    parsed = {name: json.loads(values[name]) if values[name] else None for name in documents}
+    failure: dict[str, Any] | None = parsed.get("failure")
+    return values | parsed | ({} if failure is None else {"failure": Failure(**failure)})

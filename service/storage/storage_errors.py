@@ -1,7 +1,9 @@
-"""What the disk and the database say when they take nothing more, told apart."""
+"""Errors of a full disk and of a database that another program holds."""
 
 import errno
 import sqlite3
+
+from service.errors import Failure
 
 
 def is_full(error: BaseException) -> bool:
@@ -14,6 +16,20 @@ def is_full(error: BaseException) -> bool:
 def is_held(error: BaseException) -> bool:
     """Another program holds the database."""
     return isinstance(error, sqlite3.Error) and _code(error) in (sqlite3.SQLITE_BUSY, sqlite3.SQLITE_LOCKED)
+
+
+def storage_failure(error: BaseException, kept: str) -> Failure | None:
+    """Return why a job ended, if the disk is full or the database is held; None for any other error.
+
+    Args:
+        error: What ended the job.
+        kept: Which of its data are kept.
+    """
+    if is_full(error):
+        return Failure("storage-full", f"no space is left in the data folder; {kept}")
+    if is_held(error):
+        return Failure("busy", f"another program held the database for too long; {kept}")
+    return None
 
 
 def _code(error: sqlite3.Error) -> int:

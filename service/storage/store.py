@@ -13,9 +13,9 @@ from typing import Any
 
 from calibration.atomic_write import sync_folder
 from cell.recording.hashed_file import WrittenRange
-from service.api.schemas.scans import ACTIVE_STATES, ScanState, ViewState
+from service.errors import Failure
 from service.logs.setup import log_scan
-from service.problems.document import KEPT, stopped_problem
+from service.states import ACTIVE_STATES, ScanState, ViewState
 from service.storage.calibration_store import CalibrationStore
 from service.storage.data_folder import DataFolder
 from service.storage.database import Database, now, update
@@ -24,6 +24,9 @@ from service.storage.queries import EVERY_SCAN, ScanFilter, select_scans
 from service.storage.rows import KeyRow, RecordingRow, ScanRow, ViewRow, insert, to_recording, to_scan
 
 log = logging.getLogger(__name__)
+
+KEPT = "what was recorded, if anything was, is kept: a scan that has a recording can be worked out again"
+"""Of a scan that came to no end of its own."""
 
 MISSED = (
     "UPDATE views SET state = 'missing', reason = ?, changed_at = ? WHERE scan = ? AND state = 'moving' RETURNING view"
@@ -114,10 +117,10 @@ class Store:
                 change.progress(scan_id)
             return done
 
-    def end_scan(self, scan_id: str, state: ScanState, problem: dict[str, Any]) -> None:
+    def end_scan(self, scan_id: str, state: ScanState, failure: Failure) -> None:
         """Ends a scan that has no result. A view that was under way is missing."""
         with self.events.changing() as change:
-            values = {"state": state, "problem": problem, "ended_at": now()}
+            values = {"state": state, "failure": failure, "ended_at": now()}
             if not update(change.db, "scans", scan_id, ACTIVE_STATES, values):
                 return
             reason = "the scan ended before this view was taken"
@@ -175,7 +178,6 @@ class Store:
             if self.folder.results(scan.id).exists():
                 shutil.rmtree(self.folder.results(scan.id))
             detail = f"the service ended while this scan was under way; {KEPT}"
-            problem = stopped_problem("interrupted", detail)
-            self.end_scan(scan.id, "interrupted", problem)
+            self.end_scan(scan.id, "interrupted", Failure("interrupted", detail))
             with log_scan(scan.id):
                 log.warning("scan %s is interrupted: it was %s; %s", scan.id, scan.state, detail)

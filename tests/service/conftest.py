@@ -18,10 +18,11 @@ from fastapi import FastAPI
 from cell.simulation.offline_scan import simulate, write_simulation
 from cell.simulation.rendering.depth_camera import camera_model
 from cell.simulation.scenes.scenes import make_scene
-from service.api.schemas.scans import ACTIVE_STATES
 from service.app import create_app
 from service.cli.commands.serve import SWITCH_S, Server
 from service.config.loader import ServiceConfig
+from service.states import ACTIVE_STATES
+from tests.service.described_answers import check_declared, described_operation
 from tests.service.faults.figures import Figures
 
 # Generous, because it only bounds a hang: a loaded machine may take long to start a process.
@@ -34,6 +35,7 @@ class ServedClient(httpx.Client):
     def __init__(self, app: FastAPI, port: int) -> None:
         super().__init__(base_url=f"http://127.0.0.1:{port}", timeout=PATIENCE_S)
         self.app = app
+        self.event_hooks["response"].append(check_problem)
 
     @property
     def recognition_pid(self) -> int:
@@ -42,6 +44,13 @@ class ServedClient(httpx.Client):
         assert process is not None
         assert process.pid is not None
         return process.pid
+
+
+def check_problem(answer: httpx.Response) -> None:
+    """A refusal by a described operation is one of the problems that the operation declares."""
+    if answer.status_code >= 400 and described_operation(answer.request.method, answer.request.url.path):
+        answer.read()
+        check_declared(answer)
 
 
 Serve = Callable[..., AbstractContextManager[ServedClient]]

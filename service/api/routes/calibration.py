@@ -11,13 +11,15 @@ from cell.errors import CellError
 from service.api.dependencies import SPACE, Before, Id, Limit, Service
 from service.api.file_responses import NOT_MODIFIED, IfNoneMatch, send_file
 from service.api.openapi import links
+from service.api.problem_responses import CELL, problem_responses
 from service.api.routes.recordings import BINARY
+from service.api.schemas.addresses import RUNS
 from service.api.schemas.calibration import BoardRequest, CalibrationRequest, CalibrationStatus, RunList, RunResource
-from service.api.schemas.calibration_resources import RUNS, calibration_warnings, in_use, run_resource
+from service.api.schemas.calibration_resources import calibration_warnings, in_use, run_resource
 from service.jobs.calibration_activation import activate_run
 from service.jobs.calibration_job import picture_file, run_folder
 from service.logs.request_time import arrived_s
-from service.problems.document import ProblemError, problem_responses
+from service.problems.document import ProblemError
 from service.storage.rows import CalibrationRow
 
 router = APIRouter(prefix="/api/calibration", tags=["calibration"])
@@ -26,13 +28,20 @@ router = APIRouter(prefix="/api/calibration", tags=["calibration"])
 def _find(id: Id, service: Service) -> CalibrationRow:  # noqa: A002 (the path's own name)
     row = service.store.calibrations.get(id)
     if row is None:
-        raise ProblemError(404, "calibration-not-found", f"there is no calibration {id}; GET {RUNS} lists them")
+        raise ProblemError("calibration-not-found", f"there is no calibration {id}; GET {RUNS} lists them")
     return row
 
 
 Run = Annotated[CalibrationRow, Depends(_find)]
 """The run that the address names, or a problem 404."""
 Index = Annotated[int, Path(ge=0, le=999)]
+_SUBMIT = (*CELL, "not-ready", "storage-full", "viewpoints-unreachable")
+"""Problems of an operation that starts a run."""
+_ACTIVATE = (
+    "calibration", "calibration-invalid", "calibration-mismatch", "calibration-missing", "calibration-not-found",
+    "calibration-of-the-future", "calibration-refused", "calibration-stale", "calibration-unreadable",
+    "invalid-request", "not-activatable", "result-not-ready",
+)  # fmt: skip
 STARTED = {202: links("get_run", "cancel_run", "activate", "get_picture")}
 
 
@@ -55,7 +64,12 @@ def get_calibration(service: Service) -> CalibrationStatus:
     )
 
 
-@router.post("/runs", status_code=202, dependencies=[SPACE], responses=problem_responses(409, 422, 503, 507) | STARTED)
+@router.post(
+    "/runs",
+    status_code=202,
+    dependencies=[SPACE],
+    responses=STARTED | problem_responses(*_SUBMIT, "calibration-board", "invalid-request"),
+)
 def start_run(response: Response, service: Service, wanted: CalibrationRequest | None = None) -> RunResource:
     """Calibrates: the arm moves through poses from which the camera sees the board, which must lie flat on the table in
     the middle of the workspace. The result is not in use before it is activated. One thing at a time: 409 names what is
@@ -64,13 +78,13 @@ def start_run(response: Response, service: Service, wanted: CalibrationRequest |
     try:
         board = (wanted.board or BoardRequest()).board()
     except BoardError as error:
-        raise ProblemError(422, error.slug, str(error)) from error
+        raise ProblemError(error.slug, str(error)) from error
     row = service.jobs.submit.calibration(board, wanted.poses, arrived_s())
     response.headers["Location"] = f"{RUNS}/{row.id}"
     return run_resource(row, ())
 
 
-@router.post("/verify", status_code=202, dependencies=[SPACE], responses=problem_responses(409, 503, 507) | STARTED)
+@router.post("/verify", status_code=202, dependencies=[SPACE], responses=STARTED | problem_responses(*_SUBMIT))
 def start_verification(response: Response, service: Service) -> RunResource:
     """Looks from two poses at the board of the calibration in use, which must lie on the table: does it still hold, and
     was the board moved? A run of its own; the arm moves."""
@@ -79,7 +93,7 @@ def start_verification(response: Response, service: Service) -> RunResource:
     return run_resource(row, ())
 
 
-@router.get("/runs", responses=problem_responses(422))
+@router.get("/runs", responses=problem_responses("invalid-request"))
 def list_runs(service: Service, limit: Limit = 100, before: Before = None) -> RunList:
     """Calibrations and verifications, the newest first."""
     rows = service.store.calibrations.newest(limit, before)
@@ -87,13 +101,16 @@ def list_runs(service: Service, limit: Limit = 100, before: Before = None) -> Ru
     return RunList(runs=[run_resource(row, [view for view in views if view.calibration == row.id]) for row in rows])
 
 
-@router.get("/runs/{id}", responses=problem_responses(404, 422))
+@router.get("/runs/{id}", responses=problem_responses("calibration-not-found", "invalid-request"))
 def get_run(run: Run, service: Service) -> RunResource:
     """State, progress and result of a run."""
     return run_resource(run, service.store.calibrations.views([run.id]))
 
 
-@router.post("/runs/{id}/cancel", responses=problem_responses(404, 409, 422))
+@router.post(
+    "/runs/{id}/cancel",
+    responses=problem_responses("calibration-not-found", "not-cancellable", "invalid-request"),
+)
 async def cancel_run(id: Id, service: Service) -> RunResource:  # noqa: A002 (the path's own name)
     """Stops a run, the arm first. It may have ended just before: the answer says in which state it is."""
 
@@ -104,7 +121,7 @@ async def cancel_run(id: Id, service: Service) -> RunResource:  # noqa: A002 (th
     return await to_thread.run_sync(cancel, limiter=service.stopping)
 
 
-@router.post("/runs/{id}/activate", responses=problem_responses(404, 409, 422))
+@router.post("/runs/{id}/activate", responses=problem_responses(*_ACTIVATE))
 def activate(run: Run, service: Service) -> RunResource:
     """Makes the result the calibration in use, from the next scan on; the former one is kept beside it. Not while
     anything is under way."""
@@ -116,10 +133,14 @@ def activate(run: Run, service: Service) -> RunResource:
 PNG: dict[int | str, dict[str, Any]] = {200: {"content": {"image/png": BINARY}}} | NOT_MODIFIED
 
 
-@router.get("/runs/{id}/views/{index}.png", response_class=FileResponse, responses=PNG | problem_responses(404, 422))
+@router.get(
+    "/runs/{id}/views/{index}.png",
+    response_class=FileResponse,
+    responses=PNG | problem_responses("calibration-not-found", "no-result", "invalid-request"),
+)
 def get_picture(run: Run, index: Index, service: Service, has: IfNoneMatch) -> Response:
     """The picture that was taken at a view."""
     path = picture_file(run_folder(service.cell, run.id), index)
     if path is None:
-        raise ProblemError(404, "no-result", f"{run.kind} {run.id} has no picture of view {index}")
+        raise ProblemError("no-result", f"{run.kind} {run.id} has no picture of view {index}")
     return send_file(path, "image/png", has)

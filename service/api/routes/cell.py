@@ -8,6 +8,7 @@ from fastapi import APIRouter, Request, Response
 
 from calibration.storage.hand_eye_file import HandEye
 from service.api.dependencies import Context, Service, ViewCount
+from service.api.problem_responses import CELL, problem_responses
 from service.api.response_cache import json_answer
 from service.api.routes.recordings import BINARY
 from service.api.schemas.calibration import CellWarning
@@ -16,7 +17,6 @@ from service.api.schemas.cell import CellResource, PlanRequest, cell_resource
 from service.api.schemas.cell_geometry import RoomResource, room_resource
 from service.api.schemas.viewpoint_plan import PlanDocument
 from service.logs.request_time import arrived_s
-from service.problems.document import problem_responses
 
 router = APIRouter(prefix="/api", tags=["cell"])
 
@@ -39,7 +39,7 @@ async def get_room(service: Service) -> Response:
     return await service.reading.answer("room", read)
 
 
-@router.post("/cell/connect", responses=problem_responses(409, 503))
+@router.post("/cell/connect", responses=problem_responses(*CELL, "not-ready"))
 def connect_cell(service: Service) -> CellResource:
     """Connects arm and camera, unless they are. Nothing moves."""
     service.cell.connect()
@@ -57,7 +57,7 @@ async def stop_cell(request: Request, service: Service) -> CellResource:
     return _told(service, _InUse(None, warnings))
 
 
-@router.post("/cell/release", responses=problem_responses(409, 503))
+@router.post("/cell/release", responses=problem_responses(*CELL, "not-ready"))
 def release_arm(service: Service) -> CellResource:
     """Ends our program on the robot, so that another can move it, as to grasp. Waits for the arm of a scan to come home
     first; refused as `stopped` when somebody stops it meanwhile. Asked for behind a stop, it leaves the arm where it
@@ -67,17 +67,22 @@ def release_arm(service: Service) -> CellResource:
 
 
 _AGAIN = {"Retry-After": {"description": "Seconds, where it is `too-early`", "schema": {"type": "integer"}}}
-_LATER: dict[int | str, dict[str, Any]] = {409: problem_responses(409)[409] | {"headers": _AGAIN}}
+_ACKNOWLEDGE = problem_responses(*CELL, "no-fault", "not-ready", "too-early")
+_ACKNOWLEDGE[409]["headers"] = _AGAIN
 
 
-@router.post("/cell/acknowledge", responses=problem_responses(409, 503) | _LATER)
+@router.post("/cell/acknowledge", responses=_ACKNOWLEDGE)
 def acknowledge_fault(service: Service) -> CellResource:
     """Says that a person has looked at the cell after a fault. Unlocks a protective stop; nothing moves."""
     service.cell.acknowledge()
     return _resource(service)
 
 
-@router.post("/viewpoints/plan", response_model=PlanDocument, responses=problem_responses(409, 422))
+@router.post(
+    "/viewpoints/plan",
+    response_model=PlanDocument,
+    responses=problem_responses("calibration", "config", "invalid-request", "viewpoints-unreachable"),
+)
 async def plan_viewpoints(service: Service, wanted: PlanRequest | None = None) -> Any:
     """The viewpoints, which of them can be reached and why not, their order and the way. Nothing moves."""
     views = wanted.views if wanted else None
@@ -87,7 +92,11 @@ async def plan_viewpoints(service: Service, wanted: PlanRequest | None = None) -
 PNG: dict[int | str, dict[str, Any]] = {200: {"content": {"image/png": BINARY}}}
 
 
-@router.get("/viewpoints/plan.png", response_class=Response, responses=PNG | problem_responses(409, 422))
+@router.get(
+    "/viewpoints/plan.png",
+    response_class=Response,
+    responses=PNG | problem_responses("calibration", "config", "invalid-request", "viewpoints-unreachable"),
+)
 async def draw_viewpoints(service: Service, views: ViewCount = None) -> Response:
     """The same as a picture."""
 

@@ -22,4 +22,4 @@ async def console_page(request: Request) -> Response:
         return await FILES.get_response("index.html", request.scope)
     except HTTPException as error:
         hint = "run `make setup`, or install a wheel, which has it; /docs describes the calls"
-        raise ProblemError(503, "console-not-built", f"the console is not built: {hint}") from error
+        raise ProblemError("console-not-built", f"the console is not built: {hint}") from error

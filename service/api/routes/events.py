@@ -10,9 +10,10 @@ from fastapi import APIRouter, Depends, Header, Request
 from fastapi.responses import Response
 
 from service.api.dependencies import Context, Scan, Service
+from service.api.problem_responses import problem_responses
 from service.api.server_sent_events import EventStream, News, Whole, all_stream, scan_stream
 from service.events.cell_events import cell_event
-from service.problems.document import ProblemError, problem_responses
+from service.problems.document import ProblemError
 from service.security.auth.caller import known_caller, still_allowed
 from service.storage.event_log import Behind, Present, ScanEvent, ScanEvents, UnknownEventError
 
@@ -60,13 +61,15 @@ SCAN_DATA = "`scan` and `resync` the scan as `GET /api/scans/SCAN` has it"
 ALL_DATA = "`cell` and `resync` an object with the cell's `state`, `problem` and `reason`"
 
 
-def _responses(names: tuple[str, ...], whole: str, *statuses: int) -> dict[int | str, dict[str, Any]]:
+def _responses(names: tuple[str, ...], whole: str, *slugs: str) -> dict[int | str, dict[str, Any]]:
     described = f"""Server-sent events. Each has a name and, as JSON, its data: {whole};
 those named `state`, `progress` and `view` an object with `id`, `scan`, `at`, `kind` and, as `data`, what has changed
 (`state`: state, stage, fraction, problem, summary; `progress`: stage, fraction; `view`: index, state, reason).
 Ids rise from change to change."""
     content = {EventStream.media_type: {"itemSchema": _event(names)}}
-    return {200: {"description": described, "content": content}} | problem_responses(*statuses)
+    return {200: {"description": described, "content": content}} | problem_responses(
+        "event-unknown", "invalid-request", "not-ready", "too-many-streams", *slugs
+    )
 
 
 def _event(names: tuple[str, ...]) -> dict[str, Any]:
@@ -84,7 +87,7 @@ def _event(names: tuple[str, ...]) -> dict[str, Any]:
     "/scans/{id}/events",
     status_code=200,
     response_class=EventStream,
-    responses=_responses((*CHANGES, "scan"), SCAN_DATA, 404, 422, 503)
+    responses=_responses((*CHANGES, "scan"), SCAN_DATA, "scan-not-found")
     | {204: {"description": "It has ended, and all is told"}},
 )
 async def follow_scan(request: Request, stream: Annotated[OfScan, Depends(_of_scan)], service: Service) -> Response:
@@ -105,7 +108,7 @@ async def follow_scan(request: Request, stream: Annotated[OfScan, Depends(_of_sc
     "/events",
     status_code=200,
     response_class=EventStream,
-    responses=_responses((*CHANGES, "cell"), ALL_DATA, 422, 503),
+    responses=_responses((*CHANGES, "cell"), ALL_DATA),
 )
 async def follow_all(request: Request, stream: Annotated[OfAll, Depends(_of_all)], service: Service) -> Response:
     """The changes of all scans and of the cell as server-sent events, without an end.
@@ -124,11 +127,11 @@ def _following(request: Request, service: Context, topic: str | None) -> Iterato
     """A slot, and the news from here on, until the client is gone.
 
     Raises:
-        ProblemError: 503 `too-many-streams`, or `not-ready` when the service is ending.
+        ProblemError: `too-many-streams`, or `not-ready` when the service is ending.
     """
     hub = service.store.events.hub
     if hub.closed:
-        raise ProblemError(503, "not-ready", "the service is stopping")
+        raise ProblemError("not-ready", "the service is stopping")
     caller = known_caller(request.scope)
     with service.streams.taken(None if caller is None or caller.local else caller.name), hub.following(topic) as news:
         yield news
@@ -145,7 +148,7 @@ def _begin_scan(events: ScanEvents, scan_id: str, last: int | None) -> tuple[Pre
         whole = "resync"
     present = events.present(scan_id)
     if present is None:  # removed since it was found
-        raise ProblemError(404, "scan-not-found", f"there is no scan {scan_id} any more; GET /api/scans lists them")
+        raise ProblemError("scan-not-found", f"there is no scan {scan_id} any more; GET /api/scans lists them")
     return present, whole, present.newest
 
 
@@ -166,4 +169,4 @@ def _known_event() -> Iterator[None]:
         yield
     except UnknownEventError as error:
         detail = f"Last-Event-ID: {error}; leave it out to begin with the present state"
-        raise ProblemError(422, "event-unknown", detail) from error
+        raise ProblemError("event-unknown", detail) from error

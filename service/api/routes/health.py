@@ -6,9 +6,10 @@ from fastapi import APIRouter, Response
 from fastapi.responses import JSONResponse
 
 from service.api.dependencies import Service
+from service.api.problem_responses import problem_responses
 from service.api.readiness import readiness, what_is_not
 from service.api.schemas.health import Health, Readiness
-from service.problems.document import MEDIA_TYPE, problem_document, problem_responses
+from service.problems.document import MEDIA_TYPE, problem_document
 
 router = APIRouter(tags=["health"])
 
@@ -19,7 +20,7 @@ async def healthz() -> Health:
     return Health()
 
 
-@router.get("/readyz", response_model=Readiness, responses=problem_responses(503))
+@router.get("/readyz", response_model=Readiness, responses=problem_responses("not-ready"))
 def readyz(service: Service) -> Any:
     """Answer 200 if the database accepts changes, recognition is ready or at work, the disk has room, the service is
     not stopping, and its file of tokens can be read. Otherwise answer 503 with the checks that failed. The state of the
@@ -30,5 +31,5 @@ def readyz(service: Service) -> Any:
 
 
 def _not_ready(detail: str, checks: dict[str, Any]) -> Response:
-    problem = problem_document(503, "not-ready", detail, "/readyz", checks=checks)
-    return JSONResponse(problem, 503, headers={"Retry-After": "1"}, media_type=MEDIA_TYPE)
+    problem = problem_document("not-ready", detail, "/readyz", checks=checks)
+    return JSONResponse(problem, problem["status"], headers={"Retry-After": "1"}, media_type=MEDIA_TYPE)

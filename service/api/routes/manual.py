@@ -19,14 +19,14 @@ class ManualFiles(StaticFiles):
         """Answer with a file.
 
         Raises:
-            ProblemError: 503 `manual-not-built`.
+            ProblemError: `manual-not-built`.
             HTTPException: 404 where no such file exists, 405 for methods other than GET and HEAD.
         """
         if ".." in scope["path"].split("/"):  # StaticFiles would redirect some of them
             raise HTTPException(404)
         if self.lookup_path(START)[1] is None:
             hint = "run `make setup`, or install a wheel, which contains it"
-            raise ProblemError(503, "manual-not-built", f"the manual is not built: {hint}")
+            raise ProblemError("manual-not-built", f"the manual is not built: {hint}")
         await super().__call__(scope, receive, send)
 
 

@@ -3,7 +3,7 @@
 from fastapi import APIRouter, Request, Response
 from prometheus_client.exposition import CONTENT_TYPE_PLAIN_0_0_4
 
-from service.problems.document import problem_responses
+from service.api.problem_responses import problem_responses
 
 router = APIRouter(tags=["health"])
 

@@ -18,9 +18,11 @@ from service.api.dependencies import Before, Context, Limit, Recording, Service
 from service.api.file_responses import NOT_MODIFIED, IfNoneMatch, present, send_file
 from service.api.openapi import links
 from service.api.pagination import page
-from service.api.schemas.recording_resource import RECORDINGS, recording_resource
+from service.api.problem_responses import RECORDING, problem_responses
+from service.api.schemas.addresses import RECORDINGS
+from service.api.schemas.recording_resource import recording_resource
 from service.api.schemas.scans import RecordingList, RecordingResource
-from service.problems.document import ProblemError, problem_responses
+from service.problems.document import ProblemError
 from service.processing.upload_sandbox import describe_foreign_recording
 from service.storage.database import new_id
 from service.storage.rows import RecordingRow
@@ -39,7 +41,9 @@ BINARY = {"schema": {"type": "string", "format": "binary"}}
 BODY = {"required": True, "content": {MCAP: BINARY}}
 REPLAY = {"operationId": "start_scan", "requestBody": {"mode": "replay", "recording": "$response.body#/id"}}
 FOLLOWING = links("get_recording", "download_recording")
-KEPT = problem_responses(413, 422, 503, 507) | {201: {"links": FOLLOWING["links"] | {"start_scan": REPLAY}}}
+KEPT = problem_responses(
+    *RECORDING, "recording-too-large", "busy", "invalid-request", "storage-full", "too-large", "upload-incomplete"
+) | {201: {"links": FOLLOWING["links"] | {"start_scan": REPLAY}}}
 
 
 @router.post("", status_code=201, responses=KEPT, openapi_extra={"requestBody": BODY})
@@ -53,14 +57,14 @@ async def upload_recording(
     return recording_resource(row)
 
 
-@router.get("", responses=problem_responses(422))
+@router.get("", responses=problem_responses("invalid-request"))
 def list_recordings(request: Request, service: Service, limit: Limit = 100, before: Before = None) -> RecordingList:
     """The recordings, the newest first."""
     rows, following = page(service.store.recordings(limit + 1, before), limit, request)
     return RecordingList(recordings=[recording_resource(row) for row in rows], next=following)
 
 
-@router.get("/{id}", responses=problem_responses(404, 422))
+@router.get("/{id}", responses=problem_responses("recording-not-found", "invalid-request"))
 def get_recording(recording: Recording) -> RecordingResource:
     """What is known of a recording."""
     return recording_resource(recording)
@@ -69,7 +73,7 @@ def get_recording(recording: Recording) -> RecordingResource:
 FILE: dict[int | str, dict[str, Any]] = {200: {"content": {MCAP: BINARY}}}
 
 
-REFUSALS = NOT_MODIFIED | problem_responses(404, 422)
+REFUSALS = NOT_MODIFIED | problem_responses("recording-not-found", "no-result", "invalid-request")
 
 
 @router.get("/{id}/file", response_class=FileResponse, responses=FILE | REFUSALS)
@@ -97,12 +101,12 @@ def require_whole(service: Context, recording: RecordingRow) -> None:
 
 @contextmanager
 def _one_of_few(service: Context) -> Iterator[None]:
-    """Raises ProblemError: 503 `busy`."""
+    """Raises ProblemError: `busy`."""
     try:
         service.uploads.acquire_nowait()
     except WouldBlock:
         detail = f"{UPLOADS} recordings are being uploaded already; try again"
-        raise ProblemError(503, "busy", detail, {"Retry-After": "5"}) from None
+        raise ProblemError("busy", detail, {"Retry-After": "5"}) from None
     try:
         yield
     finally:
@@ -160,6 +164,6 @@ async def _receive(request: Request, path: Path, service: Context) -> str:
         await to_thread.run_sync(finish)
         return digest.hexdigest()
     except ClientDisconnect as error:
-        raise ProblemError(400, "upload-incomplete", "the connection ended before the recording did") from error
+        raise ProblemError("upload-incomplete", "the connection ended before the recording did") from error
     finally:
         await to_thread.run_sync(file.close)

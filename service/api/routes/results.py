@@ -14,18 +14,22 @@ from service.api.dependencies import Context, Id, Scan, Service, find_scan
 from service.api.etags import matches
 from service.api.file_responses import NOT_MODIFIED, IfNoneMatch, not_modified, present, read_whole, send_file
 from service.api.image_cache import shrink_picture
+from service.api.problem_responses import problem_responses
 from service.api.routes import recordings
-from service.api.schemas.scan_resource import SCANS
-from service.api.schemas.scans import ACTIVE_STATES, RESULT_STATES, GraspsDocument
-from service.problems.document import ProblemError, problem_responses
+from service.api.schemas.addresses import SCANS
+from service.api.schemas.scans import GraspsDocument
+from service.problems.document import ProblemError
 from service.processing.worker import PREVIEW_S
+from service.states import ACTIVE_STATES, RESULT_STATES
 from service.storage.data_folder import CLOUD, MODEL, PREVIEW
 from service.storage.rows import ScanRow
 
 router = APIRouter(prefix=SCANS, tags=["scans"])
 
 Responses = dict[int | str, dict[str, Any]]
-REFUSALS: Responses = NOT_MODIFIED | problem_responses(404, 409, 422)
+REFUSALS: Responses = NOT_MODIFIED | problem_responses(
+    "scan-not-found", "no-result", "result-not-ready", "invalid-request"
+)
 PLY = "application/octet-stream"
 THUMBNAIL = 240
 """Pixels across."""
@@ -60,7 +64,7 @@ def get_grasps(scan: Scan, service: Service, response: Response, has: IfNoneMatc
         return not_modified(etag)
     model = json.loads(path.read_bytes())
     if "grasps" not in model:
-        raise ProblemError(404, "no-result", f"scan {scan.id} is of an older version, without grasps: scan again")
+        raise ProblemError("no-result", f"scan {scan.id} is of an older version, without grasps: scan again")
     response.headers["ETag"] = etag
     return {key: model[key] for key in ("schema", "frame", "grasps")}
 
@@ -98,7 +102,9 @@ async def get_thumbnail(id: Id, service: Service, has: IfNoneMatch) -> Response:
     )
 
 
-RECORDING: Responses = _file(recordings.MCAP) | NOT_MODIFIED | problem_responses(404, 422)
+RECORDING: Responses = (
+    _file(recordings.MCAP) | NOT_MODIFIED | problem_responses("scan-not-found", "no-result", "invalid-request")
+)
 
 
 @router.get("/{id}/recording", response_class=FileResponse, responses=RECORDING)
@@ -106,7 +112,7 @@ def get_scan_recording(scan: Scan, service: Service, has: IfNoneMatch) -> Respon
     """The recording that the scan is of, whatever became of the scan."""
     recording = service.store.recording(scan.recording) if scan.recording else None
     if recording is None:
-        raise ProblemError(404, "no-result", f"scan {scan.id} has no recording")
+        raise ProblemError("no-result", f"scan {scan.id} has no recording")
     return recordings.send_recording(service, recording, has)
 
 
@@ -127,9 +133,9 @@ def _send(
 def _result(scan: ScanRow, service: Context, name: str) -> Path:
     """Where a result's file is."""
     if scan.state in ACTIVE_STATES:
-        raise ProblemError(409, "result-not-ready", f"scan {scan.id} is {scan.state}; wait for its end")
+        raise ProblemError("result-not-ready", f"scan {scan.id} is {scan.state}; wait for its end")
     if scan.state not in RESULT_STATES:
-        raise ProblemError(404, "no-result", f"scan {scan.id} is {scan.state}: it has no result")
+        raise ProblemError("no-result", f"scan {scan.id} is {scan.state}: it has no result")
     return service.store.folder.results(scan.id) / name
 
 

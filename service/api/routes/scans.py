@@ -11,19 +11,27 @@ from service.api.dependencies import Before, Context, Id, Limit, Scan, Service, 
 from service.api.idempotency_header import Asks
 from service.api.openapi import links
 from service.api.pagination import Filter, page
+from service.api.problem_responses import CELL, problem_responses
 from service.api.response_cache import json_answer
 from service.api.routes.recordings import require_whole
-from service.api.schemas.scan_resource import SCANS, scan_resource, scan_resources
-from service.api.schemas.scans import ACTIVE_STATES, Keep, LiveScan, Reprocess, ScanList, ScanRequest, ScanResource
+from service.api.schemas.addresses import SCANS
+from service.api.schemas.scan_resource import scan_resource, scan_resources
+from service.api.schemas.scans import Keep, LiveScan, Reprocess, ScanList, ScanRequest, ScanResource
 from service.jobs.new_rows import Asked
 from service.logs.request_time import arrived_s
-from service.problems.document import ProblemError, problem_responses
+from service.problems.document import ProblemError
 from service.processing.results import check_radius
+from service.states import ACTIVE_STATES
 from service.storage.rows import ScanRow
 
 router = APIRouter(prefix=SCANS, tags=["scans"])
 
-STARTED = problem_responses(404, 409, 413, 422, 503, 507) | {
+_SUBMIT = (
+    "cell-busy", "idempotency-key", "idempotency-mismatch", "idempotency-pending", "invalid-parameters",
+    "invalid-request", "no-result", "not-ready", "recording-not-found", "storage-full", "too-large",
+)  # fmt: skip
+"""Problems of an operation that starts a scan."""
+STARTED = {
     202: links(
         *("get_scan", "follow_scan", "cancel_scan", "keep_scan", "reprocess_scan"),
         *("get_model", "get_grasps", "get_cloud", "get_preview", "get_thumbnail", "get_views", "get_scan_recording"),
@@ -31,7 +39,7 @@ STARTED = problem_responses(404, 409, 413, 422, 503, 507) | {
 }
 
 
-@router.post("", status_code=202, responses=STARTED)
+@router.post("", status_code=202, responses=STARTED | problem_responses(*_SUBMIT, *CELL, "viewpoints-unreachable"))
 def start_scan(wanted: ScanRequest, response: Response, service: Service, asking: Asks) -> ScanResource:
     """Starts a scan; follow it at the address in Location. One at a time: 409 names the one under way.
 
@@ -46,7 +54,7 @@ def start_scan(wanted: ScanRequest, response: Response, service: Service, asking
             return service.jobs.submit.live(wanted.views, wanted.method, radius, arrived_s(), asked)
         recording = service.store.recording(wanted.recording)
         if recording is None:
-            raise ProblemError(404, "recording-not-found", f"there is no recording {wanted.recording}; upload it first")
+            raise ProblemError("recording-not-found", f"there is no recording {wanted.recording}; upload it first")
         require_whole(service, recording)
         radius = check_radius(wanted.string_radius_m, recording.string_radius_m)
         return service.jobs.submit.replay(recording, wanted.method, radius, asked)
@@ -54,7 +62,11 @@ def start_scan(wanted: ScanRequest, response: Response, service: Service, asking
     return _start(response, service, asked, submit)
 
 
-@router.post("/{id}/reprocess", status_code=202, responses=STARTED)
+@router.post(
+    "/{id}/reprocess",
+    status_code=202,
+    responses=STARTED | problem_responses(*_SUBMIT, "result-not-ready", "scan-not-found", "stopped"),
+)
 def reprocess_scan(
     source: Scan, response: Response, service: Service, asking: Asks, wanted: Reprocess | None = None
 ) -> ScanResource:
@@ -65,10 +77,10 @@ def reprocess_scan(
 
     def submit(_: float) -> ScanRow:
         if source.state in ACTIVE_STATES:
-            raise ProblemError(409, "result-not-ready", f"scan {source.id} is {source.state}; wait for its end")
+            raise ProblemError("result-not-ready", f"scan {source.id} is {source.state}; wait for its end")
         recording = service.store.recording(source.recording) if source.recording else None
         if recording is None:
-            raise ProblemError(404, "no-result", f"scan {source.id} has no recording")
+            raise ProblemError("no-result", f"scan {source.id} has no recording")
         require_whole(service, recording)
         given = "string_radius_m" in wanted.model_fields_set
         radius = check_radius(wanted.string_radius_m if given else source.string_radius_m, None)
@@ -77,7 +89,7 @@ def reprocess_scan(
     return _start(response, service, asked, submit)
 
 
-@router.get("", response_model=ScanList, responses=problem_responses(422))
+@router.get("", response_model=ScanList, responses=problem_responses("invalid-request"))
 async def list_scans(
     request: Request, service: Service, wanted: Filter, limit: Limit = 100, before: Before = None
 ) -> Response:
@@ -91,13 +103,13 @@ async def list_scans(
     return await service.reading.answer(("scans", request.url.query), read)
 
 
-@router.get("/{id}", response_model=ScanResource, responses=problem_responses(404, 422))
+@router.get("/{id}", response_model=ScanResource, responses=problem_responses("scan-not-found", "invalid-request"))
 async def get_scan(id: Id, service: Service) -> Response:  # noqa: A002 (the path's own name)
     """State, progress and results of a scan."""
     return await service.reading.answer(("scan", id), lambda: json_answer(_told(find_scan(id, service), service)))
 
 
-@router.post("/{id}/cancel", responses=problem_responses(404, 409, 422))
+@router.post("/{id}/cancel", responses=problem_responses("scan-not-found", "not-cancellable", "invalid-request"))
 async def cancel_scan(id: Id, service: Service) -> ScanResource:  # noqa: A002 (the path's own name)
     """Stops a scan. It may have ended just before: the answer says in which state it is."""
 
@@ -108,7 +120,7 @@ async def cancel_scan(id: Id, service: Service) -> ScanResource:  # noqa: A002 (
     return await to_thread.run_sync(cancel, limiter=service.stopping)
 
 
-@router.put("/{id}/keep", responses=problem_responses(404, 413, 422))
+@router.put("/{id}/keep", responses=problem_responses("scan-not-found", "too-large", "invalid-request"))
 def keep_scan(id: Id, wanted: Keep, service: Service) -> ScanResource:  # noqa: A002 (the path's own name)
     """Marks a scan, with its results and its recording, as one to be kept however old it gets; or no longer."""
     service.store.keep_scan(id, wanted.kept)
@@ -131,7 +143,7 @@ def _start(response: Response, service: Context, asked: Asked, submit: Callable[
         try:
             scan = submit(known)
         except sqlite3.IntegrityError as error:
-            raise ProblemError(404, "recording-not-found", "the recording was removed a moment ago") from error
+            raise ProblemError("recording-not-found", "the recording was removed a moment ago") from error
         except StoppedError as error:
             if asked.key is None:
                 raise

@@ -5,8 +5,8 @@ from typing import Annotated
 from fastapi import APIRouter, Request, Response
 from pydantic import ConfigDict, Field
 
+from service.api.problem_responses import problem_responses
 from service.api.schemas.base import Described
-from service.problems.document import problem_responses
 from service.security.auth.authentication import Callers
 from service.security.auth.caller import Caller, Role
 from service.security.auth.session_cookie import session_cookie
@@ -49,7 +49,7 @@ async def get_session(request: Request) -> SessionResource:
     return _told(None if known is None else known.caller)
 
 
-@router.post("", responses=COOKIE | problem_responses(401, 422))
+@router.post("", responses=COOKIE | problem_responses("unauthorized", "invalid-request"))
 async def sign_in(request: Request, wanted: SignIn, response: Response) -> SessionResource:
     """Keeps the token in a cookie that no script can read, for this address alone."""
     token = wanted.token.strip()

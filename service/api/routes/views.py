@@ -10,13 +10,16 @@ from cell.recording.view_reader import read_poses, read_view
 from service.api.dependencies import Context, Id, Service, find_scan
 from service.api.depth_image import draw_depth
 from service.api.file_responses import NOT_MODIFIED, IfNoneMatch
+from service.api.problem_responses import RECORDING, problem_responses
 from service.api.response_cache import json_answer
 from service.api.routes.recordings import BINARY, require_whole
+from service.api.schemas.addresses import SCANS
 from service.api.schemas.base import Described
-from service.api.schemas.scan_resource import SCANS
-from service.problems.document import ProblemError, problem_responses
+from service.problems.document import ProblemError
 
 router = APIRouter(prefix=SCANS, tags=["scans"])
+
+_REFUSALS = ("scan-not-found", "no-result", "invalid-request", *RECORDING)
 
 Matrix = list[list[float]]
 
@@ -39,7 +42,7 @@ class SeenViews(Described):
     views: list[SeenView]
 
 
-@router.get("/{id}/views", response_model=SeenViews, responses=problem_responses(404, 422))
+@router.get("/{id}/views", response_model=SeenViews, responses=problem_responses(*_REFUSALS))
 async def get_views(id: Id, service: Service) -> Response:  # noqa: A002 (the path's own name)
     """From where each view was taken: as many as there are by now."""
 
@@ -65,7 +68,7 @@ Index = Annotated[int, InPath(ge=0, le=999)]
 PNG: dict[int | str, dict[str, Any]] = {200: {"content": {"image/png": BINARY}}} | NOT_MODIFIED
 
 
-@router.get("/{id}/views/{index}.png", response_class=Response, responses=PNG | problem_responses(404, 422))
+@router.get("/{id}/views/{index}.png", response_class=Response, responses=PNG | problem_responses(*_REFUSALS))
 async def get_view_picture(id: Id, index: Index, service: Service, has: IfNoneMatch) -> Response:  # noqa: A002
     """What was measured from a viewpoint, coloured by height above the table: from 3 mm below it, blue, to 27 mm above,
     yellow; black where nothing was measured. Cut to the workspace."""
@@ -74,7 +77,7 @@ async def get_view_picture(id: Id, index: Index, service: Service, has: IfNoneMa
     def draw() -> bytes:
         seen = None if path is None else read_view(path, index)
         if seen is None:
-            raise ProblemError(404, "no-result", f"scan {id} has no view {index}, or not yet")
+            raise ProblemError("no-result", f"scan {id} has no view {index}, or not yet")
         return draw_depth(*seen)
 
     return await service.pictures.answer((path, index), has, draw)
@@ -85,7 +88,7 @@ def _recording(scan_id: str, service: Context) -> Path | None:
     yet.
 
     Raises:
-        ProblemError: 404, there is no such scan, or it has no recording; 500 `damaged`, as `present`.
+        ProblemError: 404, there is no such scan, or it has no recording; `damaged`, as `present`.
     """
     scan = find_scan(scan_id, service)
     recording = service.store.recording(scan.recording) if scan.recording else None
@@ -93,6 +96,6 @@ def _recording(scan_id: str, service: Context) -> Path | None:
         require_whole(service, recording)
         return service.store.folder.recording(recording.id)
     if scan.mode != "live":
-        raise ProblemError(404, "no-result", f"scan {scan_id} has no recording")
+        raise ProblemError("no-result", f"scan {scan_id} has no recording")
     path = service.store.folder.recording(scan_id)
     return path if path.is_file() and path.stat().st_size > 0 else None

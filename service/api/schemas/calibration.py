@@ -18,7 +18,9 @@ from calibration.target.board import (
 )
 from cell.control.calibration_run import GRID_COLUMNS, GRID_ROWS
 from service.api.schemas.base import Described
-from service.api.schemas.scans import WHOLE, Id, Problem, ScanState, ViewState
+from service.api.schemas.problem import Problem
+from service.api.schemas.scans import WHOLE, Id
+from service.states import ScanState, ViewState
 
 Matrix = list[list[float]]
 

@@ -12,6 +12,7 @@ from calibration.verification.drift import Drift
 from cell.control.cell import Cell
 from cell.errors import CellError
 from service import clock
+from service.api.schemas.addresses import RUNS
 from service.api.schemas.calibration import (
     CalibrationInUse,
     CalibrationProgress,
@@ -21,15 +22,14 @@ from service.api.schemas.calibration import (
     RunLinks,
     RunResource,
 )
-from service.api.schemas.scans import ACTIVE_STATES, Problem
+from service.api.schemas.problem import problem_resource
 from service.jobs.calibration_activation import why_not_activated
 from service.jobs.calibration_drift import DriftWatch
+from service.states import ACTIVE_STATES
 from service.storage.calibration_store import CalibrationStore
 from service.storage.rows import CalibrationRow, CalibrationViewRow
 
 log = logging.getLogger(__name__)
-
-RUNS = "/api/calibration/runs"
 
 
 def usable_hand_eye(cell: Cell) -> HandEye | None:
@@ -135,7 +135,7 @@ def run_resource(row: CalibrationRow, views: Sequence[CalibrationViewRow]) -> Ru
         calibration_sha256=row.calibration_sha256,
         result=CalibrationResult.model_validate(row.result) if row.result else None,
         verification=VerificationResource.model_validate(row.verification) if row.verification else None,
-        problem=Problem.model_validate(row.problem | {"instance": own}) if row.problem else None,
+        problem=problem_resource(row.failure, own),
         links=RunLinks(
             self=own,
             cancel=f"{own}/cancel" if row.state in ACTIVE_STATES else None,

@@ -1,9 +1,8 @@
 """Recordings as their resources."""
 
+from service.api.schemas.addresses import RECORDINGS
 from service.api.schemas.scans import RecordingLinks, RecordingResource
 from service.storage.rows import RecordingRow
-
-RECORDINGS = "/api/recordings"
 
 
 def recording_resource(row: RecordingRow) -> RecordingResource:

@@ -3,19 +3,11 @@
 from collections import defaultdict
 from collections.abc import Sequence
 
-from service.api.schemas.scans import (
-    ACTIVE_STATES,
-    RESULT_STATES,
-    Problem,
-    Progress,
-    ScanLinks,
-    ScanResource,
-    ScanSummary,
-    ViewProgress,
-)
+from service.api.schemas.addresses import SCANS
+from service.api.schemas.problem import problem_resource
+from service.api.schemas.scans import Progress, ScanLinks, ScanResource, ScanSummary, ViewProgress
+from service.states import ACTIVE_STATES, RESULT_STATES
 from service.storage.rows import ScanRow, ViewRow
-
-SCANS = "/api/scans"
 
 
 def scan_resource(row: ScanRow, views: Sequence[ViewRow]) -> ScanResource:
@@ -38,7 +30,7 @@ def scan_resource(row: ScanRow, views: Sequence[ViewRow]) -> ScanResource:
         started_at=row.started_at,
         ended_at=row.ended_at,
         summary=ScanSummary.model_validate(row.summary) if row.summary else None,
-        problem=Problem.model_validate(row.problem | {"instance": own}) if row.problem else None,
+        problem=problem_resource(row.failure, own),
         asked_by=row.asked_by,
         kept=row.kept,
         calibration_sha256=row.calibration_sha256,

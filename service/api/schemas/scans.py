@@ -11,19 +11,11 @@ from recognition.model.document import GraspDocument
 from recognition.model.model import Method
 from recognition.parameters import R_MAX, R_MIN
 from service.api.schemas.base import Described
+from service.api.schemas.problem import Problem
+from service.states import ID_PATTERN, ScanState, ViewState
 
-ID_PATTERN = r"^[0-9a-z-]{1,64}$"
 Id = Annotated[str, Field(pattern=ID_PATTERN, examples=["20260102t030405-678901-9f86d081"])]
 """Made by the server; later ones sort behind earlier ones."""
-
-ScanState = Literal[
-    "queued", "preflight", "scanning", "processing", "stopping",
-    "succeeded", "partial", "failed", "aborted", "interrupted",
-]  # fmt: skip
-ACTIVE_STATES: tuple[ScanState, ...] = ("queued", "preflight", "scanning", "processing", "stopping")
-"""States that a scan leaves again; all others are final."""
-ViewState = Literal["moving", "recorded", "missing"]
-RESULT_STATES: tuple[ScanState, ...] = ("succeeded", "partial")
 
 # The bounds are told to readers of the description only: recognition itself refuses a radius outside of them,
 # the recording's too, with a message that says more than "should be less than".
@@ -42,18 +34,6 @@ def _whole(value: Any) -> int:
 
 WHOLE = BeforeValidator(_whole)
 """Makes an int a whole number as JSON has it: 3.0 is one, "3" and true are not."""
-
-
-class Problem(Described):
-    """An error, as RFC 9457 describes it. `type` is what programs decide on."""
-
-    model_config = ConfigDict(extra="allow")
-
-    type: str = Field(examples=["urn:pointchain:cell-busy"])
-    title: str
-    status: int
-    detail: str
-    instance: str | None = None
 
 
 class _Request(Described):

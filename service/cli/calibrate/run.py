@@ -24,7 +24,7 @@ from service.cli.output_folder import require_new_folder
 from service.cli.prompt import agreed
 from service.cli.robot_task import EndedEarlyError, with_moving_cell
 from service.config.loader import ConfigError, load_config
-from service.problems.document import problem_document
+from service.problems.document import error_document
 
 Use = Literal["active", "unused", "failed"]
 """Of a result: the calibration in use; not, as somebody wanted it; not, though somebody wanted it."""
@@ -56,7 +56,7 @@ def calibrate_run(config_file: Path | None, wanted: WantedRun) -> int:
         folder = wanted.folder or _new_folder(settings)
         require_new_folder(folder)
     except (ConfigError, BoardError) as error:
-        return _failed(problem_document(422, error.slug, str(error)), 1, wanted.as_json)
+        return _failed(error_document(error.slug, str(error)), 1, wanted.as_json)
     _say(_announced(settings, board, wanted.poses))
 
     def do(cell: Cell, stop_asked: threading.Event) -> CalibrationRun:

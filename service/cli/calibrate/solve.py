@@ -19,7 +19,7 @@ from calibration.target.detection import DetectedBoard
 from calibration.verification.verification import Verification, verification_findings, verify
 from service.cli.calibrate.activate import activation_command
 from service.cli.calibrate.report import result_words, verification_words
-from service.problems.document import problem_document
+from service.problems.document import error_document
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,7 +43,7 @@ def calibrate_solve(folder: Path, again: bool, out: Path | None, as_json: bool) 
         seen = _kept(folder) if again else _found(folder)
         result, verification = _solved(seen)
     except (HandEyeError, BoardDetectionError) as error:
-        return _failed(problem_document(422, error.slug, str(error)), as_json)
+        return _failed(error_document(error.slug, str(error)), as_json)
     told = verification.to_json()
     problem = _written(path, result, seen, told)
     # It is told even where it cannot be kept.
@@ -110,10 +110,10 @@ def _written(path: Path, result: HandEyeResult, seen: Seen, verification: dict[s
     try:
         write_result(path, result, seen.observations, seen.held_out, verification)
     except HandEyeError as error:
-        return problem_document(422, error.slug, str(error))
+        return error_document(error.slug, str(error))
     except OSError as error:
         words = f"{error.filename or path} cannot be written: {error.strerror or error}"
-        return problem_document(507, "file", words)
+        return error_document("file", words)
     return None
 
 

@@ -16,7 +16,7 @@ from service.cli.calibrate.report import verification_words
 from service.cli.output_folder import require_new_folder
 from service.cli.robot_task import EndedEarlyError, with_moving_cell
 from service.config.loader import ConfigError, load_config
-from service.problems.document import problem_document
+from service.problems.document import error_document
 
 
 def calibrate_verify(config_file: Path | None, folder: Path | None, as_json: bool) -> int:
@@ -32,10 +32,10 @@ def calibrate_verify(config_file: Path | None, folder: Path | None, as_json: boo
             pictures = folder or Path(passing) / "verification"
             found = with_moving_cell(settings, lambda cell, stop: _verified(cell, stop, pictures), pictures)
     except ConfigError as error:
-        return _failed(problem_document(422, error.slug, str(error)), 1, as_json)
+        return _failed(error_document(error.slug, str(error)), 1, as_json)
     except OSError as error:
         where = f"{error.filename or 'the folder for the pictures'} cannot be written: {error.strerror or error}"
-        return _failed(problem_document(507, "file", where), 1, as_json)
+        return _failed(error_document("file", where), 1, as_json)
     except EndedEarlyError as error:
         return _failed(error.problem, error.code, as_json)
     print(json.dumps(found.to_json(), allow_nan=False) if as_json else verification_words(found), flush=True)

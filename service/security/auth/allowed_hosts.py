@@ -51,13 +51,12 @@ class AllowedHosts:
         return name in self._names or is_loopback(name)
 
     def check(self, scope: Scope) -> None:
-        """Raises ProblemError: 400 or 421 `host-not-allowed`."""
+        """Raises ProblemError: `host-not-allowed`, or `bad-request` without a host."""
         given = header(scope, b"host")
         if len(given) != 1:
-            raise ProblemError(400, "host-not-allowed", "a request needs one header Host")
+            raise ProblemError("bad-request", "a request needs one header Host")
         if given[0].decode("latin-1") not in self:
             raise ProblemError(
-                421,
                 "host-not-allowed",
                 "the service may not be called by this name or address: add it to security.allowed_hosts of the "
                 "service's configuration",

@@ -29,7 +29,7 @@ class Callers:
         self._tokens, self._local = tokens, local
 
     def with_token(self, token: str) -> Caller:
-        """Whose token it is. Raises ProblemError: 401 `unauthorized`."""
+        """Whose token it is. Raises ProblemError: `unauthorized`."""
         known = self._tokens.find(token)
         if known is None:
             raise unauthorized("there is no such token, or it was removed: `pointchain token list` has all")
@@ -39,7 +39,7 @@ class Callers:
         """Who asks. A token in the header counts, whatever the cookie says; a cookie whose token is no more is none.
 
         Raises:
-            ProblemError: 401 `unauthorized`.
+            ProblemError: `unauthorized`.
         """
         if (token := token_of(scope)) is not None:
             return Known(self.with_token(token))

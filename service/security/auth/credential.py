@@ -16,7 +16,7 @@ def token_of(scope: Scope) -> str | None:
     """The token in the header `Authorization: Bearer TOKEN`; None: there is none.
 
     Raises:
-        ProblemError: 401 `unauthorized`, the header has something else.
+        ProblemError: `unauthorized`, the header has something else.
     """
     given = header(scope, b"authorization")
     if not given:
@@ -29,4 +29,4 @@ def token_of(scope: Scope) -> str | None:
 
 def unauthorized(detail: str) -> ProblemError:
     """The refusal of somebody who is not known."""
-    return ProblemError(401, "unauthorized", detail, CHALLENGE)
+    return ProblemError("unauthorized", detail, CHALLENGE)

@@ -113,8 +113,8 @@ _CLOSE = {"Connection": "close"}
 
 
 def _too_large(limit: int) -> ProblemError:
-    return ProblemError(413, "too-large", f"the body is larger than {limit} bytes", _CLOSE)
+    return ProblemError("too-large", f"the body is larger than {limit} bytes", _CLOSE)
 
 
 def _too_slow() -> ProblemError:
-    return ProblemError(408, "too-slow", "the body comes too slowly", _CLOSE)
+    return ProblemError("too-slow", "the body comes too slowly", _CLOSE)

@@ -23,7 +23,7 @@ def check_origin(scope: Scope, by_cookie: bool = False) -> None:
     """`by_cookie`: a cookie says who asks, which a browser sends by itself.
 
     Raises:
-        ProblemError: 403 `cross-origin`.
+        ProblemError: `cross-origin`.
     """
     site = b"".join(header(scope, b"sec-fetch-site"))
     ours = site == b"same-origin" or any(header(scope, name) for name in OWN_HEADERS)
@@ -61,4 +61,4 @@ def _same_authority(origin: str, scope: Scope) -> bool:
 
 
 def _refusal(detail: str) -> ProblemError:
-    return ProblemError(403, "cross-origin", detail)
+    return ProblemError("cross-origin", detail)

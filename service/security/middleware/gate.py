@@ -61,14 +61,14 @@ class Gate:
         state["caller"] = caller = known.caller
         check_origin(scope, known.by_cookie)
         if found is None:
-            raise ProblemError(404, "not-found", "there is nothing at this address; /docs lists what there is")
+            raise ProblemError("not-found", "there is nothing at this address; /docs lists what there is")
         if isinstance(found, OtherMethods):
             allowed = {"Allow": ", ".join(found.methods)}
-            raise ProblemError(405, "method-not-allowed", f"{scope['method']} is not possible here", allowed)
+            raise ProblemError("method-not-allowed", f"{scope['method']} is not possible here", allowed)
         if found.least is not None:
             if not caller.may(found.least):
                 raise ProblemError(
-                    403, "forbidden", f"this needs a token of the role {found.least}; {caller.name} is {caller.role}"
+                    "forbidden", f"this needs a token of the role {found.least}; {caller.name} is {caller.role}"
                 )
             state["still_allowed"] = partial(self._still_allowed, scope, found.least)
         check_encoding(Headers(scope=scope))
@@ -82,21 +82,21 @@ class Gate:
 
 
 def check_size(scope: Scope) -> None:
-    """Raises ProblemError: 414 `target-too-long`, 431 `headers-too-large`."""
+    """Raises ProblemError: `target-too-long`, `headers-too-large`."""
     if len(scope.get("raw_path") or b"") + len(scope["query_string"]) > TARGET_BYTES:
-        raise ProblemError(414, "target-too-long", f"the address has more than {TARGET_BYTES} bytes")
+        raise ProblemError("target-too-long", f"the address has more than {TARGET_BYTES} bytes")
     if sum(len(name) + len(value) + 4 for name, value in scope["headers"]) > HEADERS_BYTES:
-        raise ProblemError(431, "headers-too-large", f"the headers have more than {HEADERS_BYTES} bytes")
+        raise ProblemError("headers-too-large", f"the headers have more than {HEADERS_BYTES} bytes")
 
 
 def check_encoding(headers: Headers) -> None:
-    """Raises ProblemError: 415 `encoded-body`, which would be taken for what it is not."""
+    """Raises ProblemError: `encoded-body`, which would be taken for what it is not."""
     encoding = headers.get("content-encoding", "identity")
     if encoding.lower() != "identity":
-        raise ProblemError(415, "encoded-body", f"the body's Content-Encoding is {encoding[:80]}: send it as it is")
+        raise ProblemError("encoded-body", f"the body's Content-Encoding is {encoding[:80]}: send it as it is")
     if headers.get("content-type", "").lower().startswith("multipart/"):
         raise ProblemError(
-            415, "encoded-body", "the body is a form of several parts: send the JSON or the file itself, as it is"
+            "encoded-body", "the body is a form of several parts: send the JSON or the file itself, as it is"
         )
 
 
@@ -104,7 +104,7 @@ def check_query(scope: Scope) -> None:
     """No token in an address, also no valid one: it would be in logs, histories and bookmarks from then on.
 
     Raises:
-        ProblemError: 400 `token-in-query`.
+        ProblemError: `token-in-query`.
     """
     query = scope["query_string"].decode("latin-1")
     in_path = PREFIX in scope["path"]
@@ -115,7 +115,6 @@ def check_query(scope: Scope) -> None:
     if in_path:
         scope["path"], scope["raw_path"] = "/", b"/"
     raise ProblemError(
-        400,
         "token-in-query",
         "a token must not be in an address, where logs keep it: send it as Authorization: Bearer; if it was a real "
         "one, remove it and make another",

@@ -11,8 +11,9 @@ import numpy as np
 import pytest
 
 from service.api.response_cache import FRESH_S
-from service.api.schemas.scans import ScanState
+from service.errors import Failure
 from service.jobs.new_rows import NOBODY, new_scan
+from service.states import ScanState
 from service.storage.data_folder import PREVIEW
 from service.storage.database import new_id
 from service.storage.store import Store
@@ -22,7 +23,7 @@ AssertProblem = Callable[[httpx.Response, int, str], str]
 Finished = Callable[[httpx.Client, str], dict[str, Any]]
 
 
-PROBLEM: dict[str, Any] = {"type": "urn:pointchain:internal", "title": "", "status": 500, "detail": ""}
+FAILURE = Failure("internal", "")
 
 
 @pytest.fixture(scope="module")
@@ -82,10 +83,10 @@ def test_without_a_picture_it_says_what_the_preview_says(
     if state is not None:
         store.add_scan(row)
     if state == "failed":
-        store.end_scan(row.id, state, PROBLEM)
+        store.end_scan(row.id, state, FAILURE)
     words = [
         assert_problem(client.get(f"/api/scans/{row.id}/{name}.png"), status, slug) for name in ("thumbnail", "preview")
     ]
     assert words[0] == words[1]
     if state == "scanning":
-        store.end_scan(row.id, "failed", PROBLEM)
+        store.end_scan(row.id, "failed", FAILURE)

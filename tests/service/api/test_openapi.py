@@ -16,6 +16,7 @@ from service.config.loader import ServiceConfig
 from tests.service.conftest import PATIENCE_S, ServedClient
 
 COMMITTED = Path(service.__file__).parent / "openapi.json"
+ALL_PROBLEMS = set(json.loads(COMMITTED.read_text())["components"]["schemas"]["Problem"]["properties"]["type"]["enum"])
 
 
 def operations() -> list[tuple[str, str, dict[str, Any]]]:
@@ -38,11 +39,17 @@ def test_every_operation_says_what_it_does_and_how_it_refuses(
     refusals = {status: answer for status, answer in responses.items() if not status.startswith(("2", "3"))}
     assert "default" in refusals
     # Whatever has an input can refuse it.
-    assert ("422" in refusals) == bool(operation.get("parameters") or operation.get("requestBody"))
+    assert "422" in refusals or not (operation.get("parameters") or operation.get("requestBody"))
+    media_type = "application/problem+json"
     for answer in refusals.values():
-        (media_type,) = answer["content"]
-        assert media_type == "application/problem+json"
-        assert answer["content"][media_type]["schema"] == {"$ref": "#/components/schemas/Problem"}
+        assert list(answer["content"]) == [media_type]
+        schema = answer["content"][media_type]["schema"]
+        assert schema["allOf"] == [{"$ref": "#/components/schemas/Problem"}]
+        assert set(schema["properties"]["type"]["enum"]) <= ALL_PROBLEMS
+    # Whatever an operation declares with a status is not declared without it too.
+    enums = [answer["content"][media_type]["schema"]["properties"]["type"]["enum"] for answer in refusals.values()]
+    names = [name for enum in enums for name in enum]
+    assert len(names) == len(set(names))
     successes = [answer for status, answer in responses.items() if status.startswith("2") and status != "204"]
     assert len(successes) == 1
     (content,) = successes[0]["content"].values()

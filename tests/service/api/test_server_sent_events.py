@@ -12,10 +12,10 @@ import pytest
 
 from service.api import server_sent_events
 from service.api.dependencies import Context
+from service.errors import Failure, ServiceError
 from service.events.hub import BACKLOG
 from service.events.stream_slots import StreamSlots
 from service.jobs.new_rows import NOBODY, new_scan
-from service.problems.document import ProblemError
 from service.security.auth.tokens import FILE, add_token, read_tokens, remove_token
 from service.server import uvicorn_server
 from tests.service.conftest import PATIENCE_S, Serve, ServedClient, wait_until
@@ -66,8 +66,7 @@ def stalled(client: httpx.Client, path: str) -> Iterator[socket.socket]:
 
 
 def end(service: Context, scan: str) -> None:
-    problem = {"type": "urn:pointchain:aborted", "title": "It was cancelled", "status": 409, "detail": "so"}
-    service.store.end_scan(scan, "aborted", problem)
+    service.store.end_scan(scan, "aborted", Failure("aborted", "so"))
 
 
 def test_slots_are_counted_in_all_and_for_each_caller() -> None:
@@ -75,18 +74,18 @@ def test_slots_are_counted_in_all_and_for_each_caller() -> None:
     with ExitStack() as taken:
         for caller in ("ann", "ann", "bob"):
             taken.enter_context(slots.taken(caller))
-        with pytest.raises(ProblemError, match="you follow 2 event streams") as refused:
+        with pytest.raises(ServiceError, match="you follow 2 event streams") as refused:
             taken.enter_context(slots.taken("ann"))
-        assert (refused.value.slug, refused.value.headers) == ("too-many-streams", {"Retry-After": "5"})
+        assert (refused.value.slug, refused.value.retry_after_s) == ("too-many-streams", 5.0)
         taken.enter_context(slots.taken("bob"))
-        with pytest.raises(ProblemError, match="4 event streams are open"):
+        with pytest.raises(ServiceError, match="4 event streams are open"):
             taken.enter_context(slots.taken("eve"))
         assert slots.open == 4
     assert slots.open == 0
     with ExitStack() as taken:  # where nobody has to say who he is, only all are counted
         for _ in range(4):
             taken.enter_context(slots.taken(None))
-        with pytest.raises(ProblemError, match="4 event streams"):
+        with pytest.raises(ServiceError, match="4 event streams"):
             taken.enter_context(slots.taken(None))
 
 

@@ -259,7 +259,7 @@ def test_demo_says_why_the_scan_failed(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     def late(*_: object) -> None:
-        raise TaskFailedError(503, "recognition-timeout", "recognition was stopped at its time limit")
+        raise TaskFailedError("recognition-timeout", "recognition was stopped at its time limit")
 
     monkeypatch.setattr("service.cli.commands.demo.take_scan", late)
     assert main(["demo", str(tmp_path / "demo")]) == 1

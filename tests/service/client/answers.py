@@ -25,7 +25,7 @@ def events(*told: tuple[str, Mapping[str, Any]], between: str = "") -> Answer:
 
 
 def refused(status: int, slug: str, **headers: str) -> Answer:
-    document = problem_document(status, slug, "for now", SCAN)
+    document = problem_document(slug, "for now", SCAN, status=status)
     return lambda _: httpx.Response(status, json=document, headers={"Content-Type": MEDIA_TYPE} | headers)
 
 

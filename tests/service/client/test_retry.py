@@ -18,8 +18,8 @@ from service.client import (
     client,
     retry,
 )
+from service.errors import Failure
 from service.jobs.new_rows import NOBODY, new_scan
-from service.problems.document import problem_document
 from tests.service.client.answers import Answer, Answers, events, found, lost, planner_of, proxy, refused
 
 ROW = new_scan("replay", "graph", None, NOBODY)
@@ -30,8 +30,8 @@ PENDING = refused(409, "idempotency-pending", **{"Retry-After": "0"})
 
 def ended(state: Any, slug: str | None = None) -> dict[str, Any]:
     """The scan's resource at its end."""
-    problem = None if slug is None else problem_document(500, slug, "the service was stopped", "")
-    return scan_resource(replace(ROW, state=state, problem=problem), []).model_dump(mode="json")
+    failure = None if slug is None else Failure(slug, "the service was stopped")
+    return scan_resource(replace(ROW, state=state, failure=failure), []).model_dump(mode="json")
 
 
 @pytest.fixture(autouse=True)

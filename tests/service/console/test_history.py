@@ -10,8 +10,8 @@ import httpx
 import pytest
 from playwright.sync_api import expect
 
+from service.errors import Failure
 from service.jobs.new_rows import NOBODY, new_scan
-from service.problems.document import problem_document
 from tests.service.conftest import Serve, ServedClient
 from tests.service.console.conftest import Open
 
@@ -30,8 +30,8 @@ def past(
         wanted = {"mode": "replay", "recording": recording}
         done = client.post("/api/scans", json=wanted).headers["Location"]
         assert finished(client, done)["state"] == "succeeded"
-        why = problem_document(409, "robot-lost", "the robot was lost on its way")
-        failed = replace(new_scan("live", "graph", None, NOBODY), state="failed", problem=why)
+        why = Failure("robot-lost", "the robot was lost on its way")
+        failed = replace(new_scan("live", "graph", None, NOBODY), state="failed", failure=why)
         client.app.state.context.store.add_scan(failed)
         yield client
 
@@ -84,7 +84,7 @@ def test_a_list_that_did_not_come_is_asked_for_again(open_console: Open, past: S
     page = opened.page
     # Lists are asked for once more when the page has heard of the last scan.
     expect(page.get_by_role("region", name="The last scan")).to_contain_text(re.compile("Done|Failed"))
-    refusal = problem_document(503, "busy", "another program holds the database; try again")
+    refusal = Failure("busy", "another program holds the database; try again")
     page.route("**/api/scans?limit=20", lambda route: route.fulfill(status=503, json=refusal), times=1)
     page.keyboard.press("3")
     expect(page.get_by_role("main")).to_contain_text("Another program holds the database; try again.")
@@ -134,7 +134,7 @@ def test_a_scan_that_is_named_is_shown_though_it_is_too_old_for_the_list(
     for _ in range(21):
         later = replace(new_scan("live", "graph", None, NOBODY), state="scanning")
         store.add_scan(later)
-        store.end_scan(later.id, "aborted", problem_document(409, "stopped", "the arm was stopped"))
+        store.end_scan(later.id, "aborted", Failure("stopped", "the arm was stopped"))
     page = open_console(past, f"#/history/{old.id}").page
     rows = page.get_by_role("list", name="Scans").get_by_role("button", expanded=True)
     expect(rows).to_have_count(1)

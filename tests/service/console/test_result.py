@@ -16,8 +16,8 @@ from cell.simulation.offline_scan import simulate, write_simulation
 from cell.simulation.rendering.depth_camera import camera_model
 from cell.simulation.scenes.scenes import make_scene
 from recognition.grasping.candidates import MAX_RELEVANT_DISTANCE_M
+from service.errors import Failure
 from service.jobs.new_rows import NOBODY, new_scan
-from service.problems.document import problem_document
 from tests.service.conftest import Serve, ServedClient, wait_until
 from tests.service.console.conftest import Open, drawn, frames
 from tests.service.security.conftest import without_recognition
@@ -212,7 +212,7 @@ def test_the_newest_result_is_shown_though_later_scans_have_none(
         store = client.app.state.context.store
         later = replace(new_scan("live", "graph", None, NOBODY), state="scanning")
         store.add_scan(later)
-        store.end_scan(later.id, "failed", problem_document(503, "robot-lost", "the robot was lost"))
+        store.end_scan(later.id, "failed", Failure("robot-lost", "the robot was lost"))
         page = open_console(client, "#/result").page
         drawn(page)
         assert page.url.endswith(done["id"])

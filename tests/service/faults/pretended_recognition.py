@@ -50,7 +50,7 @@ class PretendedRecognition:
         except OSError as error:
             if error.errno != errno.ENOSPC:
                 raise
-            raise TaskFailedError(507, "storage-full", "no space is left in the data folder") from error
+            raise TaskFailedError("storage-full", "no space is left in the data folder") from error
         try:
             write_synced(task.preview, PICTURE)
         except OSError:

@@ -10,8 +10,8 @@ from typing import Any
 import httpx
 import pytest
 
-from service.api.schemas.scans import ACTIVE_STATES
 from service.integrity.check import examine
+from service.states import ACTIVE_STATES
 from service.storage.removal import oldest_first, remove
 from tests.service.conftest import Serve, ServedClient, wait_until
 from tests.service.faults.full_disk import FullDisk, full_disk

@@ -13,9 +13,9 @@ from typing import Any
 import httpx
 import pytest
 
-from service.api.schemas.scans import ACTIVE_STATES
 from service.integrity.check import examine, service_runs
 from service.integrity.repair import repair
+from service.states import ACTIVE_STATES
 from tests.cell.loopback import free_host
 from tests.service.conftest import wait_until
 from tests.service.faults.pretended_recognition import describe_here

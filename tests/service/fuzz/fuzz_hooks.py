@@ -14,7 +14,7 @@ from service.problems.problem_types import PROBLEM_TYPES
 RECORDING = "FUZZ_RECORDING"
 """Variable that names a recording that can be used."""
 
-KNOWN = {slug for slug, kind in PROBLEM_TYPES.items() if kind.statuses}
+KNOWN = {slug for slug, kind in PROBLEM_TYPES.items() if kind.status is not None}
 """Slugs of all problems."""
 
 # A hundred random bytes are never a recording.

@@ -154,8 +154,8 @@ def test_a_damaged_result_is_put_aside_and_its_scan_failed(data: Data, damage: s
     assert bool(data.codes(quick=True)) == (damage != "other")
     data.mend()
     assert (data.lost(REPLAY) / "model.json").read_bytes() == b'{"chains": []}'
-    state, problem = data.row("SELECT state, problem FROM scans WHERE id = ?", REPLAY)
-    assert (state, json.loads(str(problem))["type"]) == ("failed", "urn:pointchain:damaged")
+    state, failure = data.row("SELECT state, failure FROM scans WHERE id = ?", REPLAY)
+    assert (state, json.loads(str(failure))["slug"]) == ("failed", "damaged")
 
 
 def test_a_result_of_an_older_version_has_no_hashes(data: Data) -> None:

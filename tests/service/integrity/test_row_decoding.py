@@ -47,7 +47,7 @@ def kept_rows(data: Data) -> list[dict[str, object]]:
         ("state", "banana", "succeeded"),
         ("fraction", 7.0, 1.0),
         ("stage", b"\xff", None),
-        ("problem", '["no problem"]', None),
+        ("failure", '["no failure"]', None),
         ("files", '{"model.json": 5}', None),
         ("inputs", "{not json", None),
         ("source", "No Id", None),
@@ -95,8 +95,8 @@ def test_a_scan_of_an_older_version_is_failed_and_its_result_is_put_aside(data: 
     assert data.codes() == {"row-unreadable"}
     data.mend()
     for scan, recording in ((LIVE, LIVE), (REPLAY, UPLOAD)):
-        state, problem, still = data.row("SELECT state, problem, recording FROM scans WHERE id = ?", scan)
-        assert (state, json.loads(str(problem))["type"], still) == ("failed", "urn:pointchain:damaged", recording)
+        state, failure, still = data.row("SELECT state, failure, recording FROM scans WHERE id = ?", scan)
+        assert (state, json.loads(str(failure))["slug"], still) == ("failed", "damaged", recording)
     assert data.row("SELECT count(*) FROM views WHERE state = 'recorded'") == (4,)
     assert (data.lost(REPLAY) / "model.json").read_bytes() == b'{"chains": []}'
     assert_told(data)

@@ -102,7 +102,7 @@ def test_what_is_activated_is_in_use_and_verified(
     assert check["calibration_sha256"] == in_use["sha256"]
     assert [view["state"] for view in check["progress"]["views"]] == ["recorded"] * 2
     assert check["links"]["activate"] is None
-    assert_problem(cell.client.post(f"{check['links']['self']}/activate"), 409, "no-result")
+    assert_problem(cell.client.post(f"{check['links']['self']}/activate"), 409, "not-activatable")
 
     scan = finished(cell.client, cell.start())
     assert scan["state"] == "succeeded", scan

@@ -6,10 +6,10 @@ import pytest
 
 from calibration.target.board import Board
 from cell.errors import CameraUnreachableError
+from service.errors import JobKind, JobReference, ServiceError
 from service.jobs.cell_lock import Place
 from service.jobs.job import Running
 from service.jobs.new_rows import NOBODY, new_calibration, new_scan
-from service.problems.document import ProblemError
 
 
 def scan() -> Running:
@@ -20,31 +20,31 @@ def calibration() -> Running:
     return Running(new_calibration("calibration", Board(), 15), None)
 
 
-def refusal(place: Place) -> ProblemError:
-    with pytest.raises(ProblemError) as refused, place.taken():
+def refusal(place: Place) -> ServiceError:
+    with pytest.raises(ServiceError) as refused, place.taken():
         pass
     return refused.value
 
 
-@pytest.mark.parametrize(("running", "address"), [(scan(), "/api/scans/"), (calibration(), "/api/calibration/runs/")])
+@pytest.mark.parametrize(("running", "kind"), [(scan(), "scan"), (calibration(), "calibration")])
 def test_whoever_comes_second_is_told_of_the_first(
-    running: Running, address: str, monkeypatch: pytest.MonkeyPatch
+    running: Running, kind: JobKind, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("service.jobs.cell_lock.SOON_S", 0.01)
     place, done = Place(), []
     with place.taken():
         told = refusal(place)
-        assert (told.status_code, told.slug, told.headers) == (409, "cell-busy", {"Retry-After": "2"})
+        assert (told.slug, told.retry_after_s, told.job) == ("cell-busy", 2.0, None)
         place.accept(running, lambda: done.append("written"), lambda: done.append("begun"))
     assert done == ["written", "begun"]
     assert place.running is running
     told = refusal(place)
-    assert told.headers == {"Location": f"{address}{running.row.id}"}
-    assert running.words in told.detail
+    assert (told.retry_after_s, told.job) == (None, JobReference(kind, running.row.id))
+    assert running.words in str(told)
     assert running.ask_to_stop("aborted", "it was stopped")
     told = refusal(place)
-    assert told.headers == {"Location": running.location, "Retry-After": "1"}
-    assert f"{running.words} was stopped and is just ending" in told.detail
+    assert (told.retry_after_s, told.job) == (1.0, running.reference)
+    assert f"{running.words} was stopped and is just ending" in str(told)
     with place.leaving(running):
         assert place.running is running
     assert place.running is None
@@ -59,7 +59,7 @@ def test_whoever_comes_while_it_is_decided_on_waits_to_be_told(monkeypatch: pyte
         with place.taken():
             second = pool.submit(refusal, place)
             place.accept(running, lambda: None, lambda: None)
-        assert second.result().headers == {"Location": running.location}
+        assert second.result().job == running.reference
 
 
 def test_what_cannot_be_written_leaves_the_place_free() -> None:
@@ -83,9 +83,9 @@ def test_a_closed_place_takes_nothing_more() -> None:
             assert place.close() is None
             place.accept(scan(), lambda: None, lambda: None)
 
-    with pytest.raises(ProblemError) as refused:
+    with pytest.raises(ServiceError) as refused:
         prepare()
-    assert (refused.value.status_code, refused.value.slug) == (503, "not-ready")
+    assert refused.value.slug == "not-ready"
     assert (place.running, place.closed, refusal(place).slug) == (None, True, "not-ready")
 
 
@@ -96,9 +96,9 @@ def test_arm_and_camera_that_are_given_up_at_the_end_are_no_fault_of_theirs() ->
         place.close()
         raise CameraUnreachableError("connecting the camera was given up")
 
-    with pytest.raises(ProblemError) as told, place.taken():
+    with pytest.raises(ServiceError) as told, place.taken():
         prepare()
-    assert (told.value.status_code, told.value.slug) == (503, "not-ready")
+    assert told.value.slug == "not-ready"
     open_place = Place()
     with pytest.raises(CameraUnreachableError), open_place.taken():
         raise CameraUnreachableError("there is none")

@@ -20,12 +20,12 @@ from anyio import to_thread
 from cell.devices import View
 from cell.recording.header import RecordingHeader
 from cell.recording.writer import RecordingWriter
-from service.api.schemas.scans import ScanState
 from service.app import create_app
 from service.config.loader import ServiceConfig
 from service.config.sections import RetentionConfig
 from service.jobs.manager import Jobs
 from service.security.auth import roles
+from service.states import ScanState
 from service.storage.data_folder import DataFolder
 from service.storage.database import new_id, now
 from service.storage.retention import sweep

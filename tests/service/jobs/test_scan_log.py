@@ -48,7 +48,7 @@ def test_one_that_failed(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     def fail(*_: object) -> None:
-        raise TaskFailedError(422, "too-crowded", "there is too much above the table")
+        raise TaskFailedError("too-crowded", "there is too much above the table")
 
     monkeypatch.setattr(RecognitionWorker, "run", fail)
     location = client.post("/api/scans", json={"mode": "replay", "recording": recording}).headers["Location"]

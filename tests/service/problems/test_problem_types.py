@@ -1,38 +1,43 @@
-"""The table of problem types is complete, holds nothing else, and tells the statuses that the code gives."""
+"""The table of problem types is complete, holds nothing else, and is the only place with statuses."""
 
 import ast
 import importlib
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from pathlib import Path
 from typing import Any, get_args
 
 import pytest
 
+from calibration.errors import BoardDetectionError, HandEyeError
 from cell.errors import CellError
-from cell.recording.errors import RecordingTooLargeError
-from service.problems.document import CELL_STATUS, INPUT_ERRORS, TITLES, problem_document
+from cell.recording.errors import RecordingError
+from recognition.errors import RecognitionError
+from service.problems.document import error_document, problem_document
 from service.problems.problem_types import PROBLEM_TYPES, Group
 
 PACKAGES = ("service", "cell", "calibration", "recognition")
 ROOT = Path(__file__).resolve().parents[3]
 STATES = {
-    "aborted": "stopped_problem in service/problems/document.py: the state is the slug",
-    "interrupted": "the same",
     "not-connected": "default of CellStatus.slug in cell/control/status.py",
 }
 """Slugs that no call below has as a constant, and where they come from."""
 SLUG_AT = {
-    "ProblemError": 1,
-    "problem_document": 1,
-    "respond": 2,
-    "Refused": 1,
-    "TaskFailedError": 1,
-    "_answer": 1,
+    "ProblemError": 0,
+    "ServiceError": 0,
+    "Failure": 0,
+    "TaskFailedError": 0,
+    "error_document": 0,
+    "problem_document": 0,
+    "_respond": 1,
+    "_answer_problem": 0,
     "failed": 2,
     "HandEyeInputError": 0,
 }
-"""Which argument of a call is the slug; the status, where there is one, stands before it."""
-WITH_STATUS = {"ProblemError", "problem_document", "respond", "Refused", "TaskFailedError", "_answer"}
+"""Which argument of a call is the slug."""
+OVER_HTTP = {*SLUG_AT} - {"error_document", "failed", "HandEyeInputError"}
+"""Calls whose problem is an answer over HTTP, or the problem of a job."""
+HTTP_PACKAGES = ("api", "client", "console", "metrics", "problems", "security", "server")
+"""Packages of the service that may know HTTP."""
 
 
 def sources() -> Iterator[Path]:
@@ -55,30 +60,19 @@ def constant(call: ast.Call, index: int) -> Any:
     return argument.value if isinstance(argument, ast.Constant) else None
 
 
-def in_calls() -> dict[str, set[int]]:
-    """Slugs that calls have as constants, each with the statuses that stand beside it."""
-    found: dict[str, set[int]] = {}
+def in_calls(names: Collection[str] = SLUG_AT.keys()) -> set[str]:
+    """Return the slugs that calls of these names have as constants."""
+    found = set()
     for call in CALLS:
         name = name_of(call)
-        slug = constant(call, SLUG_AT[name]) if name in SLUG_AT else None
+        slug = constant(call, SLUG_AT[name]) if name in names else None
         if isinstance(slug, str):
-            status = constant(call, SLUG_AT[name] - 1) if name in WITH_STATUS else None
-            found.setdefault(slug, set()).update({status} if isinstance(status, int) else set())
+            found.add(slug)
         for keyword in call.keywords:
             value = keyword.value.value if isinstance(keyword.value, ast.Constant) else None
             if keyword.arg == "slug" and isinstance(value, str):
-                found.setdefault(value, set())
+                found.add(value)
     return found
-
-
-def in_tuples() -> set[str]:
-    """Return the slugs of `(slug, detail)` and `(status, slug, detail)`-like tuples that become problems."""
-    names = ("service/jobs/calibration_activation.py", "service/problems/document.py")
-    tuples = [
-        node for name in names for node in ast.walk(ast.parse((ROOT / name).read_text())) if isinstance(node, ast.Tuple)
-    ]
-    first = [pair.elts[0] for pair in tuples if len(pair.elts) == 2]
-    return {slug.value for slug in first if isinstance(slug, ast.Constant) and isinstance(slug.value, str)}
 
 
 def error_classes() -> set[type[Exception]]:
@@ -108,36 +102,45 @@ def classes() -> set[type[Exception]]:
 
 
 def test_each_slug_that_the_code_raises_is_in_the_table_and_no_other(classes: set[type[Exception]]) -> None:
-    raised = set(in_calls()) | in_tuples() | {str(vars(kind)["slug"]) for kind in classes} | set(STATES)
+    raised = in_calls() | {str(vars(kind)["slug"]) for kind in classes} | set(STATES)
     assert raised - set(PROBLEM_TYPES) == set()
     assert set(PROBLEM_TYPES) - raised == set()
 
 
 def test_the_scan_finds_what_it_is_for(classes: set[type[Exception]]) -> None:
     """A scan that finds nothing would let everything pass."""
-    assert in_calls()["too-slow"] == {408}
-    assert {"host-not-allowed", "released", "parallel-axes", "recognition-crashed"} <= set(in_calls())
-    assert {"method-not-allowed", "calibration-refused"} <= in_tuples()
+    assert {"host-not-allowed", "released", "parallel-axes", "recognition-crashed", "too-slow"} <= in_calls()
+    assert {"method-not-allowed", "calibration-refused", "cell-busy"} <= in_calls()
     assert {"ProtectiveStopError", "ContradictingViewsError", "BoardError"} <= {kind.__name__ for kind in classes}
 
 
-def test_the_statuses_are_those_of_the_code(classes: set[type[Exception]]) -> None:
-    for slug, statuses in in_calls().items():
-        # A line of `pointchain recognise` is no answer over HTTP, so it may have a status that no answer has.
-        assert statuses <= set(PROBLEM_TYPES[slug].statuses), slug
-    for kind in classes:
-        slug = str(vars(kind)["slug"])
-        known = PROBLEM_TYPES[slug].statuses
-        if known and issubclass(kind, CellError):
-            assert CELL_STATUS.get(slug, 409) in known, slug
-        if known and issubclass(kind, INPUT_ERRORS):
-            assert (413 if issubclass(kind, RecordingTooLargeError) else 422) in known, slug
+def test_each_problem_of_an_answer_or_of_a_job_has_a_status(classes: set[type[Exception]]) -> None:
+    slugs = in_calls(OVER_HTTP) | {
+        str(vars(kind)["slug"])
+        for kind in classes
+        if issubclass(kind, (CellError, HandEyeError, BoardDetectionError, RecordingError, RecognitionError))
+    }
+    values_of_the_cell = {"not-connected", "released"}
+    only_on_the_command_line = {"bag", "cloud", "frames", "recording", "recording-exists"}
+    without = {slug for slug in slugs if PROBLEM_TYPES[slug].status is None}
+    assert without - values_of_the_cell - only_on_the_command_line == set()
 
 
-def test_titles_are_those_of_the_table() -> None:
-    assert {slug: kind.title for slug, kind in PROBLEM_TYPES.items()} == TITLES
-    assert problem_document(409, "cell-busy", "")["title"] == "The cell is busy"
-    assert problem_document(404, "not-found", "")["title"] == "Not found"
+def test_titles_and_statuses_come_from_the_table() -> None:
+    document = problem_document("cell-busy", "wait", "/api/scans", extra=1)
+    assert document == {
+        "type": "urn:pointchain:cell-busy",
+        "title": "The cell is busy",
+        "status": 409,
+        "detail": "wait",
+        "instance": "/api/scans",
+        "extra": 1,
+    }
+    assert error_document("tokens", "unreadable") == {
+        "type": "urn:pointchain:tokens",
+        "title": PROBLEM_TYPES["tokens"].title,
+        "detail": "unreadable",
+    }
 
 
 def test_each_type_says_why_and_what_to_do() -> None:
@@ -145,6 +148,21 @@ def test_each_type_says_why_and_what_to_do() -> None:
         for text in (kind.cause, kind.action):
             assert text.endswith("."), slug
             assert text.count(". ") <= 1, f"{slug}: two sentences at most"
-        assert list(kind.statuses) == sorted(set(kind.statuses)), slug
-        assert all(400 <= status < 600 for status in kind.statuses), slug
+        assert kind.status is None or 400 <= kind.status < 600, slug
     assert {kind.group for kind in PROBLEM_TYPES.values()} == set(get_args(Group))
+
+
+def test_nothing_outside_the_http_packages_has_a_status() -> None:
+    """A number of a status in any other package would be a second table."""
+    statuses = {kind.status for kind in PROBLEM_TYPES.values()} - {None}
+    found = []
+    for path in sources():
+        parts = path.relative_to(ROOT).parts
+        if parts[0] == "service" and parts[1] not in HTTP_PACKAGES:
+            numbers = (
+                node
+                for node in ast.walk(ast.parse(path.read_text()))
+                if isinstance(node, ast.Constant) and type(node.value) is int
+            )
+            found += [f"{'/'.join(parts)}:{node.lineno}: {node.value}" for node in numbers if node.value in statuses]
+    assert found == []

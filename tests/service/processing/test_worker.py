@@ -113,7 +113,7 @@ def test_a_process_that_hangs_is_ended_whatever_it_is_sent(worker: RecognitionWo
             worker.run(task(header, tmp_path, "hung"), lambda _: None, 0.2, missing=("x" * 4_000_000,))
     finally:
         rescue.cancel()
-    assert failed.value.problem["type"] == "urn:pointchain:recognition-timeout"
+    assert failed.value.failure.slug == "recognition-timeout"
 
 
 # For the pipe to it, and for starting it: as many are free as let the first, or only the second, fail.
@@ -126,7 +126,7 @@ def test_a_process_that_cannot_be_started_is_told_and_tried_again(worker: Recogn
         not_ready = worker.not_ready
         with pytest.raises(TaskFailedError) as failed:
             worker.start()
-    assert failed.value.problem["type"] == "urn:pointchain:recognition-crashed"
+    assert failed.value.failure.slug == "recognition-crashed"
     assert not_ready is not None
     assert os.strerror(errno.EMFILE) in not_ready
     assert open_files() <= used  # what an earlier test has left may be closed meanwhile

@@ -97,8 +97,8 @@ def ended_in_a_move(tmp_path: Path) -> tuple[float, float]:
         ended = store.scan(scan["id"])
         assert ended is not None
         assert ended.state == "interrupted"
-        assert ended.problem is not None
-        assert ended.problem["status"] == 500
+        assert ended.failure is not None
+        assert ended.failure.slug == "interrupted"
         events = store.events.behind(scan["id"], 0)
         assert events is not None
         assert events.events[-1].data["state"] == "interrupted"

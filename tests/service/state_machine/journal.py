@@ -6,8 +6,8 @@ from contextlib import closing
 from pathlib import Path
 from typing import Any
 
-from service.api.schemas.scans import ACTIVE_STATES
 from service.integrity.recording_check import acknowledged, lost_views
+from service.states import ACTIVE_STATES
 from service.storage.data_folder import DATABASE
 from service.storage.rows import ViewRow
 
@@ -21,7 +21,7 @@ NEXT: dict[str, tuple[str, ...]] = {
     "stopping": ("failed", "aborted", "interrupted"),
 }
 """The states that may follow a state; none follows a final one."""
-SCANS = "SELECT id, mode, state, stage, fraction, started_at, ended_at, summary, problem, recording, kept FROM scans"
+SCANS = "SELECT id, mode, state, stage, fraction, started_at, ended_at, summary, failure, recording, kept FROM scans"
 
 
 class Journal:

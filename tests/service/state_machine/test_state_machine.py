@@ -23,9 +23,9 @@ from hypothesis.stateful import (
 )
 
 from tests.service.conftest import Serve, wait_until
+from tests.service.described_answers import slug
 from tests.service.following import told
 from tests.service.live_cell import SCAN
-from tests.service.state_machine.answers import slug
 from tests.service.state_machine.world import World
 
 pytestmark = pytest.mark.xdist_group("cell")  # one at a time: several busy processes

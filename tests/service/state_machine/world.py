@@ -22,8 +22,8 @@ from service.storage.data_folder import DATABASE
 from service.storage.retention import sweep
 from tests.cell.loopback import free_host
 from tests.service.conftest import Serve, ServedClient, wait_until
+from tests.service.described_answers import check_described, slug
 from tests.service.live_cell import FAST
-from tests.service.state_machine.answers import check_described, slug
 from tests.service.state_machine.journal import Journal
 from tests.service.state_machine.motion import Leases
 

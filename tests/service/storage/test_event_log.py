@@ -17,7 +17,8 @@ from anyio import to_thread
 
 from calibration.atomic_write import write_synced
 from service.api.schemas.scan_resource import scan_resource
-from service.api.server_sent_events import scan_stream
+from service.api.server_sent_events import change_event, scan_stream
+from service.errors import Failure
 from service.jobs.new_rows import NOBODY, new_scan
 from service.storage.data_folder import DataFolder
 from service.storage.event_log import MOST_BEHIND, Change, Present, ScanEvent, UnknownEventError
@@ -26,7 +27,7 @@ from tests.service.conftest import ServedClient
 from tests.service.following import Told, folded, following, told
 
 AssertProblem = Callable[[httpx.Response, int, str], str]
-ABORTED = {"type": "urn:pointchain:aborted", "title": "It was cancelled", "status": 409, "detail": "so"}
+ABORTED = Failure("aborted", "so")
 
 
 @pytest.fixture
@@ -54,7 +55,10 @@ def behind(store: Store, scan_id: str, last: int = 0) -> list[ScanEvent]:
 
 
 def as_told(events: list[ScanEvent]) -> list[Told]:
-    return [Told(event.kind, str(event.id), json.loads(event.text)) for event in events]
+    """As they are sent."""
+    sent = [change_event(event).decode() for event in events]
+    data = [json.loads(text.partition("data: ")[2].partition("\n")[0]) for text in sent]
+    return [Told(event.kind, str(event.id), document) for event, document in zip(events, data, strict=True)]
 
 
 def test_each_change_has_its_event(store: Store) -> None:
@@ -66,8 +70,8 @@ def test_each_change_has_its_event(store: Store) -> None:
     store.set_view(scan, 3, "moving")
     store.update_scan(scan, inputs={"method": "graph"})  # what is not told of a scan is no event
     store.update_scan(scan, ("processing",), stage="no such")  # nor is what was not done
-    store.end_scan(scan, "failed", {"type": "urn:pointchain:robot-lost", "title": "", "status": 503, "detail": "gone"})
-    store.end_scan(scan, "aborted", {"type": "urn:pointchain:aborted"})
+    store.end_scan(scan, "failed", Failure("robot-lost", "gone"))
+    store.end_scan(scan, "aborted", ABORTED)
     assert not store.update_scan(scan, fraction=0.9)
 
     events = behind(store, scan)
@@ -86,8 +90,16 @@ def test_each_change_has_its_event(store: Store) -> None:
     assert [event.final for event in events] == [False] * 7 + [True]
     assert events[4].data == {"stage": "views", "fraction": 0.5}
     assert events[6].data["reason"]
-    assert events[7].data["problem"]["detail"] == "gone"
-    assert json.loads(events[1].text) == {name: vars(events[1])[name] for name in ("id", "scan", "at", "kind", "data")}
+    assert events[7].data["failure"] == {"slug": "robot-lost", "message": "gone"}
+    told = as_told(events)
+    assert told[2].data == {name: vars(events[2])[name] for name in ("id", "scan", "at", "kind", "data")}
+    assert told[7].data["data"]["problem"] == {
+        "type": "urn:pointchain:robot-lost",
+        "title": "The robot was lost",
+        "status": 503,
+        "detail": "gone",
+        "instance": f"/api/scans/{scan}",
+    }
 
 
 def test_a_result_and_its_event_come_together(store: Store) -> None:
@@ -98,7 +110,8 @@ def test_a_result_and_its_event_come_together(store: Store) -> None:
     store.finish_scan(scan, "succeeded", {"chains": 1, "crossings": 0, "warnings": [], "partial": False}, results)
     (*_, last) = behind(store, scan)
     assert last.final
-    assert last.data["summary"] == {"chains": 1, "crossings": 0, "warnings": []}
+    assert last.data["summary"] == {"chains": 1, "crossings": 0, "warnings": [], "partial": False}
+    assert as_told([last])[0].data["data"]["summary"] == {"chains": 1, "crossings": 0, "warnings": []}
     assert last.data["fraction"] == 1.0
 
 
@@ -110,7 +123,7 @@ def test_what_could_not_be_written_is_not_told(store: Store) -> None:
             for change in (
                 lambda: store.update_scan(scan, state="scanning"),
                 lambda: store.set_view(scan, 0, "moving"),
-                lambda: store.end_scan(scan, "aborted", {}),
+                lambda: store.end_scan(scan, "aborted", ABORTED),
             ):
                 with (
                     patch.object(Change, "_note", side_effect=OSError("the disk")),

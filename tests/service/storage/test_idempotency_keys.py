@@ -11,11 +11,12 @@ from typing import Any
 import httpx
 import pytest
 
+from service.api.idempotency_header import body_hash
 from service.api.schemas.scans import LiveScan, Reprocess
+from service.errors import ServiceError
 from service.jobs.new_rows import NOBODY, Asked, new_scan
-from service.problems.document import ProblemError
 from service.storage.data_folder import DataFolder
-from service.storage.idempotency_keys import WISH_S, IdempotencyKeys, Key, body_hash
+from service.storage.idempotency_keys import WISH_S, IdempotencyKeys, Key
 from service.storage.rows import ScanRow
 from service.storage.store import Store
 
@@ -151,9 +152,9 @@ def test_while_the_first_is_decided_on_the_second_is_told_to_wait(store: Store) 
             pass
 
     with keys.first_use(key, 1.0):
-        with pytest.raises(ProblemError) as refused:
+        with pytest.raises(ServiceError) as refused:
             second(Key("ann", "k", "of another body"))
-        assert (refused.value.status_code, refused.value.headers) == (409, {"Retry-After": "1"})
+        assert (refused.value.slug, refused.value.retry_after_s) == ("idempotency-pending", 1.0)
         second(Key("bob", "k", "hash"))
     second(key)  # the first came to nothing
     assert store.key("ann", "k") is None

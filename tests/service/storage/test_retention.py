@@ -13,10 +13,10 @@ import httpx
 import pytest
 
 from calibration.atomic_write import write_synced
-from service.api.schemas.scans import ScanState
 from service.clock import stamp
 from service.config.sections import RetentionConfig
 from service.jobs.new_rows import Asked, new_scan
+from service.states import ScanState
 from service.storage.data_folder import DataFolder
 from service.storage.idempotency_keys import Key
 from service.storage.migrations import MIGRATIONS

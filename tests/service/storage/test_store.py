@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from calibration.atomic_write import write_synced
-from service.api.schemas.scans import ACTIVE_STATES, ScanState
+from service.states import ACTIVE_STATES, ScanState
 from service.storage.data_folder import DataFolder, DataFolderError
 from service.storage.database import StoreVersionError, new_id
 from service.storage.rows import RecordingRow, ScanRow
@@ -45,7 +45,7 @@ def scan_row(scan_id: str = "s1", state: ScanState = "queued") -> ScanRow:
         started_at=None,
         ended_at=None,
         summary=None,
-        problem=None,
+        failure=None,
     )
 
 
@@ -117,8 +117,8 @@ def test_unfinished_scans_become_interrupted_and_lose_results_without_a_row(stor
     interrupted, done = store.scan("s1"), store.scan("s2")
     assert interrupted is not None
     assert interrupted.state == "interrupted"
-    assert interrupted.problem is not None
-    assert interrupted.problem["type"] == "urn:pointchain:interrupted"
+    assert interrupted.failure is not None
+    assert interrupted.failure.slug == "interrupted"
     assert done == scan_row("s2", "succeeded")
     assert not store.folder.results("s1").exists()
     assert store.folder.results("s2").exists()

@@ -20,8 +20,8 @@ from cell.config.cell_config import CellSettings
 from cell.control.calibration_run import BoardObservation
 from cell.simulation.devices.world import simulated_world
 from recognition.registration.hand_eye_error import HandEyeErrorEstimate
-from service.api.schemas.scans import ACTIVE_STATES, ScanState
 from service.jobs.new_rows import NOBODY, new_calibration, new_scan
+from service.states import ACTIVE_STATES, ScanState
 from service.storage.data_folder import DataFolder
 from service.storage.database import new_id
 from service.storage.rows import CalibrationRow, ScanErrorRow
@@ -121,7 +121,7 @@ def test_a_result_that_is_refused_or_not_there_is_not_activated(
     assert (refused["result"]["verdict"], refused["links"]["activate"]) == ("refuse", None)
     detail = assert_problem(client.post(f"{RUNS}/{left['refused'].id}/activate"), 409, "calibration-refused")
     assert "all turns are about one axis" in detail
-    assert_problem(client.post(f"{RUNS}/{left['scanning'].id}/activate"), 409, "no-result")
+    assert_problem(client.post(f"{RUNS}/{left['scanning'].id}/activate"), 409, "not-activatable")
     assert_problem(client.post(f"{RUNS}/none/activate"), 404, "calibration-not-found")
     assert_problem(client.post(f"{RUNS}/{left['refused'].id}/cancel"), 409, "not-cancellable")
     assert client.get("/api/calibration").json() == before

@@ -15,7 +15,7 @@ import pytest
 
 import service
 from service.api.routes import manual
-from service.problems.document import TITLES
+from service.problems.problem_types import PROBLEM_TYPES
 from service.security.middleware.headers import DOCS_POLICY, MANUAL_FOLDER, SCRIPT_HASHES, manual_policy
 from tests.service.conftest import ServedClient
 
@@ -228,7 +228,7 @@ def test_the_licences_of_what_is_inside_go_along() -> None:
 
 def test_every_type_of_problem_has_its_section() -> None:
     errors = built(MANUAL_FOLDER / "planner/errors.html")
-    assert set(TITLES) - errors.ids == set()
+    assert set(PROBLEM_TYPES) - errors.ids == set()
 
 
 def test_every_section_that_the_console_links_to_exists() -> None:
@@ -244,5 +244,5 @@ def test_every_fault_that_the_console_links_to_has_its_type_and_section() -> Non
     table = source[source.index("FAULTS") :]
     faults = re.findall(r'^  "([a-z-]+)": "([a-z-]+)",$', table[: table.index("};")], re.MULTILINE)
     assert len(faults) == 26
-    assert {slug for slug, _ in faults} <= set(TITLES)
+    assert {slug for slug, _ in faults} <= set(PROBLEM_TYPES)
     assert {section for _, section in faults} <= built(MANUAL_FOLDER / "operator/faults.html").ids

@@ -11,10 +11,11 @@ from typing import Any
 import httpx
 import pytest
 
+from service.api.idempotency_header import body_hash
 from service.api.schemas.scans import LiveScan
 from service.jobs.new_rows import Asked, new_scan
 from service.storage.data_folder import DataFolder
-from service.storage.idempotency_keys import Key, body_hash
+from service.storage.idempotency_keys import Key
 from service.storage.store import Store
 from tests.service.conftest import Serve, ServedClient
 

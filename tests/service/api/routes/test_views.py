@@ -12,6 +12,7 @@ import pytest
 from cell.recording.writer import RecordingWriter, read_recording
 from service.api.image_cache import REMEMBERED
 from service.api.response_cache import FRESH_S
+from service.errors import Failure
 from service.jobs.new_rows import NOBODY, new_scan
 from service.storage.database import new_id
 from service.storage.store import Store
@@ -30,7 +31,7 @@ def live(client: ServedClient) -> Iterator[tuple[str, Path]]:
     path = store.folder.recording(row.id)
     yield row.id, path
     path.unlink(missing_ok=True)
-    store.end_scan(row.id, "failed", {"type": "urn:pointchain:internal", "title": "", "status": 500, "detail": ""})
+    store.end_scan(row.id, "failed", Failure("internal", ""))
 
 
 def test_the_views_of_a_replay_are_those_of_its_recording(
@@ -86,7 +87,7 @@ def test_of_a_scan_that_has_lost_its_recording_nothing_is_shown(
     store: Store = client.app.state.context.store
     row = replace(new_scan("replay", "graph", None, NOBODY), id=new_id(), state="scanning")
     store.add_scan(row)
-    store.end_scan(row.id, "failed", {"type": "urn:pointchain:internal", "title": "", "status": 500, "detail": ""})
+    store.end_scan(row.id, "failed", Failure("internal", ""))
     for path in ("views", "views/0.png"):
         detail = assert_problem(client.get(f"/api/scans/{row.id}/{path}"), 404, "no-result")
         assert detail == f"scan {row.id} has no recording"

@@ -32,9 +32,18 @@ def check_described(answer: httpx.Response) -> None:
     assert content in told.get("content", {"": {}}), f"{request} as {content!r}"
     if answer.status_code >= 400:
         assert content == MEDIA_TYPE, request
-        name = slug(answer) or ""
-        assert name in PROBLEM_TYPES, f"{request}: {answer.text}"
-        assert PROBLEM_TYPES[name].statuses, f"{request}: {answer.text}"
+        check_declared(answer)
+
+
+def check_declared(answer: httpx.Response) -> None:
+    """A refusal has a problem type that the operation declares for its status."""
+    described = _operation(answer.request)["responses"]
+    told = described.get(str(answer.status_code)) or described["default"]
+    name = slug(answer) or ""
+    request = f"{answer.request.method} {answer.request.url.path} gave {answer.status_code} {name}"
+    assert PROBLEM_TYPES[name].status is not None, request
+    types = told["content"][MEDIA_TYPE]["schema"]["properties"]["type"]["enum"]
+    assert f"urn:pointchain:{name}" in types, f"{request}, which is not declared"
 
 
 def slug(answer: httpx.Response) -> str | None:
@@ -45,7 +54,12 @@ def slug(answer: httpx.Response) -> str | None:
 
 
 def _operation(request: httpx.Request) -> dict[str, Any]:
-    for method, path, operation in OPERATIONS:
-        if method == request.method and path.match(request.url.path):
-            return operation
-    raise AssertionError(f"{request.method} {request.url.path} is not described")
+    operation = described_operation(request.method, request.url.path)
+    assert operation is not None, f"{request.method} {request.url.path} is not described"
+    return operation
+
+
+def described_operation(method: str, path: str) -> dict[str, Any] | None:
+    """Return the operation in the description of the API; None where there is none."""
+    matching = (operation for name, form, operation in OPERATIONS if name == method and form.match(path))
+    return next(matching, None)

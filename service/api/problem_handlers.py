@@ -1,0 +1,105 @@
+"""Exception handlers that turn every error of a request into a problem document."""
+
+import math
+import sqlite3
+from typing import Any
+from urllib.parse import quote
+
+from fastapi import FastAPI, Request
+from fastapi.exceptions import RequestValidationError
+from fastapi.responses import JSONResponse
+from starlette.exceptions import HTTPException
+
+from cell.errors import CellError, TooEarlyError
+from service.api.schemas.addresses import job_address
+from service.errors import INPUT_ERRORS, ServiceError
+from service.problems.document import MEDIA_TYPE, ProblemError, problem_document
+from service.security.middleware.headers import UNEXPECTED
+from service.storage.data_folder import OutsideError
+from service.storage.storage_errors import is_full, is_held
+
+
+def install_problem_handlers(app: FastAPI) -> None:
+    """Make every error of `app` a problem document."""
+    app.add_exception_handler(ProblemError, _on_problem)
+    app.add_exception_handler(ServiceError, _on_service_error)
+    app.add_exception_handler(HTTPException, _on_http_exception)
+    app.add_exception_handler(RequestValidationError, _on_invalid_request)
+    app.add_exception_handler(CellError, _on_cell_error)
+    for kind in (*INPUT_ERRORS, OutsideError):
+        app.add_exception_handler(kind, _on_error_with_slug)
+    app.add_exception_handler(sqlite3.OperationalError, _on_storage_error)
+    app.add_exception_handler(OSError, _on_storage_error)
+    app.add_exception_handler(Exception, _on_unexpected_error)
+
+
+def _respond(
+    request: Request, slug: str, detail: str, headers: dict[str, str] | None = None, **more: Any
+) -> JSONResponse:
+    request.state.problem = slug  # for the audit log
+    document = problem_document(slug, detail, quote(request.url.path), **more)
+    return JSONResponse(document, document["status"], headers=headers, media_type=MEDIA_TYPE)
+
+
+async def _on_problem(request: Request, error: Exception) -> JSONResponse:
+    assert isinstance(error, ProblemError)
+    return _respond(request, error.slug, error.detail, dict(error.headers or {}))
+
+
+async def _on_service_error(request: Request, error: Exception) -> JSONResponse:
+    assert isinstance(error, ServiceError)
+    headers = _retry_after(error.retry_after_s)
+    if error.job is not None:
+        headers["Location"] = job_address(error.job)
+    return _respond(request, error.slug, str(error), headers)
+
+
+async def _on_http_exception(request: Request, error: Exception) -> JSONResponse:
+    assert isinstance(error, HTTPException)
+    headers = dict(error.headers or {})
+    if error.status_code == 400:
+        return _respond(request, "bad-request", str(error.detail), headers)
+    if error.status_code == 404:
+        return _respond(request, "not-found", "there is nothing at this address; /docs lists what there is", headers)
+    if error.status_code == 405:
+        return _respond(request, "method-not-allowed", f"{request.method} is not possible here", headers)
+    return _respond(request, "http-error", str(error.detail), headers, status=error.status_code)
+
+
+async def _on_invalid_request(request: Request, error: Exception) -> JSONResponse:
+    assert isinstance(error, RequestValidationError)
+    # The input itself is not repeated: it may be huge, or NaN, which JSON cannot represent.
+    errors = [{"where": ".".join(str(part) for part in item["loc"]), "what": item["msg"]} for item in error.errors()]
+    detail = "; ".join(f"{item['where']}: {item['what']}" for item in errors[:5])
+    kind = request.headers.get("content-type", "application/json")
+    if "json" not in kind and any(item["where"] == "body" for item in errors):
+        detail += f"; its Content-Type is {kind[:80]}, which is not read: send application/json"
+    return _respond(request, "invalid-request", detail, errors=errors[:50])
+
+
+async def _on_cell_error(request: Request, error: Exception) -> JSONResponse:
+    assert isinstance(error, CellError)
+    headers = _retry_after(error.wait_s if isinstance(error, TooEarlyError) else None)
+    return _respond(request, error.slug, str(error), headers)
+
+
+async def _on_error_with_slug(request: Request, error: Exception) -> JSONResponse:
+    assert isinstance(error, (*INPUT_ERRORS, OutsideError))
+    return _respond(request, error.slug, str(error))
+
+
+async def _on_storage_error(request: Request, error: Exception) -> JSONResponse:
+    if is_full(error):
+        return _respond(request, "storage-full", "no space is left in the data folder; free some")
+    if is_held(error):
+        return _respond(request, "busy", "another program holds the database; try again", _retry_after(5.0))
+    raise error
+
+
+async def _on_unexpected_error(request: Request, error: Exception) -> JSONResponse:
+    # Starlette raises the error again after this answer, so the server's log has the traceback.
+    return _respond(request, "internal", "unexpected error; the service's log has it", dict(UNEXPECTED))
+
+
+def _retry_after(seconds: float | None) -> dict[str, str]:
+    return {} if seconds is None else {"Retry-After": str(math.ceil(seconds))}

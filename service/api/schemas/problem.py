@@ -1,0 +1,28 @@
+"""Problem documents as JSON (RFC 9457)."""
+
+from pydantic import ConfigDict, Field
+
+from service.api.schemas.base import Described
+from service.errors import Failure
+from service.problems.document import PREFIX, failure_document
+from service.problems.problem_types import PROBLEM_TYPES
+
+OVER_HTTP = [f"{PREFIX}{slug}" for slug, kind in sorted(PROBLEM_TYPES.items()) if kind.status is not None]
+"""All values of `type` that an answer or the `problem` of a job can have."""
+
+
+class Problem(Described):
+    """An error, as RFC 9457 describes it. `type` is what programs decide on."""
+
+    model_config = ConfigDict(extra="allow")
+
+    type: str = Field(examples=["urn:pointchain:cell-busy"], json_schema_extra={"enum": [*OVER_HTTP]})
+    title: str
+    status: int
+    detail: str
+    instance: str | None = None
+
+
+def problem_resource(failure: Failure | None, instance: str) -> Problem | None:
+    """Return the problem of a job that ended without a result; `instance` is the path of the job."""
+    return None if failure is None else Problem.model_validate(failure_document(failure, instance))
