@@ -43,8 +43,7 @@ from service.metrics.requests import RequestWatch
 from service.metrics.scans import ScanMetrics
 from service.metrics.state import StateMetrics
 from service.security.audit.log import SERVICE, AuditLog
-from service.security.auth.roles import CONSOLE_FILES, DOCS_FILES
-from service.security.middleware.headers import MANUAL
+from service.security.auth.roles import CONSOLE_FILES, DOCS_FILES, MANUAL
 from service.security.middleware.install import install_security
 from service.server.event_loop_watchdog import LoopWatch
 from service.storage.data_folder import DataFolder

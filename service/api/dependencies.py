@@ -12,7 +12,7 @@ from service.api.response_cache import Reading
 from service.config.loader import ServiceConfig
 from service.events.stream_slots import StreamSlots
 from service.jobs.manager import Jobs
-from service.problems.document import ProblemError
+from service.problems.problem_error import ProblemError
 from service.states import ID_PATTERN
 from service.storage.disk_space import require_space
 from service.storage.fault_memory import FaultMemory

@@ -10,7 +10,7 @@ from fastapi.responses import FileResponse, Response
 from starlette.types import Receive, Scope, Send
 
 from service.api.etags import matches, tag_of_file, tag_of_hash
-from service.problems.document import ProblemError
+from service.problems.problem_error import ProblemError
 
 AT_ONCE_BYTES = 1 << 20
 """A file up to this is read in one go, by the thread that has looked for it; larger ones piece by piece."""

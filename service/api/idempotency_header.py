@@ -10,7 +10,7 @@ from pydantic import BaseModel
 
 from service.api.schemas.scans import Reprocess
 from service.jobs.new_rows import Asked
-from service.problems.document import ProblemError
+from service.problems.problem_error import ProblemError
 from service.security.auth.caller import caller_of
 from service.storage.idempotency_keys import Key
 

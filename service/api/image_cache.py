@@ -11,7 +11,7 @@ from starlette.responses import Response
 
 from service.api.etags import matches, tag_of_hash
 from service.api.file_responses import not_modified
-from service.problems.document import ProblemError
+from service.problems.problem_error import ProblemError
 
 REMEMBERED = 64
 """So many, of 200 kB at the most where they are usual ones."""

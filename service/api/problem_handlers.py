@@ -13,7 +13,8 @@ from starlette.exceptions import HTTPException
 from cell.errors import CellError, TooEarlyError
 from service.api.schemas.addresses import job_address
 from service.errors import INPUT_ERRORS, ServiceError
-from service.problems.document import MEDIA_TYPE, ProblemError, problem_document
+from service.problems.document import MEDIA_TYPE, problem_document
+from service.problems.problem_error import ProblemError
 from service.security.middleware.headers import UNEXPECTED
 from service.storage.data_folder import OutsideError
 from service.storage.storage_errors import is_full, is_held

@@ -10,10 +10,10 @@ from typing import Any
 from prometheus_client import CollectorRegistry, Counter, Histogram
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from service.logs.request_line import scan_in, scan_of, shown_path
 from service.logs.request_time import arriving
 from service.logs.setup import log_request, log_scan
 from service.security.auth.caller import known_caller
+from service.security.middleware.request_line import scan_in, scan_of, shown_path
 
 log = logging.getLogger("service.access")
 

@@ -2,28 +2,12 @@
 
 from typing import Any
 
-from starlette.exceptions import HTTPException
-
 from service.errors import Failure
 from service.problems.problem_types import PROBLEM_TYPES
 
 MEDIA_TYPE = "application/problem+json"
 PREFIX = "urn:pointchain:"
 """The member `type` is this and the slug."""
-
-
-class ProblemError(HTTPException):
-    """The HTTP layer refuses a request. Below it, `service.errors.ServiceError` does.
-
-    It is an HTTPException because FastAPI passes on only those while it reads a body.
-
-    Attributes:
-        slug: Type of the problem.
-    """
-
-    def __init__(self, slug: str, detail: str, headers: dict[str, str] | None = None) -> None:
-        super().__init__(status_of(slug), detail, headers)
-        self.slug = slug
 
 
 def status_of(slug: str) -> int:

@@ -19,7 +19,7 @@ from service.api.schemas.calibration_resources import calibration_warnings, in_u
 from service.jobs.calibration_activation import activate_run
 from service.jobs.calibration_job import picture_file, run_folder
 from service.logs.request_time import arrived_s
-from service.problems.document import ProblemError
+from service.problems.problem_error import ProblemError
 from service.storage.rows import CalibrationRow
 
 router = APIRouter(prefix="/api/calibration", tags=["calibration"])

@@ -6,7 +6,7 @@ from fastapi import APIRouter, Request, Response
 from starlette.exceptions import HTTPException
 from starlette.staticfiles import StaticFiles
 
-from service.problems.document import ProblemError
+from service.problems.problem_error import ProblemError
 
 BUILT = Path(__file__).parents[2] / "console/built"
 router = APIRouter(include_in_schema=False)

@@ -8,8 +8,7 @@ from fastapi import APIRouter, Request
 from fastapi.responses import HTMLResponse, Response
 
 from service.api.dependencies import Service
-from service.security.auth.roles import DOCS_FILES
-from service.security.middleware.headers import DOCS
+from service.security.auth.roles import DOCS, DOCS_FILES
 
 START = f"{DOCS}/start.js"
 DESCRIPTION = "/openapi.json"

@@ -13,7 +13,7 @@ from service.api.dependencies import Context, Scan, Service
 from service.api.problem_responses import problem_responses
 from service.api.server_sent_events import EventStream, News, Whole, all_stream, scan_stream
 from service.events.cell_events import cell_event
-from service.problems.document import ProblemError
+from service.problems.problem_error import ProblemError
 from service.security.auth.caller import known_caller, still_allowed
 from service.storage.event_log import Behind, Present, ScanEvent, ScanEvents, UnknownEventError
 

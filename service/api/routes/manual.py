@@ -6,8 +6,9 @@ from starlette.exceptions import HTTPException
 from starlette.staticfiles import StaticFiles
 from starlette.types import Receive, Scope, Send
 
-from service.problems.document import ProblemError
-from service.security.middleware.headers import MANUAL, MANUAL_FOLDER
+from service.problems.problem_error import ProblemError
+from service.security.auth.roles import MANUAL
+from service.security.middleware.headers import MANUAL_FOLDER
 
 START = "index.html"
 

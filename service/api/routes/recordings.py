@@ -22,7 +22,7 @@ from service.api.problem_responses import RECORDING, problem_responses
 from service.api.schemas.addresses import RECORDINGS
 from service.api.schemas.recording_resource import recording_resource
 from service.api.schemas.scans import RecordingList, RecordingResource
-from service.problems.document import ProblemError
+from service.problems.problem_error import ProblemError
 from service.processing.upload_sandbox import describe_foreign_recording
 from service.storage.database import new_id
 from service.storage.rows import RecordingRow

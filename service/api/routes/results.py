@@ -18,7 +18,7 @@ from service.api.problem_responses import problem_responses
 from service.api.routes import recordings
 from service.api.schemas.addresses import SCANS
 from service.api.schemas.scans import GraspsDocument
-from service.problems.document import ProblemError
+from service.problems.problem_error import ProblemError
 from service.processing.worker import PREVIEW_S
 from service.states import ACTIVE_STATES, RESULT_STATES
 from service.storage.data_folder import CLOUD, MODEL, PREVIEW

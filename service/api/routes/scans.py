@@ -19,7 +19,7 @@ from service.api.schemas.scan_resource import scan_resource, scan_resources
 from service.api.schemas.scans import Keep, LiveScan, Reprocess, ScanList, ScanRequest, ScanResource
 from service.jobs.new_rows import Asked
 from service.logs.request_time import arrived_s
-from service.problems.document import ProblemError
+from service.problems.problem_error import ProblemError
 from service.processing.results import check_radius
 from service.states import ACTIVE_STATES
 from service.storage.rows import ScanRow

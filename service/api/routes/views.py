@@ -15,7 +15,7 @@ from service.api.response_cache import json_answer
 from service.api.routes.recordings import BINARY, require_whole
 from service.api.schemas.addresses import SCANS
 from service.api.schemas.base import Described
-from service.problems.document import ProblemError
+from service.problems.problem_error import ProblemError
 
 router = APIRouter(prefix=SCANS, tags=["scans"])
 

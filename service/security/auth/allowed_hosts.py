@@ -11,7 +11,7 @@ from functools import lru_cache
 
 from starlette.types import Scope
 
-from service.problems.document import ProblemError
+from service.problems.problem_error import ProblemError
 from service.security.auth.credential import header
 
 ANY_ADDRESS = ("0.0.0.0", "::", "")

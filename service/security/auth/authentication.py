@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 from starlette.types import Scope
 
-from service.problems.document import ProblemError
+from service.problems.problem_error import ProblemError
 from service.security.auth.allowed_hosts import is_loopback
 from service.security.auth.caller import LOCAL, Caller
 from service.security.auth.credential import token_of, unauthorized

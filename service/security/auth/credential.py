@@ -2,7 +2,7 @@
 
 from starlette.types import Scope
 
-from service.problems.document import ProblemError
+from service.problems.problem_error import ProblemError
 
 CHALLENGE = {"WWW-Authenticate": 'Bearer realm="pointchain"'}
 

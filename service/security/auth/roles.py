@@ -7,8 +7,9 @@ from typing import Literal
 from starlette.routing import compile_path
 
 from service.security.auth.caller import Role
-from service.security.middleware.headers import MANUAL
 
+DOCS = "/docs"
+MANUAL = "/manual"
 DOCS_FILES = "/static-offline-docs"
 CONSOLE_FILES = "/console"
 

@@ -4,11 +4,11 @@ import asyncio
 
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from service.logs.request_line import header_of, scan_in, scan_of, shown_path
 from service.security.audit.log import AuditLog
 from service.security.auth.caller import known_caller
 from service.security.auth.roles import STOPS
 from service.security.middleware.csrf import SAFE
+from service.security.middleware.request_line import header_of, scan_in, scan_of, shown_path
 
 REFUSALS = frozenset(
     {"unauthorized", "forbidden", "host-not-allowed", "cross-origin", "token-in-query", "target-too-long",

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from starlette.datastructures import Headers
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from service.problems.document import ProblemError
+from service.problems.problem_error import ProblemError
 
 
 @dataclass(frozen=True)

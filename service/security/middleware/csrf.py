@@ -9,7 +9,7 @@ from urllib.parse import urlsplit
 
 from starlette.types import Scope
 
-from service.problems.document import ProblemError
+from service.problems.problem_error import ProblemError
 from service.security.auth.credential import header
 
 SAFE = frozenset({"GET", "HEAD", "OPTIONS"})

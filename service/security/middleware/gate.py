@@ -7,7 +7,7 @@ from urllib.parse import parse_qsl, unquote
 from starlette.datastructures import Headers
 from starlette.types import ASGIApp, Receive, Scope, Send
 
-from service.problems.document import ProblemError
+from service.problems.problem_error import ProblemError
 from service.security.auth.allowed_hosts import AllowedHosts
 from service.security.auth.authentication import Callers
 from service.security.auth.caller import Role

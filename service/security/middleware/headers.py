@@ -5,11 +5,11 @@ from pathlib import Path
 
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
+from service.security.auth.roles import DOCS, MANUAL
+
 CONTENT_POLICY = "default-src 'self'; base-uri 'none'; form-action 'self'; frame-ancestors 'none'; object-src 'none'"
 DOCS_POLICY = f"{CONTENT_POLICY}; style-src 'self' 'unsafe-inline'; img-src 'self' data:"
 """Swagger UI sets styles, and its style sheet has pictures in it."""
-DOCS = "/docs"
-MANUAL = "/manual"
 MANUAL_FOLDER = Path(__file__).parents[2] / "manual"
 SCRIPT_HASHES = MANUAL_FOLDER / "script-hashes.txt"
 """One hash a line, of each script inside the manual's pages; `docs/conf.py` writes it."""

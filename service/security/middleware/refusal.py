@@ -6,7 +6,8 @@ from urllib.parse import quote
 from starlette.responses import JSONResponse
 from starlette.types import Receive, Scope, Send
 
-from service.problems.document import MEDIA_TYPE, ProblemError, problem_document
+from service.problems.document import MEDIA_TYPE, problem_document
+from service.problems.problem_error import ProblemError
 
 SMALL_BYTES = 64 * 2**10
 """So much of a body that nobody asked for is read past; behind more of it, the connection is closed."""

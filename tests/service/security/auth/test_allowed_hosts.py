@@ -3,7 +3,7 @@
 import httpx
 import pytest
 
-from service.problems.document import ProblemError
+from service.problems.problem_error import ProblemError
 from service.security.auth.allowed_hosts import AllowedHosts, called_by
 from service.security.middleware.csrf import check_origin
 from tests.service.conftest import ServedClient

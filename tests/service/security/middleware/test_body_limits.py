@@ -12,7 +12,7 @@ from fastapi import FastAPI, Request
 from starlette.types import Message, Receive, Scope, Send
 
 from service.api.problem_handlers import install_problem_handlers
-from service.problems.document import ProblemError
+from service.problems.problem_error import ProblemError
 from service.security.middleware.body_limits import BodyLimits, Patience
 from service.server.connections import GuardedConnection
 from tests.service.conftest import ServedClient, wait_until

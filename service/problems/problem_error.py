@@ -1,0 +1,19 @@
+"""The error that the HTTP layer raises to refuse a request."""
+
+from starlette.exceptions import HTTPException
+
+from service.problems.document import status_of
+
+
+class ProblemError(HTTPException):
+    """The HTTP layer refuses a request. Below it, `service.errors.ServiceError` does.
+
+    It is an HTTPException because FastAPI passes on only those while it reads a body.
+
+    Attributes:
+        slug: Type of the problem.
+    """
+
+    def __init__(self, slug: str, detail: str, headers: dict[str, str] | None = None) -> None:
+        super().__init__(status_of(slug), detail, headers)
+        self.slug = slug
